@@ -1,0 +1,95 @@
+"""The white noise of a channel and its bandwidth, told from the record alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from linkwise.errors import RecordError
+from linkwise.noise import bandwidth, noise_sigma
+
+RATE = 1000.0
+TIME = np.arange(6001) / RATE
+
+
+def _decay() -> np.ndarray:
+    """Two decaying channels with bursts of high harmonics at the start, as a sink that jumps between wells
+    has them.
+    """
+    slow = 5e-3 * np.exp(-0.5 * TIME) * np.sin(2 * np.pi * 27.0 * TIME)
+    phase = 2 * np.pi * (22.0 * TIME + 20.0 * (1 - np.exp(-2.0 * TIME)))
+    fast = 2e-2 * np.exp(-0.7 * TIME) * np.sin(phase + 2.0 * np.exp(-TIME) * np.sin(3 * phase))
+    return np.column_stack([slow, fast + 0.01])
+
+
+def _noisy(decibel: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    clean = _decay()
+    sigma = np.sqrt(np.mean(clean**2, axis=0) * 10 ** (-decibel / 10))
+    return clean + np.random.default_rng(seed).normal(size=clean.shape) * sigma, sigma
+
+
+@pytest.mark.parametrize("decibel", [10.0, 20.0, 40.0, 60.0])
+def test_the_noise_is_found_within_five_per_cent(decibel: float) -> None:
+    # Standard deviation of the estimate at N = 6001 is 1.2 %: 5 % is four of them.
+    ratios = []
+    for seed in range(8):
+        noisy, sigma = _noisy(decibel, seed)
+        ratios.append(noise_sigma(noisy) / sigma)
+    assert np.max(np.abs(np.array(ratios) - 1)) < 0.05
+
+
+def test_motion_alone_is_not_taken_for_noise() -> None:
+    clean = _decay()
+    assert np.all(noise_sigma(clean) < 1e-3 * np.sqrt(np.mean(clean**2, axis=0)))
+
+
+def test_the_estimate_scales_with_the_unit() -> None:
+    noisy, _ = _noisy(20.0, 3)
+    np.testing.assert_allclose(noise_sigma(1e3 * noisy), 1e3 * noise_sigma(noisy), rtol=1e-12)
+
+
+@pytest.mark.parametrize("missing", [0.01, 0.05])
+def test_missing_samples_are_left_out(missing: float) -> None:
+    # 5 % of single missing samples leave blocks of 20: about 400 degrees of freedom, standard deviation 3.5
+    # %.
+    noisy, sigma = _noisy(20.0, 5)
+    holed = np.where(np.random.default_rng(6).random(noisy.shape) < missing, np.nan, noisy)
+    np.testing.assert_allclose(noise_sigma(holed), sigma, rtol=0.15)
+
+
+def test_one_gap_costs_only_its_blocks() -> None:
+    noisy, sigma = _noisy(20.0, 7)
+    noisy[1000:2000, 1] = np.nan
+    np.testing.assert_allclose(noise_sigma(noisy), sigma, rtol=0.06)
+
+
+def test_a_channel_without_data_has_no_noise_to_tell() -> None:
+    values = np.column_stack([np.random.default_rng(0).normal(size=200), np.full(200, np.nan)])
+    found = noise_sigma(values)
+    assert 0.8 < found[0] < 1.2
+    assert np.isnan(found[1])
+
+
+def test_the_bandwidth_is_where_the_motion_sinks_into_the_noise() -> None:
+    random = np.random.default_rng(1)
+    tones = sum(np.sin(2 * np.pi * f * TIME + f) for f in (20.0, 75.0, 140.0))
+    found = bandwidth(tones + 0.05 * random.normal(size=TIME.size), RATE)
+    # Bins are rate / 256 = 3.9 Hz wide and the Hann window is two bins wide to each side.
+    assert 140.0 - 4.0 < found[0] < 140.0 + 3 * 4.0
+
+
+def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() -> None:
+    random = np.random.default_rng(2)
+    impulses = np.zeros(TIME.size)
+    impulses[::512] = 1.0
+    both = np.column_stack([random.normal(size=TIME.size), impulses + 1e-6 * random.normal(size=TIME.size)])
+    found = bandwidth(both, RATE)
+    assert found[0] == pytest.approx(RATE / 256)
+    assert found[1] > 0.48 * RATE
+
+
+def test_a_record_full_of_holes_has_no_bandwidth() -> None:
+    values = np.random.default_rng(3).normal(size=1000)
+    values[::20] = np.nan
+    with pytest.raises(RecordError, match=r"no 256 samples in a row .* in column 0.*record\.between"):
+        bandwidth(values, RATE)
