@@ -1,0 +1,62 @@
+"""The anti-alias filter of `Record.decimate`: a symmetric Kaiser-windowed low-pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+ATTENUATION = 80.0  # dB, for everything above the new Nyquist frequency
+PASSBAND = 0.8  # of the new Nyquist frequency: below it the gain is 1 within 10^(-ATTENUATION / 20)
+
+
+@dataclass(frozen=True, eq=False)
+class Lowpass:
+    """A symmetric filter of `length` = 2 `half` + 1 taps that keeps every `factor`-th of its outputs."""
+
+    factor: int
+    taps: NDArray[np.float64]
+
+    @property
+    def length(self) -> int:
+        """Samples that one output needs."""
+        return len(self.taps)
+
+    @property
+    def half(self) -> int:
+        """Samples that are lost at each end."""
+        return len(self.taps) // 2
+
+    @property
+    def noise_gain(self) -> float:
+        """The factor by which the standard deviation of white noise shrinks."""
+        return float(np.sqrt(np.sum(self.taps**2)))
+
+    def apply(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, C) filtered along time, thinned, cut at both ends: ((N - length) // factor + 1, C)."""
+        size = (
+            1 << (len(values) - 1).bit_length()
+        )  # wrap-around touches the first length - 1 outputs only, and these go
+        spectrum = np.fft.rfft(values, size, axis=0) * np.fft.rfft(self.taps, size)[:, np.newaxis]
+        filtered = np.fft.irfft(spectrum, size, axis=0)
+        return np.ascontiguousarray(filtered[self.length - 1 : len(values) : self.factor])
+
+
+@lru_cache(maxsize=16)
+def lowpass(factor: int) -> Lowpass:
+    """The filter for decimation by `factor` >= 2: flat to `PASSBAND`, down by `ATTENUATION` from the new
+    Nyquist frequency on.
+
+    Kaiser's formulas for window shape and length (Oppenheim and Schafer, Discrete-Time Signal Processing,
+    section 7.5.3).
+    """
+    nyquist = np.pi / factor  # rad per old sample
+    width = (1.0 - PASSBAND) * nyquist
+    beta = 0.1102 * (ATTENUATION - 8.7)
+    half = int(np.ceil((ATTENUATION - 7.95) / (2.285 * width) / 2.0))
+    lag = np.arange(-half, half + 1)
+    cutoff = (nyquist - width / 2.0) / np.pi
+    taps = cutoff * np.sinc(cutoff * lag) * np.kaiser(2 * half + 1, beta)
+    return Lowpass(factor, taps / taps.sum())

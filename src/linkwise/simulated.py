@@ -1,0 +1,70 @@
+"""What a simulation knows beside the record that a sensor would have made: the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from linkwise.structure import Structure
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyBalance:
+    """Where the energy went, in J, counted from the start of the simulation; time on axis 0, L links in file
+    order.
+
+    `put_in` (N,) holds what was there at the start and all work done since; `kinetic` (N,) and `potential`
+    (N, L) what is stored; `dissipated` (N, L) what each link has taken away.
+    """
+
+    put_in: Floats
+    kinetic: Floats
+    potential: Floats
+    dissipated: Floats
+
+    @property
+    def residual(self) -> Floats:
+        """(N,) J: stored and dissipated less put in; zero but for the integrator's error."""
+        return self.kinetic + self.potential.sum(axis=1) + self.dissipated.sum(axis=1) - self.put_in
+
+    def rows(self, which: slice) -> EnergyBalance:
+        """The balance at the samples of a slice; energies still count from the start of the simulation."""
+        return EnergyBalance(
+            self.put_in[which], self.kinetic[which], self.potential[which], self.dissipated[which]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """The motion behind a simulated record, sample by sample, free of noise.
+
+    `displacement` and `velocity` (N, n) in m and m/s in the structure's order of masses, relative to the
+    ground; `base` (N,) the base displacement in m, None without one; `horizon` in s, the time past which a
+    double-precision orbit cannot be trusted (None where it was not asked for); `noise` the standard
+    deviation that was added to each channel.
+    """
+
+    structure: Structure
+    displacement: Floats
+    velocity: Floats
+    base: Floats | None
+    energy: EnergyBalance
+    horizon: float | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+    def rows(self, which: slice) -> Simulated:
+        """The truth at the samples of a slice."""
+        return replace(
+            self,
+            displacement=self.displacement[which],
+            velocity=self.velocity[which],
+            base=None if self.base is None else self.base[which],
+            energy=self.energy.rows(which),
+        )

@@ -1,0 +1,339 @@
+"""Record: what it refuses, what it hands out, and that slicing, noise and decimation do what they say."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from linkwise.channel import Channel
+from linkwise.decimation import ATTENUATION, PASSBAND, lowpass
+from linkwise.errors import RecordError
+from linkwise.record import Record
+from linkwise.simulated import EnergyBalance, Simulated
+
+N = 400
+RATE = 1000.0
+
+
+@pytest.fixture
+def wave():
+    t = np.arange(N) / RATE
+    return {
+        "x:m1": np.sin(40.0 * t),
+        "a:m2": np.cos(70.0 * t),
+        "force:m1": np.zeros(N),
+        "x:base": np.sin(5.0 * t),
+    }
+
+
+@pytest.fixture
+def record(wave):
+    return Record(0.0, RATE, tuple(wave), np.column_stack(list(wave.values())))
+
+
+def truth(n):
+    ramp = np.arange(float(n))
+    return Simulated(
+        structure=SimpleNamespace(name="any"),
+        displacement=np.column_stack([ramp, -ramp]),
+        velocity=np.column_stack([2.0 * ramp, ramp]),
+        base=ramp,
+        energy=EnergyBalance(ramp + 3.0, ramp, np.ones((n, 2)), np.full((n, 1), 1.0)),
+        horizon=0.5,
+    )
+
+
+def test_a_record_knows_its_shape_and_its_kinds(record):
+    assert len(record) == N
+    assert record.step == 1e-3
+    assert record.duration == (N - 1) / RATE
+    assert np.array_equal(record.time, np.arange(N) / RATE)
+    assert record.responses == ("x:m1", "a:m2")
+    assert record.inputs == ("force:m1", "x:base")
+    assert record.masses == ("m1", "m2")
+    assert [record.unit(name) for name in record.channels] == ["m", "m/s^2", "N", "m"]
+    assert repr(record) == "Record of 400 samples at 1000 Hz, 0 to 0.399 s: x:m1, a:m2, force:m1, x:base"
+
+
+def test_a_record_cannot_be_changed(record, wave):
+    values = np.column_stack(list(wave.values()))
+    kept = Record(0.0, RATE, tuple(wave), values)
+    values[0, 0] = 7.0
+    assert kept.values[0, 0] == 0.0
+    for array in (record.values, record.channel("x:m1"), record.time, record.missing, record[5:50].values):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    with pytest.raises(TypeError, match="assignment"):
+        record.noise["x:m1"] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("m1", "'m1' is no channel: a channel is KIND:MASS, such as x:m1"),
+        ("x:", "is no channel: a channel is KIND:MASS"),
+        ("y:m1", "'y' is none of the kinds x (displacement, m)"),
+        ("force:base", "a base is moved by x:base, v:base or a:base"),
+        ("x:m1[mm]", "'m1[mm]' cannot be the name of a mass"),
+    ],
+)
+def test_what_is_no_channel_is_refused(name, message):
+    with pytest.raises(RecordError) as caught:
+        Channel.parse(name)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"channels": ("x:m1", "x:m1")}, "channel x:m1: stands twice in the record"),
+        (
+            {"values": np.zeros(5)},
+            "values have the shape (5,), expected (samples, 2) for the channels x:m1, x:m2",
+        ),
+        ({"rate": 0.0}, "a sampling rate of 0.0 Hz cannot be"),
+        ({"rate": np.nan}, "a sampling rate of nan Hz cannot be"),
+        ({"start": np.inf}, "a record cannot start at inf s"),
+        ({"noise": {"x:m3": 1.0}}, "channel x:m3: noise is given for a channel that is not there"),
+        ({"noise": {"x:m1": -1.0}}, "channel x:m1: a standard deviation of -1.0 cannot be"),
+        ({"channels": (), "values": np.zeros((5, 0))}, "a record needs at least one channel and one sample"),
+        ({"values": np.array([[0.0, 1.0], [0.0, -np.inf]])}, "channel x:m2: the value at 0.1 s is infinite"),
+    ],
+)
+def test_what_is_no_record_is_refused(change, message):
+    given = {"start": 0.0, "rate": 10.0, "channels": ("x:m1", "x:m2"), "values": np.zeros((5, 2)), **change}
+    with pytest.raises(RecordError) as caught:
+        Record(**given)
+    assert message in str(caught.value)
+
+
+def test_an_unknown_channel_lists_what_there_is(record):
+    with pytest.raises(
+        RecordError, match="channel v:m1: is not in the record; there are x:m1, a:m2, force:m1, x:base"
+    ):
+        record.channel("v:m1")
+
+
+def test_arrays_become_a_record_and_gaps_become_missing_samples(wave):
+    time = np.arange(N) / RATE
+    kept = np.delete(np.arange(N), [10, 11, 12, 200])
+    wave["x:m1"][0] = np.nan
+    record = Record.from_arrays(
+        time[kept], {name: values[kept] for name, values in wave.items()}, source="bench"
+    )
+    assert len(record) == N
+    assert record.rate == RATE
+    assert np.flatnonzero(record.missing[:, 0]).tolist() == [0, 10, 11, 12, 200]
+    assert np.flatnonzero(record.missing[:, 1]).tolist() == [10, 11, 12, 200]
+    assert np.array_equal(record.channel("a:m2")[kept], wave["a:m2"][kept])
+    assert record.source == "bench"
+    assert record.notes == (
+        "Gaps in time: 2, the first after 0.009 s; 4 rows were added as missing samples.",
+        "x:m1: 1 of 396 samples are missing.",
+    )
+
+
+def test_whole_numbers_and_slow_clocks_are_noted(wave):
+    record = Record.from_arrays(np.arange(N), {"x:m1": np.arange(N) % 7})
+    assert record.values.dtype == np.float64
+    assert record.notes == (
+        "The samples are 1 s apart: is the time in ms? Then its header is time[ms].",
+        "x:m1: whole numbers, taken as they are in m; counts need a unit.",
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"x:m1": np.full(N, 0.25)},
+            "channel x:m1: every sample is 0.25: a sensor that does not move tells nothing",
+        ),
+        ({"x:m1": np.full(N, np.nan)}, "channel x:m1: every sample is missing"),
+        ({"x:m2": np.sin(40.0 * np.arange(N) / RATE)}, "channel x:m2: holds the same samples as x:m1"),
+        ({"x:m1": np.arange(N - 1.0)}, "channel x:m1: has the shape (399,), the time (400,)"),
+        ({"x:m1": np.array(["a"] * N)}, "channel x:m1: must be real numbers, not <U1"),
+        (
+            {"x:m1": np.where(np.arange(N) == 30, np.inf, 1.0)},
+            "channel x:m1: the value is infinite (sample 30)",
+        ),
+    ],
+)
+def test_a_useless_measurement_is_refused(wave, change, message):
+    with pytest.raises(RecordError) as caught:
+        Record.from_arrays(np.arange(N) / RATE, {**wave, **change})
+    assert message in str(caught.value)
+
+
+def test_an_input_may_rest_and_repeat(wave):
+    wave["force:m2"] = wave["force:m1"]
+    assert Record.from_arrays(np.arange(N) / RATE, wave).inputs == ("force:m1", "x:base", "force:m2")
+
+
+def test_time_must_be_a_column_of_numbers(wave):
+    with pytest.raises(
+        RecordError, match=r"time must be one column of numbers, not float64 of shape \(400, 1\)"
+    ):
+        Record.from_arrays(np.zeros((N, 1)), wave)
+
+
+def test_a_slice_is_a_record_that_starts_later(record):
+    part = record[100:-50]
+    assert part.start == 0.1
+    assert len(part) == N - 150
+    assert np.array_equal(part.values, record.values[100:-50])
+    assert np.shares_memory(part.values, record.values)
+    same = record.between(0.1, 0.349)
+    assert same.start == part.start
+    assert np.array_equal(same.values, part.values)
+    assert len(record.between(-1.0, 9.0)) == N
+
+
+def test_a_slice_carries_its_truth(record):
+    whole = Record(record.start, RATE, record.channels, record.values, simulated=truth(N))
+    part = whole[100:150].simulated
+    assert np.array_equal(part.displacement[:, 0], np.arange(100.0, 150.0))
+    assert np.array_equal(part.base, np.arange(100.0, 150.0))
+    assert part.energy.residual == pytest.approx(
+        np.zeros(50), abs=1e-12
+    )  # 3 put in at the start, 2 + 1 stored and lost
+    assert part.horizon == 0.5
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda r: r[::2], "a record is cut as record[first:last], without a step; record.decimate(factor)"),
+        (lambda r: r[3], "a record is cut as record[first:last]"),
+        (lambda r: r[30:20], "record[30:20] holds nothing; the record has 400 samples"),
+        (lambda r: r.between(2.0, 3.0), "no sample between 2 and 3 s; the record runs from 0 to 0.399 s"),
+        (lambda r: r.decimate(2.5), "decimated by a whole number above 0, not by 2.5"),
+        (lambda r: r.decimate(0), "decimated by a whole number above 0, not by 0"),
+        (
+            lambda r: r.decimate(50),
+            "400 samples are too few to decimate by 50: its anti-alias filter spans 2511",
+        ),
+        (lambda r: r.with_noise(np.inf, seed=0), "a signal-to-noise ratio of inf dB cannot be"),
+    ],
+)
+def test_a_request_that_cannot_be_met_says_why(record, act, message):
+    with pytest.raises(RecordError) as caught:
+        act(record)
+    assert message in str(caught.value)
+
+
+def test_selection_keeps_order_and_noise(wave):
+    record = Record(
+        0.0, RATE, tuple(wave), np.column_stack(list(wave.values())), noise={"x:m1": 0.1, "a:m2": 0.2}
+    )
+    part = record.select(["a:m2", "force:m1"])
+    assert part.channels == ("a:m2", "force:m1")
+    assert part.noise == {"a:m2": 0.2}
+    assert np.array_equal(part.channel("a:m2"), wave["a:m2"])
+
+
+# Noise ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("decibel", [10.0, 20.0, 40.0])
+def test_noise_has_the_variance_of_the_paper(decibel):
+    n = 100_000
+    t = np.arange(n) / RATE
+    clean = 0.3 + np.sin(40.0 * t)  # the mean counts: sigma^2 = mean(x^2) 10^(-dB/10), not the variance of x
+    record = Record(0.0, RATE, ("x:m1",), clean[:, np.newaxis]).with_noise(decibel, seed=4)
+    noise = record.channel("x:m1") - clean
+    expected = np.mean(clean**2) * 10.0 ** (-decibel / 10.0)
+    # Relative standard deviation of a variance from n normal samples: sqrt(2/n); 4 of them, seed fixed.
+    assert abs(np.mean(noise**2) / expected - 1.0) < 4.0 * np.sqrt(2.0 / n)
+    assert abs(np.mean(noise)) < 4.0 * np.sqrt(expected / n)
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(n)
+
+
+def test_noise_of_a_channel_depends_on_seed_and_name_only(record):
+    both = record.with_noise(20.0, seed=3)
+    alone = record.select(["a:m2"]).with_noise(20.0, seed=3)
+    assert np.array_equal(both.channel("a:m2"), alone.channel("a:m2"))
+    assert not np.array_equal(both.channel("a:m2"), record.with_noise(20.0, seed=4).channel("a:m2"))
+    draws = (both.values - record.values)[:, :2] / np.sqrt(np.mean(record.values[:, :2] ** 2, axis=0))
+    assert abs(np.corrcoef(draws.T)[0, 1]) < 4.0 / np.sqrt(N)
+    assert np.array_equal(both.channel("force:m1"), record.channel("force:m1"))
+    assert np.array_equal(both.channel("x:base"), record.channel("x:base"))
+    assert both.notes == ("Noise of 20 dB per channel was added (seed 3).",)
+
+
+def test_added_noise_is_part_of_the_truth_only(record):
+    known = Record(
+        0.0, RATE, record.channels, record.values, noise={"x:m1": 0.1, "x:base": 0.2}, simulated=truth(N)
+    )
+    noisy = known.with_noise(20.0, seed=3)
+    sigma = float(np.sqrt(np.mean(record.channel("x:m1") ** 2) * 0.01))
+    assert noisy.noise == {"x:base": 0.2}
+    assert noisy.simulated.noise["x:m1"] == pytest.approx(sigma, rel=1e-12)
+    assert set(noisy.simulated.noise) == {"x:m1", "a:m2"}
+    assert record.with_noise(20.0, seed=3).simulated is None
+
+
+def test_noise_leaves_missing_samples_missing(record):
+    values = record.values.copy()
+    values[7, 0] = np.nan
+    noisy = Record(0.0, RATE, record.channels, values).with_noise(20.0, seed=3)
+    assert np.argwhere(noisy.missing).tolist() == [[7, 0]]
+
+
+# Decimation ----------------------------------------------------------------
+
+
+def tone(frequency, n=20_000):
+    return Record(
+        0.0, RATE, ("x:m1",), np.cos(2.0 * np.pi * frequency * np.arange(n) / RATE + 0.3)[:, np.newaxis]
+    )
+
+
+@pytest.mark.parametrize("factor", [2, 5, 16])
+def test_decimation_keeps_the_passband_and_its_phase(factor):
+    ripple = 10.0 ** (-ATTENUATION / 20.0)
+    for share in (0.0, 0.4, PASSBAND):
+        frequency = share * RATE / factor / 2.0
+        thin = tone(frequency).decimate(factor)
+        assert thin.rate == RATE / factor
+        expected = np.cos(2.0 * np.pi * frequency * thin.time + 0.3)
+        assert np.max(np.abs(thin.channel("x:m1") - expected)) < 1.1 * ripple
+
+
+@pytest.mark.parametrize("factor", [2, 5, 16])
+@pytest.mark.parametrize("share", [1.0, 1.1, 1.7])
+def test_decimation_suppresses_what_would_alias(factor, share):
+    frequency = share * RATE / factor / 2.0
+    left = np.max(np.abs(tone(frequency).decimate(factor).channel("x:m1")))
+    assert 20.0 * np.log10(left) < -ATTENUATION + 1.0  # Kaiser's formula is met within a decibel
+    plain = tone(frequency).channel("x:m1")[::factor]
+    assert np.max(np.abs(plain)) > 0.9  # unfiltered, the tone comes back at full size
+
+
+def test_decimation_picks_the_truth_at_the_same_instants():
+    clean = tone(10.0, 2000)
+    whole = Record(
+        clean.start, RATE, clean.channels, clean.values, noise={"x:m1": 0.5}, simulated=truth(2000)
+    )
+    thin = whole.decimate(4)
+    assert np.array_equal(thin.simulated.displacement[:, 0], np.rint(thin.time * RATE))
+    assert len(thin.simulated.energy.put_in) == len(thin)
+    assert thin.notes == (f"Decimated by 4; {lowpass(4).half} samples at each end went into the filter.",)
+    assert whole.decimate(1) is whole
+
+
+def test_known_noise_shrinks_as_white_noise_does():
+    n = 200_000
+    white = np.random.default_rng(8).standard_normal((n, 1))
+    thin = Record(0.0, RATE, ("x:m1",), white, noise={"x:m1": 1.0}).decimate(5)
+    # The outputs are nearly independent, n / 5 of them; 4 standard deviations of their standard deviation.
+    assert np.std(thin.values) == pytest.approx(thin.noise["x:m1"], rel=4.0 / np.sqrt(2.0 * n / 5))
+
+
+def test_no_filter_crosses_a_gap(record):
+    values = np.tile(record.values, (3, 1))
+    values[600, 1] = np.nan
+    with pytest.raises(RecordError, match="channel a:m2: samples are missing, and no filter crosses a gap"):
+        Record(0.0, RATE, record.channels, values).decimate(2)
