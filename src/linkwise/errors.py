@@ -54,7 +54,11 @@ class RecordError(LinkwiseError):
     exit_code = 2
 
     def __init__(
-        self, message: str, file: str | Path | None = None, line: int | None = None, channel: str | None = None
+        self,
+        message: str,
+        file: str | Path | None = None,
+        line: int | None = None,
+        channel: str | None = None,
     ) -> None:
         self.message, self.file, self.line, self.channel = message, file, line, channel
         places = [

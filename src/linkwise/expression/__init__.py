@@ -1,0 +1,31 @@
+"""Expressions in a few variables and coefficients: trees, text, derivatives, and evaluation on arrays."""
+
+from __future__ import annotations
+
+from linkwise.expression.calculus import antiderivative, differentiate, kinks, polynomial
+from linkwise.expression.parser import parse, parse_with_places
+from linkwise.expression.program import Program
+from linkwise.expression.tree import (
+    FUNCTIONS,
+    Call,
+    Expression,
+    Number,
+    Power,
+    Product,
+    Sum,
+    Symbol,
+    add,
+    call,
+    multiply,
+    power,
+    substitute,
+    symbols,
+    to_text,
+    walk,
+)
+
+__all__ = [
+    "FUNCTIONS", "Call", "Expression", "Number", "Power", "Product", "Program", "Sum", "Symbol", "add", "antiderivative",
+    "call", "differentiate", "kinks", "multiply", "parse", "parse_with_places", "polynomial", "power", "substitute",
+    "symbols", "to_text", "walk",
+]  # fmt: skip

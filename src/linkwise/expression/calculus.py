@@ -1,0 +1,282 @@
+"""Symbolic derivatives, polynomials and antiderivatives of expression trees."""
+
+from __future__ import annotations
+
+import sys
+
+from linkwise.expression.tree import (
+    MINUS_ONE,
+    ONE,
+    ZERO,
+    Call,
+    Expression,
+    Number,
+    Power,
+    Product,
+    Sum,
+    Symbol,
+    add,
+    call,
+    multiply,
+    power,
+    symbols,
+)
+
+_HALF = Number(0.5)
+_TINY = Number(sys.float_info.min)
+_LARGEST_EXPANSION = 64  # exponent up to which a power of a sum is multiplied out
+
+
+def differentiate(expression: Expression, name: str) -> Expression:
+    """The exact partial derivative by `name`.
+
+    At a kink it is the mean of both sides: sign' = 0, abs' = sign (0 at 0), and max and min take half of each argument's
+    derivative where the two are equal.
+    """
+    match expression:
+        case Symbol(found):
+            return ONE if found == name else ZERO
+        case Sum(parts):
+            return add(*(differentiate(part, name) for part in parts))
+        case Product(factors):
+            terms = []
+            for index, factor in enumerate(factors):
+                slope = differentiate(factor, name)
+                if slope != ZERO:
+                    terms.append(multiply(*factors[:index], slope, *factors[index + 1 :]))
+            return add(*terms)
+        case Power(base, exponent):
+            return _power_slope(base, exponent, name)
+        case Call(function, arguments):
+            slopes = [differentiate(argument, name) for argument in arguments]
+            if all(slope == ZERO for slope in slopes):
+                return ZERO
+            return add(
+                *(
+                    multiply(outer, slope)
+                    for outer, slope in zip(_call_slopes(function, arguments), slopes, strict=True)
+                )
+            )
+    return ZERO
+
+
+def _power_slope(base: Expression, exponent: int | float | Expression, name: str) -> Expression:
+    inner = differentiate(base, name)
+    if not isinstance(exponent, Expression):
+        return multiply(Number(float(exponent)), power(base, exponent - 1), inner) if inner != ZERO else ZERO
+    by_base = multiply(exponent, power(base, add(exponent, MINUS_ONE)), inner)
+    # base**p log(base) tends to 0 with base; the smallest normal number, lost in any other sum, keeps the logarithm finite
+    logarithm = call("log", add(base, _TINY))
+    return add(by_base, multiply(power(base, exponent), logarithm, differentiate(exponent, name)))
+
+
+def _call_slopes(function: str, arguments: tuple[Expression, ...]) -> tuple[Expression, ...]:
+    """The partial derivatives of a function by each of its arguments."""
+    first = arguments[0]
+    this = call(function, *arguments)
+    match function:
+        case "abs":
+            return (call("sign", first),)
+        case "sign":
+            return (ZERO,)
+        case "sqrt":
+            return (multiply(_HALF, power(this, -1)),)
+        case "exp":
+            return (this,)
+        case "tanh":
+            return (add(ONE, multiply(MINUS_ONE, power(this, 2))),)
+        case "sin":
+            return (call("cos", first),)
+        case "cos":
+            return (multiply(MINUS_ONE, call("sin", first)),)
+        case "log":
+            return (power(first, -1),)
+        case "max" | "min":
+            above = multiply(_HALF, call("sign", add(first, multiply(MINUS_ONE, arguments[1]))))
+            below = multiply(MINUS_ONE, above)
+            return (
+                (add(_HALF, above), add(_HALF, below))
+                if function == "max"
+                else (add(_HALF, below), add(_HALF, above))
+            )
+    raise ValueError(f"no derivative of {function}")
+
+
+def polynomial(expression: Expression, names: tuple[str, ...]) -> dict[tuple[int, ...], Expression] | None:
+    """The expression as a polynomial in `names`: exponents -> coefficient, or None where it is none.
+
+    `polynomial(alpha*d + beta*d**3 + c*v, ("d", "v"))` is `{(1, 0): alpha, (3, 0): beta, (0, 1): c}`. Coefficients contain
+    none of `names`; terms that cancel are absent.
+    """
+    if not set(symbols(expression)) & set(names):
+        return {} if expression == ZERO else {(0,) * len(names): expression}
+    match expression:
+        case Symbol(name):
+            return {tuple(int(name == other) for other in names): ONE}
+        case Sum(parts):
+            total: dict[tuple[int, ...], Expression] = {}
+            for part in parts:
+                terms = polynomial(part, names)
+                if terms is None:
+                    return None
+                for key, value in terms.items():
+                    total[key] = add(total.get(key, ZERO), value)
+            return {key: value for key, value in total.items() if value != ZERO}
+        case Product(factors):
+            result: dict[tuple[int, ...], Expression] | None = {(0,) * len(names): ONE}
+            for factor in factors:
+                result = _times(result, polynomial(factor, names))
+            return result
+        case Power(base, int() as exponent) if 0 < exponent <= _LARGEST_EXPANSION:
+            terms = polynomial(base, names)
+            if terms is not None and len(terms) == 1:
+                ((key, value),) = terms.items()
+                return {tuple(exponent * each for each in key): power(value, exponent)}
+            result = terms
+            for _ in range(exponent - 1):
+                result = _times(result, terms)
+            return result
+    return None
+
+
+def _times(
+    first: dict[tuple[int, ...], Expression] | None, second: dict[tuple[int, ...], Expression] | None
+) -> dict[tuple[int, ...], Expression] | None:
+    if first is None or second is None:
+        return None
+    product: dict[tuple[int, ...], Expression] = {}
+    for one, left in first.items():
+        for two, right in second.items():
+            key = tuple(a + b for a, b in zip(one, two, strict=True))
+            product[key] = add(product.get(key, ZERO), multiply(left, right))
+    return {key: value for key, value in product.items() if value != ZERO}
+
+
+def antiderivative(expression: Expression, name: str) -> Expression | None:
+    """An antiderivative by `name`, continuous wherever the expression is finite, or None where no rule is known.
+
+    Rules: polynomials; sums; constant factors; sin, cos, exp, tanh, sqrt, abs, sign and powers of a linear argument; powers
+    of `name` times abs(name) and sign(name). The value at 0 is whatever the rule gives.
+    """
+    terms = polynomial(expression, (name,))
+    variable = Symbol(name)
+    if terms is not None:
+        return add(
+            *(multiply(Number(1.0 / (n + 1)), value, power(variable, n + 1)) for (n,), value in terms.items())
+        )
+    if isinstance(expression, Sum):
+        pieces = [antiderivative(part, name) for part in expression.parts]
+        return None if any(piece is None for piece in pieces) else add(*(p for p in pieces if p is not None))
+    if isinstance(expression, Product):
+        constant = [factor for factor in expression.factors if name not in symbols(factor)]
+        varying = [factor for factor in expression.factors if name in symbols(factor)]
+        inner = antiderivative(varying[0], name) if len(varying) == 1 else _signed_power(varying, variable)
+        return None if inner is None else multiply(*constant, inner)
+    return _of_linear_argument(expression, name)
+
+
+def _signed_power(factors: list[Expression], variable: Symbol) -> Expression | None:
+    """The antiderivative of a product of powers of the variable, of its abs and of its sign: each factor abs**a sign**s."""
+    total: Expression = ZERO
+    odd = False
+    size, sign = call("abs", variable), call("sign", variable)
+    for factor in factors:
+        base, exponent = (factor.base, factor.exponent) if isinstance(factor, Power) else (factor, 1)
+        if base == sign and isinstance(exponent, int) and exponent > 0:
+            odd ^= exponent % 2 == 1
+        elif base == variable and isinstance(exponent, int) and exponent > 0:
+            total, odd = add(total, Number(float(exponent))), odd ^ (exponent % 2 == 1)
+        elif base == size and variable.name not in symbols(_expression(exponent)):
+            total = add(total, _expression(exponent))
+        else:
+            return None
+    raised = add(total, ONE)
+    if isinstance(raised, Number) and raised.value <= 0.0:
+        return None
+    primitive = multiply(power(raised, -1), power(size, raised))
+    return primitive if odd else multiply(sign, primitive)
+
+
+def _of_linear_argument(expression: Expression, name: str) -> Expression | None:
+    if isinstance(expression, Power):
+        argument, exponent = expression.base, _expression(expression.exponent)
+        if name in symbols(exponent):
+            return None
+    elif isinstance(expression, Call) and len(expression.arguments) == 1:
+        argument, exponent = expression.arguments[0], ONE
+    else:
+        return None
+    if isinstance(expression, Power) and argument == call("abs", Symbol(name)):
+        return _signed_power([expression], Symbol(name))
+    terms = polynomial(argument, (name,))
+    if terms is None or set(terms) - {(0,), (1,)}:
+        return None
+    primitive = (
+        _power_primitive(argument, exponent)
+        if isinstance(expression, Power)
+        else _primitive(expression.function, argument)
+    )
+    return None if primitive is None else multiply(primitive, power(terms[(1,)], -1))
+
+
+def _power_primitive(argument: Expression, exponent: Expression) -> Expression | None:
+    if exponent == MINUS_ONE:
+        return call("log", call("abs", argument))
+    raised = add(exponent, ONE)
+    return multiply(power(raised, -1), power(argument, raised))
+
+
+def _primitive(function: str, argument: Expression) -> Expression | None:
+    """An antiderivative by the argument."""
+    size = call("abs", argument)
+    match function:
+        case "sin":
+            return multiply(MINUS_ONE, call("cos", argument))
+        case "cos":
+            return call("sin", argument)
+        case "exp":
+            return call("exp", argument)
+        case "sqrt":
+            return multiply(Number(2.0 / 3.0), argument, call("sqrt", argument))
+        case "abs":
+            return multiply(_HALF, argument, size)
+        case "sign":
+            return size
+        case "tanh":  # log cosh, written so that it neither overflows nor cancels far from 0
+            return add(size, call("log", add(ONE, call("exp", multiply(Number(-2.0), size)))))
+    return None
+
+
+def _expression(exponent: int | float | Expression) -> Expression:
+    return exponent if isinstance(exponent, Expression) else Number(float(exponent))
+
+
+def kinks(expression: Expression) -> tuple[Expression, ...]:
+    """Where the expression is not smooth: the zeros of these expressions, each once, inner ones first.
+
+    They are the arguments of abs and sign and the differences of the arguments of max and min.
+    """
+    found: dict[Expression, None] = {}
+
+    def visit(node: Expression) -> None:
+        match node:
+            case Sum(below) | Product(below):
+                pass
+            case Call(_, below):
+                pass
+            case Power(base, Expression() as exponent):
+                below = (base, exponent)
+            case Power(base, _):
+                below = (base,)
+            case _:
+                return
+        for each in below:
+            visit(each)
+        match node:
+            case Call("abs" | "sign", (argument,)):
+                found.setdefault(argument)
+            case Call("max" | "min", (first, second)):
+                found.setdefault(add(first, multiply(MINUS_ONE, second)))
+
+    visit(expression)
+    return tuple(found)

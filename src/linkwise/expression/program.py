@@ -1,0 +1,196 @@
+"""Expressions compiled to a tape of NumPy operations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import reduce
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from linkwise.expression.tree import Call, Expression, Number, Power, Product, Sum, Symbol, multiply
+
+_UFUNCS: dict[str, Callable[..., Any]] = {
+    "abs": np.absolute, "sign": np.sign, "sqrt": np.sqrt, "exp": np.exp, "tanh": np.tanh, "sin": np.sin, "cos": np.cos,
+    "max": np.maximum, "min": np.minimum, "log": np.log, "+": np.add, "-": np.subtract, "*": np.multiply,
+    "/": np.divide, "negative": np.negative, "**": np.power,
+}  # fmt: skip
+_COMMUTE = frozenset({"+", "*", "max", "min"})
+_LARGEST_PRODUCT = 64  # integer powers up to this are products
+
+
+@final
+class Program:
+    """Several expressions evaluated together, every sub-expression once.
+
+    `Program(outputs, inputs)(*arrays)` takes one array (or number) per name of `inputs`, broadcasts them against each other
+    and returns a tuple of float64 arrays of the broadcast shape, one per output. The arrays are read-only and may share
+    memory with each other and with the inputs. No warning is given: where an expression is not finite, so is the result.
+
+    `wide` names the inputs that are large arrays (all, by default): what depends on the others alone is computed first, at
+    their smaller size. `len(program)` is the number of operations. Raises ValueError for a name that is no input.
+    """
+
+    __slots__ = ("_outputs", "_slots", "_tape", "inputs")
+
+    def __init__(
+        self, outputs: Sequence[Expression], inputs: Sequence[str], *, wide: Sequence[str] | None = None
+    ) -> None:
+        self.inputs = tuple(inputs)
+        writer = _Writer(self.inputs, frozenset(inputs if wide is None else wide))
+        values = [writer.write(output) for output in outputs]
+        self._slots, self._tape, self._outputs = _allocate(writer.values, values, len(self.inputs))
+
+    def __len__(self) -> int:
+        return len(self._tape)
+
+    def __call__(self, *arrays: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+        if len(arrays) != len(self.inputs):
+            raise ValueError(
+                f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
+            )
+        given = [np.asarray(array, dtype=np.float64) for array in arrays]
+        shape = np.broadcast_shapes(*{array.shape for array in given})
+        slots: list[Any] = given + self._slots
+        with np.errstate(all="ignore"):
+            for ufunc, first, second, to in self._tape:
+                slots[to] = ufunc(slots[first]) if second < 0 else ufunc(slots[first], slots[second])
+        results = []
+        for index, computed in self._outputs:
+            result = slots[index]
+            if computed and result.shape == shape:
+                result = np.asarray(result)
+                result.flags.writeable = False
+            else:
+                result = np.broadcast_to(result, shape)
+            results.append(result)
+        return tuple(results)
+
+
+_Value = str | float | tuple[Any, ...]  # an input's name, a constant, or (operation, operands)
+
+
+class _Writer:
+    """Numbers every distinct value once (value numbering), operands before results."""
+
+    def __init__(self, inputs: tuple[str, ...], wide: frozenset[str]) -> None:
+        self.values: list[_Value] = list(inputs)
+        self.index: dict[_Value, int] = {name: number for number, name in enumerate(inputs)}
+        self.wide: list[bool] = [name in wide for name in inputs]
+
+    def number(self, value: _Value, wide: bool) -> int:
+        if value not in self.index:
+            self.index[value] = len(self.values)
+            self.values.append(value)
+            self.wide.append(wide)
+        return self.index[value]
+
+    def apply(self, operation: str, *operands: int) -> int:
+        if operation in _COMMUTE:
+            operands = tuple(sorted(operands))
+        return self.number((operation, *operands), any(self.wide[operand] for operand in operands))
+
+    def fold(self, operation: str, operands: list[int]) -> int:
+        """The operation over all operands, the narrow ones first among themselves."""
+        narrow = [operand for operand in operands if not self.wide[operand]]
+        wide = [operand for operand in operands if self.wide[operand]]
+        halves = [reduce(lambda a, b: self.apply(operation, a, b), half) for half in (wide, narrow) if half]
+        return halves[0] if len(halves) == 1 else self.apply(operation, *halves)
+
+    def write(self, expression: Expression) -> int:
+        match expression:
+            case Number(value):
+                return self.number(value, False)
+            case Symbol(name):
+                if name not in self.index:
+                    raise ValueError(f"{name!r} is not among the inputs {', '.join(map(str, self.values))}")
+                return self.index[name]
+            case Sum(parts):
+                return self.sum(parts)
+            case Product(factors):
+                return self.product(factors)
+            case Power(base, int() as exponent) if abs(exponent) <= _LARGEST_PRODUCT:
+                return (
+                    self.product((expression,))
+                    if exponent < 0
+                    else self.integer_power(self.write(base), exponent)
+                )
+            case Power(base, exponent):
+                raised = exponent if isinstance(exponent, Expression) else Number(float(exponent))
+                return self.apply("**", self.write(base), self.write(raised))
+            case Call(function, arguments):
+                return self.apply(function, *(self.write(argument) for argument in arguments))
+        raise TypeError(f"no expression: {expression!r}")
+
+    def integer_power(self, base: int, exponent: int) -> int:
+        if exponent == 1:
+            return base
+        if exponent % 2:
+            return self.apply("*", self.integer_power(base, exponent - 1), base)
+        half = self.integer_power(base, exponent // 2)
+        return self.apply("*", half, half)
+
+    def sum(self, parts: tuple[Expression, ...]) -> int:
+        plus, minus = [], []
+        for part in parts:
+            match part:
+                case Number(value) if value < 0:
+                    minus.append(self.number(-value, False))
+                case Product((Number(value), *rest)) if value < 0:
+                    minus.append(self.write(multiply(Number(-value), *rest)))
+                case _:
+                    plus.append(self.write(part))
+        if not plus:
+            return self.apply("negative", self.fold("+", minus))
+        total = self.fold("+", plus)
+        return self.apply("-", total, self.fold("+", minus)) if minus else total
+
+    def product(self, factors: tuple[Expression, ...]) -> int:
+        over, under, negative = [], [], False
+        for factor in factors:
+            match factor:
+                case Number(-1.0):
+                    negative = True
+                case Power(base, int() as exponent) if -_LARGEST_PRODUCT <= exponent < 0:
+                    under.append(self.integer_power(self.write(base), -exponent))
+                case _:
+                    over.append(self.write(factor))
+        if not over:
+            over, negative = [self.number(-1.0 if negative else 1.0, False)], False
+        result = self.fold("*", over)
+        if under:
+            result = self.apply("/", result, self.fold("*", under))
+        return self.apply("negative", result) if negative else result
+
+
+def _allocate(
+    values: list[_Value], outputs: list[int], inputs: int
+) -> tuple[list[Any], list[tuple[Callable[..., Any], int, int, int]], list[tuple[int, bool]]]:
+    """Constants and the tape on a small set of slots: a slot is used again once its value has been read for the last time."""
+    last: dict[int, float] = {}
+    for number, value in enumerate(values):
+        if isinstance(value, tuple):
+            last.update(dict.fromkeys(value[1:], number))
+    last.update(dict.fromkeys(outputs, float("inf")))
+    constants = [number for number, value in enumerate(values) if isinstance(value, float)]
+    slot = {number: number for number in range(inputs)} | {n: inputs + i for i, n in enumerate(constants)}
+    slots: list[Any] = [values[number] for number in constants]
+    free: list[int] = []
+    tape = []
+    for number, value in enumerate(values):
+        if not isinstance(value, tuple):
+            continue
+        operation, *operands = value
+        if free:
+            to = free.pop()
+        else:
+            to = inputs + len(slots)
+            slots.append(None)
+        first, second = slot[operands[0]], slot[operands[1]] if len(operands) > 1 else -1
+        tape.append((_UFUNCS[operation], first, second, to))
+        slot[number] = to
+        free += [
+            slot[each] for each in set(operands) if last[each] == number and isinstance(values[each], tuple)
+        ]
+    return slots, tape, [(slot[number], isinstance(values[number], tuple)) for number in outputs]

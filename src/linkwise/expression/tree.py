@@ -1,0 +1,287 @@
+"""The expression tree: six final node classes, and the constructors that keep every tree in one canonical form.
+
+Build trees with `add`, `multiply`, `power`, `call` (or `parse`), not with the classes: the constructors flatten sums and
+products, fold constants, collect like terms and equal bases, and drop zeros and ones. A walker has to know only this:
+
+- a difference is a `Sum` with a `Product` that starts with a negative `Number`; the constant of a sum comes last;
+- a product starts with its `Number`, if it has one; factors `Power(b, -n)`, the divisors, come last;
+- `Power.exponent` is an `int` (neither 0 nor 1), a `float` that is no integer, or an `Expression` that is no `Number`;
+- `max` and `min` have two arguments, every other function has one.
+
+Constants fold in double precision. What would fold to something that is not finite (1/0) stays as it is, so that whoever
+evaluates it meets the infinity where the user wrote it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import final
+
+FUNCTIONS: Mapping[str, int] = {
+    "abs": 1, "sign": 1, "sqrt": 1, "exp": 1, "tanh": 1, "sin": 1, "cos": 1, "max": 2, "min": 2,
+}  # fmt: skip
+"""Functions a user may write, and the least number of arguments each takes. Derivatives and integrals also use `log`."""
+
+_FOLD: Mapping[str, Callable[..., float]] = {
+    "abs": abs, "sign": lambda a: float((a > 0) - (a < 0)), "sqrt": math.sqrt, "exp": math.exp, "tanh": math.tanh,
+    "sin": math.sin, "cos": math.cos, "max": max, "min": min, "log": math.log,
+}  # fmt: skip
+
+
+class Expression:
+    """A node. Immutable, hashable, compared by structure."""
+
+    __slots__ = ()
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Number(Expression):
+    """A finite constant in SI units."""
+
+    value: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Symbol(Expression):
+    """A variable or a coefficient."""
+
+    name: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Sum(Expression):
+    """The sum of two or more parts."""
+
+    parts: tuple[Expression, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Product(Expression):
+    """The product of two or more factors."""
+
+    factors: tuple[Expression, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Power(Expression):
+    """`base ** exponent`; a quotient is a product with the divisor to a negative power."""
+
+    base: Expression
+    exponent: int | float | Expression
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Call(Expression):
+    """A function of `FUNCTIONS` (or `log`, which only derivatives and integrals contain) and its arguments."""
+
+    function: str
+    arguments: tuple[Expression, ...]
+
+
+ZERO, ONE, MINUS_ONE = Number(0.0), Number(1.0), Number(-1.0)
+
+
+def add(*parts: Expression) -> Expression:
+    """The canonical sum of any number of parts."""
+    scales: dict[Expression, float] = {}
+    constants: list[float] = []
+    for scale, rest in (piece for part in parts for piece in _pieces(part, 1.0)):
+        if rest is ONE:
+            constants.append(scale)
+        else:
+            scales[rest] = scales.get(rest, 0.0) + scale
+    terms = [multiply(Number(scale), rest) for rest, scale in scales.items() if scale != 0.0]
+    constant = sum(constants)
+    if not math.isfinite(constant):
+        terms += [Number(value) for value in constants]
+    elif constant != 0.0:
+        terms.append(Number(constant))
+    if len(terms) < 2:
+        return terms[0] if terms else ZERO
+    return Sum(tuple(terms))
+
+
+def _pieces(part: Expression, scale: float) -> Iterator[tuple[float, Expression]]:
+    """The terms of `scale * part` as (number, rest); the rest of a constant is ONE."""
+    match part:
+        case Number(value):
+            yield scale * value, ONE
+        case Sum(parts):
+            for inner in parts:
+                yield from _pieces(inner, scale)
+        case Product((Number(value), Sum() as inner)) if math.isfinite(scale * value):
+            yield from _pieces(inner, scale * value)
+        case Product((Number(value), *rest)) if math.isfinite(scale * value):
+            yield scale * value, rest[0] if len(rest) == 1 else Product(tuple(rest))
+        case _:
+            yield scale, part
+
+
+def multiply(*factors: Expression) -> Expression:
+    """The canonical product of any number of factors."""
+    numbers: list[float] = []
+    over: dict[Expression, int] = {}  # base -> positive exponent
+    under: dict[Expression, int] = {}  # base -> negative exponent; never cancelled, d/d stays undefined at 0
+    for factor in factors:
+        for item in factor.factors if isinstance(factor, Product) else (factor,):
+            match item:
+                case Number(value):
+                    numbers.append(value)
+                case Power(base, int() as exponent):
+                    group = over if exponent > 0 else under
+                    group[base] = group.get(base, 0) + exponent
+                case _:
+                    over[item] = over.get(item, 0) + 1
+    if 0.0 in numbers:
+        return ZERO
+    constant = math.prod(numbers)
+    if math.isfinite(constant) and constant != 0.0:
+        numbers = [] if constant == 1.0 else [constant]
+    items: list[Expression] = [Number(value) for value in numbers]
+    items += [base if exponent == 1 else Power(base, exponent) for base, exponent in over.items()]
+    items += [Power(base, exponent) for base, exponent in under.items()]
+    if len(items) < 2:
+        return items[0] if items else ONE
+    return Product(tuple(items))
+
+
+def power(base: Expression, exponent: int | float | Expression) -> Expression:
+    """The canonical power."""
+    if isinstance(exponent, Number):
+        exponent = exponent.value
+    if isinstance(exponent, Expression):
+        return ONE if base == ONE else Power(base, exponent)
+    if float(exponent).is_integer():
+        exponent = int(exponent)
+    if exponent == 0:
+        return ONE
+    if exponent == 1:
+        return base
+    match base:
+        case Number(value):
+            try:
+                folded = float(value) ** exponent
+            except (ZeroDivisionError, OverflowError):
+                return Power(base, exponent)
+            real = isinstance(folded, float) and math.isfinite(folded)
+            return Number(folded) if real else Power(base, exponent)
+        case Power(inner, int() as first) if isinstance(exponent, int) and (first > 0 or exponent > 0):
+            return power(inner, first * exponent)
+        case Power(inner, float() as first) if exponent == -1:
+            return power(inner, -first)
+    return Power(base, exponent)
+
+
+def call(function: str, *arguments: Expression) -> Expression:
+    """The canonical call; `max` and `min` of more than two arguments become calls of two."""
+    if len(arguments) > 2:
+        return call(function, call(function, *arguments[:-1]), arguments[-1])
+    if len(arguments) == 2 and arguments[0] == arguments[1]:
+        return arguments[0]
+    values = [argument.value for argument in arguments if isinstance(argument, Number)]
+    if len(values) == len(arguments):
+        try:
+            return Number(float(_FOLD[function](*values)))
+        except (ValueError, OverflowError):
+            pass
+    return Call(function, arguments)
+
+
+def children(expression: Expression) -> tuple[Expression, ...]:
+    """The nodes directly below, from left to right."""
+    match expression:
+        case Sum(below) | Product(below) | Call(_, below):
+            return below
+        case Power(base, Expression() as exponent):
+            return base, exponent
+        case Power(base, _):
+            return (base,)
+    return ()
+
+
+def walk(expression: Expression) -> Iterator[Expression]:
+    """Every node of the tree, a node before those below it, from left to right."""
+    yield expression
+    for below in children(expression):
+        yield from walk(below)
+
+
+def symbols(expression: Expression) -> tuple[str, ...]:
+    """The names in the tree, each once, in order of appearance."""
+    return tuple(dict.fromkeys(node.name for node in walk(expression) if isinstance(node, Symbol)))
+
+
+def substitute(expression: Expression, replacements: Mapping[str, Expression]) -> Expression:
+    """The tree with symbols replaced, in canonical form again."""
+    match expression:
+        case Symbol(name):
+            return replacements.get(name, expression)
+        case Sum(parts):
+            return add(*(substitute(part, replacements) for part in parts))
+        case Product(factors):
+            return multiply(*(substitute(factor, replacements) for factor in factors))
+        case Power(base, exponent):
+            if isinstance(exponent, Expression):
+                exponent = substitute(exponent, replacements)
+            return power(substitute(base, replacements), exponent)
+        case Call(function, arguments):
+            return call(function, *(substitute(argument, replacements) for argument in arguments))
+    return expression
+
+
+def to_text(expression: Expression) -> str:
+    """The text that `parse` reads back as an equal tree (`log`, which only derivatives contain, excepted)."""
+    match expression:
+        case Number(value):
+            return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+        case Symbol(name):
+            return name
+        case Call(function, arguments):
+            return f"{function}({', '.join(to_text(argument) for argument in arguments)})"
+        case Sum(parts):
+            text = to_text(parts[0])
+            for part in parts[1:]:
+                term = to_text(part)
+                text += f" - {term[1:]}" if term.startswith("-") else f" + {term}"
+            return text
+        case Product(factors):
+            return _product_text(factors)
+        case Power(base, int() as exponent) if exponent < 0:
+            return _product_text((expression,))
+        case Power(base, exponent):
+            raised = exponent if isinstance(exponent, Expression) else Number(float(exponent))
+            return f"{_atom(base)}**{to_text(raised) if isinstance(raised, Number) else _atom(raised)}"
+    raise TypeError(f"no expression: {expression!r}")
+
+
+def _product_text(factors: tuple[Expression, ...]) -> str:
+    over = [
+        f for f in factors if not (isinstance(f, Power) and isinstance(f.exponent, int) and f.exponent < 0)
+    ]
+    under = [f for f in factors if f not in over]
+    sign = ""
+    if over and over[0] == MINUS_ONE and len(over) > 1:
+        sign, over = "-", over[1:]
+    text = (
+        sign + "*".join(f"({to_text(f)})" if isinstance(f, Sum) else to_text(f) for f in over)
+        if over
+        else "1"
+    )
+    for divisor in under:
+        assert isinstance(divisor, Power) and isinstance(divisor.exponent, int)
+        text += f"/{_atom(divisor.base)}" + (f"**{-divisor.exponent}" if divisor.exponent != -1 else "")
+    return text
+
+
+def _atom(expression: Expression) -> str:
+    text = to_text(expression)
+    bare = isinstance(expression, Symbol | Call) or (isinstance(expression, Number) and expression.value >= 0)
+    return text if bare else f"({text})"

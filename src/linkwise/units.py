@@ -1,0 +1,87 @@
+"""Values with units, to SI. The only door to pint."""
+
+from __future__ import annotations
+
+import math
+import re
+import tokenize
+from functools import cache
+
+import pint
+
+from linkwise.errors import LinkwiseError
+
+_GRAVITY = "standard_gravity"
+_SPELLINGS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "**2", "³": "**3", "−": "-"})
+_FREE = ("", "?")  # dimensions for which a number without a unit will do
+_UNREADABLE = (
+    pint.PintError, tokenize.TokenError, ValueError, TypeError, AttributeError, ArithmeticError, AssertionError,
+)  # fmt: skip
+
+
+def to_si(given: str | float, dimension: str) -> float:
+    """The value of `given` in SI units: `to_si("30 kN/m", "N/m")` is 30000.0. A bare number is in SI already.
+
+    `dimension` is the SI unit that is expected, as laws print it ("N/m^3", "N s/m", "kg", "" for a pure number, "?" for any).
+    Raises LinkwiseError, with what was given and what was expected.
+    """
+    expected = "a number"
+    if dimension not in _FREE:
+        expected += f" in {dimension} or a text with a unit such as '1 {dimension}'"
+    if isinstance(given, bool) or not isinstance(given, str | int | float):
+        raise LinkwiseError(f"{given!r} is no value: expected {expected}.")
+    if not isinstance(given, str):
+        return _finite(float(given), given)
+    quantity = _read(given, dimension, expected)
+    if quantity.unitless and dimension not in _FREE:
+        raise LinkwiseError(
+            f"{given!r} has no unit: write it with one, as in '{quantity.magnitude:g} {dimension}', "
+            f"or without quotes if it is in {dimension} already."
+        )
+    return _converted(quantity, given, dimension, expected)
+
+
+def factor_to_si(unit: str, dimension: str) -> float:
+    """What a number in `unit` is multiplied by: `factor_to_si("mm", "m")` is 0.001. An acceleration's "g" is gravity's.
+
+    Raises LinkwiseError for a unit that is unknown or of another kind.
+    """
+    expected = f"a unit that converts to {dimension}" if dimension not in _FREE else "a unit"
+    quantity = _read(unit, dimension, expected)
+    if quantity.magnitude != 1 or (quantity.unitless and dimension not in _FREE):
+        raise LinkwiseError(f"{unit!r} is no unit: expected {expected}.")
+    return _converted(quantity, unit, dimension, expected)
+
+
+def _finite(value: float, given: object) -> float:
+    if not math.isfinite(value):
+        raise LinkwiseError(f"{given!r} is no finite value.")
+    return value
+
+
+def _read(text: str, dimension: str, expected: str) -> pint.Quantity[float]:
+    """Whatever pint reads in `text`; "m/s2" means m/s^2, and "g" is gravity where an acceleration is expected."""
+    spelled = re.sub(r"(?<![\w.])([^\W\d_]+)(-?\d)(?![\w.])", r"\1**\2", text.strip().translate(_SPELLINGS))
+    if dimension == "m/s^2":
+        spelled = re.sub(r"(?<![^\W_])(m?)g(_?n|_0)?$", rf"\1{_GRAVITY}", spelled)
+    try:
+        quantity: pint.Quantity[float] = _registry().Quantity(spelled)
+        return _registry().Quantity(float(quantity.magnitude), quantity.units)
+    except _UNREADABLE:
+        raise LinkwiseError(f"{text!r} cannot be read as a quantity: expected {expected}.") from None
+
+
+def _converted(quantity: pint.Quantity[float], given: str, dimension: str, expected: str) -> float:
+    if dimension == "?":
+        return _finite(float(quantity.to_base_units().magnitude), given)
+    try:
+        return _finite(float(quantity.to(_registry().Unit(dimension)).magnitude), given)
+    except pint.DimensionalityError:
+        got = "has no unit" if quantity.unitless else f"is in {quantity.units:~C}"
+        raise LinkwiseError(f"{given!r} {got}: expected {expected}.") from None
+
+
+@cache
+def _registry() -> pint.UnitRegistry[float]:
+    """Built on first use: it takes longer to fill than most commands run."""
+    return pint.UnitRegistry()
