@@ -1,0 +1,106 @@
+"""Files and folders that appear whole or not at all, and what they must not take the place of."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from linkwise.output import OutputError, check_result_folder, to_json, whole_file, whole_folder
+
+
+def write_result(folder: Path, **files: str) -> None:
+    """A result as linkwise writes it, of these text files."""
+    with whole_folder(folder) as partial:
+        for name, text in files.items():
+            (partial / name).write_text(text)
+        (partial / "result.json").write_text(json.dumps({"method": "weak", "files": list(files)}))
+
+
+def test_json_is_readable_by_everyone() -> None:
+    assert to_json({"a": [1.5, float("nan")], "b": (float("inf"), "x", None, True, 2)}) == (
+        '{"a": [1.5, null], "b": [null, "x", null, true, 2]}'
+    )
+
+
+def test_file_keeps_its_suffix_while_it_is_written_and_makes_its_folders(tmp_path: Path) -> None:
+    target = tmp_path / "new" / "run.csv"
+    with whole_file(target) as partial:
+        assert partial.suffix == ".csv" and not target.exists()
+        partial.write_text("text")
+    assert target.read_text() == "text" and list(target.parent.iterdir()) == [target]
+
+
+def test_failed_file_leaves_the_earlier_one(tmp_path: Path) -> None:
+    target = tmp_path / "run.csv"
+    target.write_text("earlier")
+    with pytest.raises(RuntimeError, match="on the way"), whole_file(target) as partial:
+        partial.write_text("half")
+        raise RuntimeError("on the way")
+    assert target.read_text() == "earlier" and list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("earlier", [None, "empty", "result"])
+def test_folder_is_replaced_where_it_may_be(tmp_path: Path, earlier: str | None) -> None:
+    folder = tmp_path / "answer"
+    if earlier == "empty":
+        folder.mkdir()
+    elif earlier == "result":
+        write_result(folder, a="1", b="2")
+    write_result(folder, a="3")
+    assert {path.name for path in folder.iterdir()} == {"a", "result.json"}
+    assert (folder / "a").read_text() == "3" and list(tmp_path.iterdir()) == [folder]
+
+
+def test_what_the_user_put_beside_a_result_is_kept(tmp_path: Path) -> None:
+    folder = tmp_path / "answer"
+    write_result(folder, a="1", b="2")
+    (folder / "notes.txt").write_text("mine")
+    (folder / "photos").mkdir()
+    (folder / "photos" / "rig.txt").write_text("mine too")
+    write_result(folder, a="3")
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert (folder / "photos" / "rig.txt").read_text() == "mine too"
+    assert not (folder / "b").exists()
+
+
+def test_failed_result_leaves_the_earlier_one(tmp_path: Path) -> None:
+    folder = tmp_path / "answer"
+    write_result(folder, a="1")
+    with pytest.raises(RuntimeError, match="on the way"), whole_folder(folder) as partial:
+        (partial / "a").write_text("half")
+        raise RuntimeError("on the way")
+    assert (folder / "a").read_text() == "1" and list(tmp_path.iterdir()) == [folder]
+
+
+def test_result_of_a_killed_run_comes_back(tmp_path: Path) -> None:
+    """Killed between the two renames: the earlier result is found under its hidden name."""
+    folder = tmp_path / "answer"
+    write_result(folder, a="1")
+    folder.rename(tmp_path / ".answer.old")
+    with pytest.raises(RuntimeError, match="again"), whole_folder(folder):
+        raise RuntimeError("again")
+    assert (folder / "a").read_text() == "1"
+
+
+@pytest.mark.parametrize("text", [None, "no JSON", '{"files": []}', '["method"]', '{"method": "weak"}'])
+def test_a_folder_that_is_no_result_is_refused(tmp_path: Path, text: str | None) -> None:
+    folder = tmp_path / "thesis"
+    folder.mkdir()
+    (folder / "chapter1.tex").write_text("years of work")
+    if text is not None:
+        (folder / "result.json").write_text(text)
+    with pytest.raises(
+        OutputError, match=r"thesis: it is there and is no result of linkwise .* give another folder"
+    ):
+        check_result_folder(folder)
+    with pytest.raises(OutputError), whole_folder(folder):
+        pytest.fail("the block must not run")
+    assert (folder / "chapter1.tex").read_text() == "years of work"
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "answer").write_text("a file")
+    with pytest.raises(OutputError, match="is no result of linkwise"):
+        check_result_folder(tmp_path / "answer")
