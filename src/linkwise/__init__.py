@@ -9,59 +9,127 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from linkwise.answer import result_of, write_result
+    from linkwise.chains import bnes_chain
+    from linkwise.equilibria import Equilibrium, equilibria
+    from linkwise.errors import (
+        IdentificationError,
+        LawError,
+        LinkwiseError,
+        RecordError,
+        SimulationError,
+        StructureError,
+    )
+    from linkwise.estimate import Estimate
+    from linkwise.excitation import Excitation, Impulse, Sampled, TimeFunction
+    from linkwise.files import read_record, write_record
+    from linkwise.identify import identify
+    from linkwise.law import Law
+    from linkwise.modes import modes
+    from linkwise.record import Record
+    from linkwise.simulate import simulate
+    from linkwise.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
+    from linkwise.structure_file import format_structure, parse_structure, read_structure, write_structure
+    from linkwise.validate import nmse
+    from linkwise.wells import barrier, wells
 
 __version__ = "0.1.0"
 
+__all__ = [
+    "BASE",
+    "GROUND",
+    "Coefficient",
+    "Equilibrium",
+    "Estimate",
+    "Excitation",
+    "IdentificationError",
+    "Impulse",
+    "Law",
+    "LawError",
+    "Link",
+    "LinkwiseError",
+    "Mass",
+    "Record",
+    "RecordError",
+    "Sampled",
+    "SimulationError",
+    "Structure",
+    "StructureError",
+    "TimeFunction",
+    "barrier",
+    "bnes_chain",
+    "equilibria",
+    "format_structure",
+    "identify",
+    "modes",
+    "nmse",
+    "parse_structure",
+    "read_record",
+    "read_structure",
+    "result_of",
+    "simulate",
+    "wells",
+    "write_record",
+    "write_result",
+    "write_structure",
+]
+
+# The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
-    "errors": [
+    "answer": ("result_of", "write_result"),
+    "chains": ("bnes_chain",),
+    "equilibria": ("Equilibrium", "equilibria"),
+    "errors": (
         "IdentificationError",
         "LawError",
         "LinkwiseError",
         "RecordError",
         "SimulationError",
         "StructureError",
-    ],
-    "law": ["Law"],
-    "structure": ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"],
-    "structure_file": ["parse_structure", "read_structure", "write_structure"],
-    "equilibria": ["barrier", "equilibria", "modes", "wells"],
-    "chains": ["bnes_chain"],
-    "excitation": ["Excitation", "Impulse", "Sampled", "TimeFunction"],
-    "simulate": ["simulate"],
-    "record": ["Record"],
-    "files": ["read_record", "write_record"],
-    "estimate": ["Estimate"],
-    "identify": ["identify"],
-    "validate": ["nmse"],
-    "answer": ["write_result"],
+    ),
+    "estimate": ("Estimate",),
+    "excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
+    "files": ("read_record", "write_record"),
+    "identify": ("identify",),
+    "law": ("Law",),
+    "modes": ("modes",),
+    "record": ("Record",),
+    "simulate": ("simulate",),
+    "structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
+    "structure_file": ("format_structure", "parse_structure", "read_structure", "write_structure"),
+    "validate": ("nmse",),
+    "wells": ("barrier", "wells"),
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
-
-__all__ = sorted(_HOME_OF)
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 
-class _Lazy(ModuleType):
-    """The package's own type: a name is fetched from its home when first asked for.
+class _Package(ModuleType):
+    """The type of this package.
 
     Some modules bear the name of their one function (`simulate`, `identify`). The import system binds a
     loaded submodule to its package under that name; here the function is bound instead, whoever imported
     the module and in whatever order.
     """
 
-    def __getattr__(self, name: str) -> object:
-        if name not in _HOME_OF:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
-        super().__setattr__(name, value)
-        return value
-
     def __setattr__(self, name: str, value: object) -> None:
-        if _HOME_OF.get(name) == name and isinstance(value, ModuleType):
+        if _HOME.get(name) == name and isinstance(value, ModuleType):
             value = getattr(value, name)
         super().__setattr__(name, value)
 
-    def __dir__(self) -> list[str]:
-        return sorted({*_HOME_OF, "__version__"})
+
+sys.modules[__name__].__class__ = _Package
 
 
-sys.modules[__name__].__class__ = _Lazy
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

@@ -1,0 +1,87 @@
+"""The command line: one command a file, no logic; what goes wrong ends in one paragraph and an exit code.
+
+Exit codes: 0 done; 1 failed with a reason; 2 wrong usage or unreadable input; 3 finished, but the answer is
+not to be trusted.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+import click
+
+from linkwise.cli.console import fail
+from linkwise.cli.identify import identify
+from linkwise.cli.simulate import simulate
+from linkwise.cli.structure import structure
+from linkwise.errors import LinkwiseError
+
+FAILED, USAGE, INTERRUPTED = 1, 2, 130
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="linkwise")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+def linkwise(debug: bool) -> None:
+    """Identify the force law of every link of a nonlinear structure from its measured motion.
+
+    \b
+    Example:
+      linkwise structure bnes --dof 2 -o chain.toml
+      linkwise structure bnes --dof 2 --unknown nes -o unknown.toml
+      linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
+      linkwise identify run.csv unknown.toml -o answer
+    """
+
+
+for command in (structure, simulate, identify):
+    linkwise.add_command(command)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the command line on these arguments and return the exit code; nothing is raised."""
+    debug = "--debug" in arguments
+    rest = [argument for argument in arguments if argument != "--debug"]
+    try:
+        status = linkwise.main(rest, prog_name="linkwise", standalone_mode=False)
+    except click.UsageError as error:
+        path = error.ctx.command_path if error.ctx else "linkwise"
+        return _report(error, f"{error.format_message()} Try: {path} --help", USAGE, debug)
+    except click.ClickException as error:
+        return _report(error, error.format_message(), USAGE, debug)
+    except LinkwiseError as error:
+        return _report(error, str(error), error.exit_code, debug)
+    except BrokenPipeError:  # the reader of a pipe has gone, as `head` does: there is nobody left to tell
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _report(error, f"{place}{error.strerror or error}", USAGE, debug)
+    except (click.Abort, KeyboardInterrupt):
+        fail("interrupted; nothing was left half written")
+        return INTERRUPTED
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}".strip()
+        return _report(
+            error, f"this is a fault of linkwise, not yours: {what}. Run again with --debug.", FAILED, debug
+        )
+    return status if isinstance(status, int) else 0
+
+
+def _report(error: Exception, message: str, code: int, debug: bool) -> int:
+    if debug:
+        traceback.print_exception(error)
+    fail(message)
+    return code
+
+
+def main() -> None:
+    """Entry point of the command `linkwise`."""
+    logging.getLogger("matplotlib").setLevel(
+        logging.ERROR
+    )  # its font cache tells the user of a slow first run
+    sys.exit(run(sys.argv[1:]))

@@ -1,0 +1,191 @@
+"""`linkwise simulate`: a structure and what drives it, to a record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+import linkwise as lw
+from linkwise.cli.console import progress
+from linkwise.cli.options import FILE, POSITIVE, number, pairs, split, stacked
+from linkwise.output import to_json, whole_file
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What sets the structure in motion, as typed."""
+
+    release: tuple[str, ...]
+    impulse: tuple[str, ...]
+    force: tuple[str, ...]
+    base: str | None
+
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.simulate`; raises UsageError and the errors of reading a drive's file."""
+        release = pairs(self.release, "--release", "v:m1=1.0")
+        return {
+            "release": {name: number(value, "--release", "v:m1=1.0") for name, value in release.items()},
+            "impulses": tuple(_impulse(text) for text in self.impulse),
+            "forces": {
+                mass: _time_function(value, f"force:{mass}")
+                for mass, value in pairs(self.force, "--force", 'm1="sin(2*pi*3*t)"').items()
+            },
+            "base": None if self.base is None else _time_function(self.base, "x:base"),
+        }
+
+
+def _impulse(text: str) -> lw.Impulse:
+    """`MASS=MOMENTUM` or `MASS=MOMENTUM@TIME`, in N s and s."""
+    mass, value = split(text, "--impulse", "m1=0.3@0.5")
+    momentum, _, time = value.partition("@")
+    return lw.Impulse(
+        mass, number(momentum, "--impulse", "m1=0.3@0.5"), number(time or "0", "--impulse", "m1=0.3@0.5")
+    )
+
+
+def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
+    """An expression of t, or samples: `FILE` with that channel, or `FILE:COLUMN`."""
+    for end in [*(i for i, character in enumerate(text) if character == ":"), len(text)]:
+        path = Path(text[:end])
+        if path.is_file():
+            column = text[end + 1 :]
+            record = lw.read_record(path, channels={channel: column} if column else {})
+            return lw.Sampled(record.start, record.rate, record.channel(channel))
+    return lw.TimeFunction(text)
+
+
+def drive_options(command: Callable[..., R]) -> Callable[..., R]:
+    """The options that set a structure in motion; the command gets one `drive: Drive`."""
+
+    @wraps(command)
+    def wrapped(
+        *, release: tuple[str, ...], impulse: tuple[str, ...], force: tuple[str, ...], base: str | None, **others: object
+    ) -> R:  # fmt: skip
+        return command(drive=Drive(release, impulse, force, base), **others)
+
+    return stacked(
+        wrapped,
+        click.option(
+            "--release",
+            metavar="CHANNEL=VALUE",
+            multiple=True,
+            help="Start with this displacement (x:m1=0.01, m) or velocity (v:m1=1.0, m/s). Repeatable.",
+        ),
+        click.option(
+            "--impulse",
+            metavar="MASS=NS[@S]",
+            multiple=True,
+            help="Hit a mass: momentum in N s, at a time in s (default 0). Repeatable.",
+        ),
+        click.option(
+            "--force",
+            metavar="MASS=FORCE",
+            multiple=True,
+            help='Force in N: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
+        ),
+        click.option(
+            "--base", metavar="MOTION", help="Base displacement in m: an expression of t or FILE:COLUMN."
+        ),
+    )
+
+
+@click.command()
+@click.argument("structure", type=FILE)
+@click.option("--duration", metavar="S", type=POSITIVE, required=True, help="Length of the record in s.")
+@click.option("--rate", metavar="HZ", type=POSITIVE, required=True, help="Samples per second.")
+@drive_options
+@click.option(
+    "--sensors", metavar="KINDS", default="x", show_default=True, help="Of x,v,a: what is recorded."
+)
+@click.option(
+    "--noise", metavar="DB", type=float, help="Add noise at this signal-to-noise ratio to every response."
+)
+@click.option(
+    "--seed", metavar="N", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
+)
+@click.option(
+    "-o", "--output", metavar="RECORD", type=FILE, required=True, help="File to write; its suffix says how."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
+def simulate(
+    structure: Path, drive: Drive, noise: float | None, seed: int, output: Path, as_json: bool, **grid: Any
+) -> None:
+    """Simulate STRUCTURE and write the record that its sensors would have made.
+
+    \b
+    Example:
+      linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
+    """
+    sensors = tuple(kind.strip() for kind in grid["sensors"].split(","))
+    with progress("simulating"):
+        subject = lw.read_structure(structure)
+        record = lw.simulate(
+            subject, duration=grid["duration"], rate=grid["rate"], sensors=sensors, **drive.keywords()
+        )
+        noisy = record if noise is None else record.with_noise(noise, seed=seed)
+        with whole_file(output) as partial:
+            lw.write_record(noisy, partial)
+    summary = _summary(noisy, output)
+    if noise is not None:
+        summary["noise"] = {"decibel": noise, "seed": seed}
+    click.echo(to_json(summary) if as_json else _told(subject, summary))
+
+
+def _summary(record: lw.Record, output: Path) -> dict[str, Any]:
+    """What was done, as plain data; energies in J at the end of the record, `closure` the worst error of the balance."""
+    truth = record.simulated
+    assert truth is not None
+    energy = truth.energy
+    scale = float(abs(energy.put_in).max())
+    return {
+        "file": str(output),
+        "samples": len(record),
+        "rate": record.rate,
+        "channels": list(record.channels),
+        "energy": {
+            "put_in": float(energy.put_in[-1]),
+            "stored": float(energy.kinetic[-1] + energy.potential[-1].sum()),
+            "dissipated": {
+                link.name: float(lost)
+                for link, lost in zip(truth.structure.links, energy.dissipated[-1], strict=True)
+            },
+            "closure": float(abs(energy.residual).max()) / scale if scale else 0.0,
+        },
+        "horizon": truth.horizon,
+    }
+
+
+def _told(structure: lw.Structure, summary: dict[str, Any]) -> str:
+    energy = summary["energy"]
+    lost = sum(energy["dissipated"].values())
+    lines = [
+        f"{structure.name or 'structure'}: {structure.size} masses, {len(structure.links)} links",
+        f"record      {summary['samples']} samples at {summary['rate']:g} Hz of {_listed(summary['channels'])}",
+        f"energy      {energy['put_in']:.4g} J put in, {lost:.4g} J dissipated, {energy['stored']:.4g} J stored at the end; "
+        f"the balance closes to {energy['closure']:.0e} of the input",
+        _horizon(summary["horizon"]),
+    ]
+    if "noise" in summary:
+        lines.append(
+            f"noise       {summary['noise']['decibel']:g} dB per channel, seed {summary['noise']['seed']}"
+        )
+    return "\n".join([*lines, f"written to  {summary['file']}"])
+
+
+def _horizon(horizon: float | None) -> str:
+    if horizon is None:
+        return "horizon     none within the record: two runs at different tolerances agree throughout"
+    return (
+        f"horizon     {horizon:.3g} s; past it the motion is chaotic and no two computers would agree on it"
+    )
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:4])}, ..., {names[-1]}"
