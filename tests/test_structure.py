@@ -1,0 +1,347 @@
+"""The structure: what it accepts, what it refuses and in which words, sharing, incidence."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+import time
+
+import numpy as np
+import pytest
+
+from linkwise.coefficient import Coefficient
+from linkwise.errors import StructureError
+from linkwise.law import Law
+from linkwise.structure import BASE, GROUND, Link, Mass, Structure
+
+NUMBER, UNKNOWN, SHARED = Coefficient.number, Coefficient.unknown, Coefficient.shared
+
+
+def spring(name: str, first: str, second: str, **coefficients: Coefficient) -> Link:
+    """A spring with a damper, "k*d + c*v", of 100 N/m and 2 N s/m unless told otherwise."""
+    return Link(
+        name, (first, second), Law.parse("k*d + c*v"), {"k": NUMBER(100.0), "c": NUMBER(2.0), **coefficients}
+    )
+
+
+def mass(name: str, kilograms: float = 1.0) -> Mass:
+    return Mass(name, NUMBER(kilograms))
+
+
+def pair(k1: Coefficient, k2: Coefficient) -> Structure:
+    """Two masses in a row above the ground, the stiffnesses given."""
+    return Structure(
+        "pair", (mass("a"), mass("b")), (spring("low", "a", GROUND, k=k1), spring("high", "b", "a", k=k2))
+    )
+
+
+@pytest.fixture
+def mixed() -> Structure:
+    """Three masses; links to ground, mass and base in both directions; one sharing, one unknown with bounds."""
+    return Structure(
+        "mixed",
+        (mass("m1"), mass("m2", 2.0), Mass("m3", UNKNOWN(0.5))),
+        (
+            spring("s1", "m1", GROUND, k=UNKNOWN(50.0, lower=0.0), c=NUMBER(3.0)),
+            spring("s2", "m2", "m1", k=SHARED("s1.k")),
+            spring("s3", BASE, "m3", k=SHARED("s2.k"), c=UNKNOWN()),
+            spring("s4", "m3", BASE),
+        ),
+    )
+
+
+def test_incidence_carries_the_sign_of_every_end(mixed: Structure) -> None:
+    expected = [[1, -1, 0, 0], [0, 1, 0, 0], [0, 0, -1, 1]]
+    np.testing.assert_array_equal(mixed.incidence.toarray(), expected)
+    np.testing.assert_array_equal(mixed.base_incidence, [0, 0, 1, -1])
+
+
+def test_elongations_are_first_less_second_end(mixed: Structure) -> None:
+    x, base = np.array([[1.0, 2.0, 4.0], [0.5, 0.0, -1.0]]), np.array([10.0, 0.25])
+    expected = [[1.0, 1.0, 6.0, -6.0], [0.5, -0.5, 1.25, -1.25]]
+    d = mixed.elongations(x, base)
+    np.testing.assert_array_equal(d, expected)
+    assert d.flags.c_contiguous
+    np.testing.assert_array_equal(mixed.elongations(x[0], 10.0), expected[0])
+
+
+def test_elongations_refuse_a_missing_base_and_a_wrong_width(mixed: Structure) -> None:
+    with pytest.raises(StructureError, match=r'link "s3": it hangs on the base, whose motion is not given'):
+        mixed.elongations(np.zeros((4, 3)))
+    with pytest.raises(StructureError, match=r"^2 displacements were given for 3 masses$"):
+        mixed.elongations(np.zeros((4, 2)), np.zeros(4))
+
+
+def test_action_equals_reaction(mixed: Structure) -> None:
+    """Forces between masses sum to zero: columns of B without ground or base end do."""
+    inner = [index for index, link in enumerate(mixed.links) if not {GROUND, BASE} & set(link.between)]
+    assert inner == [1]
+    assert mixed.incidence.toarray()[:, inner].sum() == 0.0
+
+
+def test_sharing_resolves_and_counts_once(mixed: Structure) -> None:
+    assert [parameter.name for parameter in mixed.parameters] == ["s1.k", "s3.c", "m3.mass"]
+    first, _, weight = mixed.parameters
+    assert first.members == ((0, "k"), (1, "k"), (2, "k"))
+    assert (first.unit, first.start, first.lower, first.upper) == ("N/m", 50.0, 0.0, math.inf)
+    assert (weight.members, weight.unit, weight.lower) == (((-3, "mass"),), "kg", 0.0)
+    assert mixed.coefficient("s3.k") == UNKNOWN(50.0, lower=0.0)
+    assert mixed.link("s3").coefficients["k"].value == 50.0
+
+
+def test_filling_in_unknowns_gives_plain_numbers(mixed: Structure) -> None:
+    found = mixed.with_values({"s1.k": 70.0, "s3.c": 0.5, "m3.mass": 0.4})
+    assert found.parameters == ()
+    assert [link.values["k"] for link in found.links] == [70.0, 70.0, 70.0, 100.0]
+    assert all(c == NUMBER(c.value) for link in found.links for c in link.coefficients.values())
+    np.testing.assert_array_equal(found.mass_values, [1.0, 2.0, 0.4])
+    assert mixed.coefficient("s1.k").value == 50.0, "the structure itself must not change"
+
+
+def test_changing_a_known_value_keeps_sharing() -> None:
+    changed = pair(NUMBER(5.0), SHARED("low.k")).with_values({"high.k": 6.0})
+    assert [link.values["k"] for link in changed.links] == [6.0, 6.0]
+    assert changed.link("high").coefficients["k"].same_as == "low.k"
+
+
+def test_with_values_refuses_what_is_not_there_and_what_contradicts(mixed: Structure) -> None:
+    with pytest.raises(
+        StructureError, match=r'there is no coefficient "s1.kk"; did you mean "s1.k"\?; they are "s1.k"'
+    ):
+        mixed.with_values({"s1.kk": 1.0})
+    with pytest.raises(StructureError, match=r's2.k: it is the same as "s1.k", which is given another value'):
+        mixed.with_values({"s1.k": 1.0, "s2.k": 2.0})
+    with pytest.raises(StructureError, match=r"s1.k: the value of a coefficient is NaN"):
+        mixed.with_values({"s1.k": math.nan})
+    with pytest.raises(StructureError, match=r'mass "m3": the mass is -1.0 kg; it must be positive'):
+        mixed.with_values({"m3.mass": -1.0})
+
+
+@pytest.mark.parametrize(
+    ("which", "free"),
+    [
+        (("all",), {"s1.k", "s1.c", "s2.c", "s3.c", "s4.k", "s4.c", "m3.mass"}),
+        (("s4",), {"s1.k", "s3.c", "s4.k", "s4.c", "m3.mass"}),
+        (("s4.c", "mass:m1"), {"s1.k", "s3.c", "s4.c", "m1.mass", "m3.mass"}),
+        (("s.c",), {"s1.k", "s1.c", "s2.c", "s3.c", "s4.c", "m3.mass"}),
+    ],
+)
+def test_unknown_chooses_by_link_beginning_coefficient_and_mass(
+    mixed: Structure, which: tuple[str, ...], free: set[str]
+) -> None:
+    assert {parameter.name for parameter in mixed.unknown(*which).parameters} == free
+
+
+def test_unknown_leaks_neither_value_nor_start_but_keeps_bounds(mixed: Structure) -> None:
+    freed = mixed.unknown("s1", "s3", "s4", "mass:m3")
+    assert all(parameter.start is None for parameter in freed.parameters)
+    assert freed.coefficient("s1.k").lower == 0.0
+    with pytest.raises(StructureError, match=r'link "s1": coefficient k is unknown and has no start'):
+        _ = freed.link("s1").values
+    with pytest.raises(StructureError, match=r'mass "m3": it is unknown and has no start'):
+        _ = freed.mass_values
+
+
+def test_unknown_frees_the_leader_of_a_shared_coefficient() -> None:
+    freed = pair(NUMBER(5.0), SHARED("low.k")).unknown("high")
+    assert {parameter.name for parameter in freed.parameters} == {"low.k", "high.c"}
+
+
+def test_an_exact_link_name_is_not_taken_for_a_beginning() -> None:
+    links = (spring("nes1", "a", GROUND), spring("nes10", "a", GROUND))
+    freed = Structure("", (mass("a"),), links).unknown("nes1")
+    assert {parameter.name for parameter in freed.parameters} == {"nes1.k", "nes1.c"}
+
+
+def test_unknown_refuses_a_choice_of_nothing(mixed: Structure) -> None:
+    message = r'"nes" is no link, no beginning of link names and no coefficient; the links are "s1", "s2", "s3", "s4"'
+    with pytest.raises(StructureError, match=message):
+        mixed.unknown("nes")
+    with pytest.raises(StructureError, match=r"say what is unknown"):
+        mixed.unknown()
+    with pytest.raises(StructureError, match=r'there is no mass "m4".*; the masses are "m1", "m2", "m3"'):
+        mixed.unknown("mass:m4")
+
+
+def test_lookups_list_the_names_there_are(mixed: Structure) -> None:
+    assert mixed.mass("m2").mass.value == 2.0
+    with pytest.raises(
+        StructureError, match=r'there is no link "s44"; did you mean "s4"\?; the links are "s1", "s2"'
+    ):
+        mixed.link("s44")
+    many = Structure(
+        "",
+        tuple(mass(f"m{i}") for i in range(20)),
+        tuple(spring(f"s{i}", f"m{i}", GROUND) for i in range(20)),
+    )
+    with pytest.raises(StructureError, match=r'"s8", "s9", \.\.\., "s19"$'):
+        many.link("zzz")
+
+
+def test_shape_key_follows_topology_and_laws_not_values() -> None:
+    base = pair(NUMBER(1.0), NUMBER(2.0))
+    assert base.shape_key == pair(UNKNOWN(), NUMBER(3.0)).shape_key
+    turned = Structure("pair", base.masses, (base.links[0], spring("high", "a", "b")))
+    other_law = Link("high", ("b", "a"), Law.parse("k*d"), {"k": NUMBER(1.0)})
+    assert (
+        len(
+            {
+                base.shape_key,
+                turned.shape_key,
+                Structure("", base.masses, (base.links[0], other_law)).shape_key,
+            }
+        )
+        == 3
+    )
+
+
+def test_structures_compare_hash_and_pickle(mixed: Structure) -> None:
+    again = pickle.loads(pickle.dumps(mixed))
+    assert again == mixed
+    assert hash(again) == hash(mixed)
+    assert mixed != mixed.unknown("s4")
+
+
+def test_coefficients_follow_the_order_of_the_law_and_cannot_be_changed() -> None:
+    link = Link("s", ("a", GROUND), Law.parse("k*d + c*v"), {"c": NUMBER(1.0), "k": NUMBER(2.0)})
+    assert list(link.coefficients) == ["k", "c"]
+    with pytest.raises(TypeError):
+        link.coefficients["k"] = NUMBER(3.0)  # type: ignore[index]
+
+
+def test_a_link_gives_force_slopes_and_potential_in_the_shape_asked_for() -> None:
+    law = Law.parse("f0 + alpha*d + beta*d**3 + c*v")
+    values = {"f0": NUMBER(2.0), "alpha": NUMBER(-100.0), "beta": NUMBER(1e6), "c": NUMBER(0.02)}
+    link = Link("nes", ("a", GROUND), law, values)
+    d = np.array([[0.01, -0.02]])
+    np.testing.assert_allclose(link.force(d, 3.0), 2.0 - 100.0 * d + 1e6 * d**3 + 0.06, rtol=1e-12)
+    np.testing.assert_allclose(link.stiffness(d), -100.0 + 3e6 * d**2, rtol=1e-12)
+    np.testing.assert_allclose(link.tangent(d)[1], np.full((1, 2), 0.02), rtol=1e-12)
+    np.testing.assert_allclose(link.potential(d), 2.0 * d - 50.0 * d**2 + 2.5e5 * d**4, rtol=1e-12)
+    constant = Link("f", ("a", GROUND), Law.parse("f0"), {"f0": NUMBER(2.0)})
+    np.testing.assert_array_equal(constant.force(np.zeros(3)), [2.0, 2.0, 2.0])
+    np.testing.assert_array_equal(constant.stiffness(np.zeros(3)), [0.0, 0.0, 0.0])
+
+
+A, B = mass("a"), mass("b")
+LOW = spring("low", "a", GROUND)
+LAW = Law.parse("k*d + c*v")
+
+REFUSED = {
+    "no mass at all": (lambda: Structure("", (), ()), "a structure needs at least one mass"),
+    "zero mass": (lambda: mass("a", 0.0), 'mass "a": the mass is 0.0 kg; it must be positive'),
+    "negative mass": (lambda: mass("a", -2.0), 'mass "a": the mass is -2.0 kg; it must be positive'),
+    "mass that is NaN": (
+        lambda: mass("a", math.nan),
+        "the value of a coefficient is NaN (not a number); give a number",
+    ),
+    "infinite mass": (lambda: mass("a", math.inf), "a coefficient must be a finite number, got inf"),
+    "negative start of a mass": (
+        lambda: Mass("a", UNKNOWN(-1.0)),
+        'mass "a": the start of the unknown mass is -1.0 kg; it must be positive',
+    ),
+    "mass bounded to nothing": (
+        lambda: Mass("a", UNKNOWN(upper=-1.0)),
+        'mass "a": the upper bound -1.0 kg leaves no positive mass',
+    ),
+    "number that is true": (lambda: NUMBER(True), "the value of a coefficient must be a number, got True"),
+    "number that is a word": (
+        lambda: NUMBER("ten"),
+        "the value of a coefficient must be a number, got 'ten'",
+    ),
+    "known without value": (
+        lambda: Coefficient(None, True),
+        'a known coefficient needs a value; write "unknown" if',
+    ),
+    "bounds upside down": (
+        lambda: UNKNOWN(lower=2.0, upper=1.0),
+        "the lower bound 2.0 must be below the upper bound 1.0",
+    ),
+    "start outside bounds": (
+        lambda: UNKNOWN(3.0, lower=0.0, upper=1.0),
+        "the bounds 0.0 to 1.0 exclude the start 3.0; widen them or move the start",
+    ),
+    "reserved name": (lambda: mass("ground"), 'mass: a mass cannot be named "ground"'),
+    "empty name": (lambda: mass(""), "mass: a mass needs a name, got ''"),
+    "name with a bracket": (lambda: mass("m[1]"), "mass: the name 'm[1]' cannot be used"),
+    "name of a path": (lambda: spring("../s", "a", GROUND), "link: the name '../s' cannot be used"),
+    "two masses of a name": (
+        lambda: Structure("", (A, A), (LOW,)),
+        'mass "a": the name is used 2 times; each mass needs',
+    ),
+    "two links of a name": (
+        lambda: Structure("", (A,), (LOW, LOW)),
+        'link "low": the name is used 2 times; each link',
+    ),
+    "mass that nothing holds": (
+        lambda: Structure("", (A, B), (LOW,)),
+        'mass "b": nothing holds it: no link has it as an end; add a link or remove the mass',
+    ),
+    "link to itself": (
+        lambda: spring("low", "a", "a"),
+        'link "low": both ends are "a": a link to itself exerts no force',
+    ),
+    "ground to base": (lambda: spring("low", BASE, GROUND), 'link "low": "base" and "ground" are no masses'),
+    "three ends": (
+        lambda: Link("low", ("a", "b", "c"), LAW, {}),  # type: ignore[arg-type]
+        "link \"low\": `between` names two ends, got ['a', 'b', 'c']",
+    ),
+    "unknown end": (
+        lambda: Structure("", (A, mass("beam")), (LOW, spring("up", "baem", "a"))),
+        'link "up": "baem" is neither a mass nor "ground" nor "base"; did you mean "beam"?; the masses are "a", "beam"',
+    ),
+    "missing coefficient": (
+        lambda: Link("low", ("a", GROUND), LAW, {"k": NUMBER(1.0)}),
+        'link "low": the law k*d + c*v needs c: add c = "unknown" (or a number) to its coefficients',
+    ),
+    "extra coefficient": (
+        lambda: spring("low", "a", GROUND, kk=NUMBER(1.0)),
+        'link "low": coefficient kk is not in the law k*d + c*v, whose coefficients are k, c; did you mean "k"?',
+    ),
+    "shared with nothing": (
+        lambda: pair(NUMBER(1.0), SHARED("lwo.k")),
+        'high.k: "=lwo.k" names no coefficient of this structure; did you mean "low.k"?',
+    ),
+    "shared in a circle": (
+        lambda: pair(SHARED("high.k"), SHARED("low.k")),
+        "low.k: coefficients share each other in a circle, low.k = high.k = low.k: give one of them a number",
+    ),
+    "shared with itself": (lambda: pair(SHARED("low.k"), NUMBER(1.0)), "in a circle, low.k = low.k"),
+    "shared across units": (
+        lambda: pair(NUMBER(1.0), SHARED("low.c")),
+        'high.k: it is in N/m and cannot equal "low.c" in N s/m',
+    ),
+    "full name used twice": (
+        lambda: Structure("", (A,), (Link("a", ("a", GROUND), Law.parse("mass*d"), {"mass": NUMBER(1.0)}),)),
+        '"a.mass" is a mass and a coefficient of the link of that name; rename one of them',
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_is_refused_in_words(case: str) -> None:
+    build, message = REFUSED[case]
+    with pytest.raises(StructureError, match=re.escape(message)):
+        build()
+
+
+def test_a_group_that_floats_is_allowed() -> None:
+    """Only a mass without any link is refused; two masses on one spring may fly."""
+    assert Structure("", (A, B), (spring("s", "b", "a"),)).size == 2
+
+
+def test_a_thousand_masses_are_built_and_changed_in_time_linear_in_size() -> None:
+    """Ten times the masses may take at most thirty times as long: a quadratic method takes a hundred."""
+
+    def seconds(n: int) -> float:
+        began = time.perf_counter()
+        masses = tuple(mass(f"m{i}") for i in range(n))
+        links = tuple(spring(f"s{i}", f"m{i}", f"m{i - 1}" if i else GROUND) for i in range(n))
+        chain = Structure("", masses, links).unknown("all")
+        found = chain.with_values({parameter.name: 1.0 for parameter in chain.parameters})
+        found.elongations(np.zeros((2, n)))
+        return time.perf_counter() - began
+
+    seconds(100)
+    assert min(seconds(2000) for _ in range(3)) < 30.0 * min(seconds(200) for _ in range(3))
