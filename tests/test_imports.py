@@ -1,0 +1,130 @@
+"""The house of DESIGN.md, walked: one direction, no circles, one door to each guarded library."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import linkwise
+
+SOURCE = Path(linkwise.__file__).parent
+FLOORS = {  # from the ground up; a module may import from its own floor and those below it
+    "words": "errors units output expression",
+    "nouns": """law link coefficient sharing structure structure_file chains wells equilibria modes energy
+        excitation channel timeline resampling decimation simulated record files""",
+    "motion": "engine simulate",
+    "views": "noise smooth derive library equations window weakform atoms noisebias motion weak",
+    "estimators": "sparse weakfit likelihood estimate",
+    "questions": "identify discover validate absorb",
+    "campaigns": "study",
+    "pictures": "plot report answer",
+    "doors": "cli linkwise",
+}
+HEIGHT = {room: height for height, rooms in enumerate(FLOORS.values()) for room in rooms.split()}
+DOORS = {"heyoka": "engine.py", "pint": "units.py"}  # the one file that may import each
+FILES = sorted(SOURCE.rglob("*.py"))
+
+
+def module_name(path: Path) -> str:
+    """`linkwise.cli.simulate` for the file of that module; the package's own name for its `__init__.py`."""
+    parts = path.relative_to(SOURCE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path) for path in FILES}
+
+
+def imported(tree: ast.AST) -> Iterator[str]:
+    """Full dotted names that the tree imports; of `from a import b` it is `a.b` where that is a module."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = "." * node.level + (node.module or "")
+            names = (f"{base}.{alias.name}" for alias in node.names)
+            yield from (name if name in MODULES else base for name in names)
+
+
+def imports_of(path: Path) -> set[str]:
+    """What a file of the package imports, as `imported` gives it."""
+    return set(imported(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+def room(module: str) -> str:
+    """The file or folder directly under linkwise that a module belongs to; "linkwise" for the package itself."""
+    return module.split(".")[1] if "." in module else module
+
+
+def imports_inside_functions(tree: ast.AST) -> list[int]:
+    """Line numbers of import statements within a function's body."""
+    return sorted(
+        {
+            inner.lineno
+            for node in ast.walk(tree)
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
+            for inner in ast.walk(node)
+            if isinstance(inner, (ast.Import, ast.ImportFrom))
+        }
+    )
+
+
+def climbs(module: str, target: str) -> bool:
+    """Whether an import of `target` in `module` goes up the floors."""
+    return HEIGHT[room(target)] > HEIGHT[room(module)]
+
+
+def test_every_module_has_a_floor() -> None:
+    assert {room(name) for name in MODULES} <= set(HEIGHT)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(SOURCE)))
+def test_imports_go_down(path: Path) -> None:
+    name = module_name(path)
+    inside = [target for target in imports_of(path) if target.split(".")[0] == "linkwise"]
+    assert [target for target in inside if climbs(name, target)] == []
+
+
+def test_no_circles() -> None:
+    """Importing a submodule runs its packages' `__init__` too, but the lazy top package never counts."""
+    graph: dict[str, set[str]] = {}
+    for path in FILES:
+        name = module_name(path)
+        if name != "linkwise":
+            graph[name] = imports_of(path) & MODULES - {"linkwise"}
+    assert len(list(TopologicalSorter(graph).static_order())) >= len(graph)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(SOURCE)))
+def test_no_import_inside_a_function(path: Path) -> None:
+    assert imports_inside_functions(ast.parse(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize(("library", "door"), DOORS.items())
+def test_guarded_libraries_have_one_door(library: str, door: str) -> None:
+    users = [path for path in FILES if library in {target.split(".")[0] for target in imports_of(path)}]
+    assert users == [SOURCE / door]
+
+
+def test_imports_are_absolute() -> None:
+    """So that a line says where a name comes from, and the walk above is complete."""
+    assert [path for path in FILES if any(target.startswith(".") for target in imports_of(path))] == []
+
+
+def test_nobody_imports_pyplot() -> None:
+    """Its global state keeps every figure alive and picks a display."""
+    assert [path for path in FILES if any("pyplot" in target for target in imports_of(path))] == []
+
+
+def test_the_walk_sees_what_it_must_refuse() -> None:
+    """Beside each check, one that must be refused."""
+    tree = ast.parse("def f():\n    from linkwise.cli import main\n")
+    assert list(imported(tree)) == ["linkwise.cli"]
+    assert list(imported(ast.parse("from . import law"))) == ["."]
+    assert imports_inside_functions(tree) == [2]
+    assert climbs("linkwise.law", "linkwise.cli") and not climbs("linkwise.cli", "linkwise.law")
+    with pytest.raises(ValueError, match="cycle"):
+        list(TopologicalSorter({"a": {"b"}, "b": {"a"}}).static_order())
