@@ -1,0 +1,185 @@
+"""Equilibria and their stability, against closed forms, Newton's method against products, and eigenvalues."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from linkwise.chains import bnes_chain
+from linkwise.coefficient import Coefficient
+from linkwise.equilibria import Equilibria, equilibria
+from linkwise.errors import StructureError
+from linkwise.law import Law
+from linkwise.structure import BASE, GROUND, Link, Mass, Structure
+
+
+def link(name: str, first: str, second: str, text: str, **values: float) -> Link:
+    coefficients = {key: Coefficient.number(value) for key, value in values.items()}
+    return Link(name, (first, second), Law.parse(text), coefficients)
+
+
+def structure(*links: Link) -> Structure:
+    names = sorted({end for one in links for end in one.between} - {GROUND, BASE})
+    return Structure("", tuple(Mass(name, Coefficient.number(1.0)) for name in names), links)
+
+
+def bistable(name: str, first: str, second: str) -> Link:
+    return link(name, first, second, "alpha*d + beta*d**3", alpha=-100.0, beta=1e6)
+
+
+def net_force(one: Structure, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    d = one.elongations(x, 0.0)
+    return one.incidence @ np.array([float(held.force(d[i])) for i, held in enumerate(one.links)])
+
+
+def tangent_eigenvalues(one: Structure, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    d = one.elongations(x, 0.0)
+    incidence = one.incidence.toarray()
+    slopes = np.array([float(held.stiffness(d[i])) for i, held in enumerate(one.links)])
+    return np.linalg.eigvalsh(incidence * slopes @ incidence.T)
+
+
+def positions(found: Equilibria) -> set[tuple[float, ...]]:
+    return {tuple(np.round(point.x, 9) + 0.0) for point in found}
+
+
+@pytest.mark.parametrize("n", [2, 4, 6])
+def test_each_sink_of_the_chain_rests_in_either_well_or_on_top(n: int) -> None:
+    found = equilibria(bnes_chain(n))
+    wanted = {
+        tuple(np.array([(0.0, d) for d in choice]).ravel())
+        for choice in product((-0.01, 0.0, 0.01), repeat=n // 2)
+    }
+    assert positions(found) == wanted
+    assert (len(found.stable), found.complete, found.note) == (2 ** (n // 2), True, "")
+    assert found[0].energy == pytest.approx(-0.0025 * n / 2, rel=1e-12)
+    assert [point.stable for point in found] == sorted((point.stable for point in found), reverse=True)
+
+
+def test_stability_is_that_of_the_eigenvalues_of_the_tangent_stiffness() -> None:
+    """Sylvester's law, which the code uses for chains, against the eigenvalues themselves."""
+    chain = bnes_chain(6)
+    for point in equilibria(chain):
+        assert point.stable == bool(np.all(tangent_eigenvalues(chain, point.x) > 0.0))
+        assert point.neutral == 0
+
+
+def test_ten_sinks_are_cut_at_the_limit_which_is_said_with_the_wells_first() -> None:
+    found = equilibria(bnes_chain(20))
+    assert (len(found), len(found.stable), found.complete) == (4096, 1024, False)
+    assert found.note == "59049 combinations of rest points, of which only 4096 were used, wells first"
+    huge = equilibria(bnes_chain(200), limit=3)
+    assert (len(huge), len(huge.stable)) == (3, 3)
+    assert huge.note.startswith("1e47 combinations")
+
+
+def test_links_side_by_side_act_as_one_whichever_way_they_point() -> None:
+    """The bistable law in two halves, the second one turned round, and a constant force of its own."""
+    halves = structure(link("a", "m", GROUND, "a*d", a=-100.0), link("b", GROUND, "m", "b*d**3", b=1e6))
+    assert positions(equilibria(halves)) == {(-0.01,), (0.0,), (0.01,)}
+    loaded = structure(link("k", "m", BASE, "k*d", k=50.0), link("f", GROUND, "m", "f0", f0=2.0))
+    (only,) = equilibria(loaded)
+    np.testing.assert_allclose(only.x, [0.04], rtol=1e-12)
+    assert only.stable
+    assert only.energy == pytest.approx(0.5 * 50.0 * 0.04**2 - 2.0 * 0.04, rel=1e-12)
+
+
+def test_a_circle_of_linear_springs_under_a_constant_force() -> None:
+    """Two masses, three springs, the right one pulled: K x = F by hand."""
+    ring = structure(
+        link("s1", "a", GROUND, "k*d", k=100.0),
+        link("s2", "b", "a", "k*d", k=50.0),
+        link("s3", "b", GROUND, "k*d + f0", k=20.0, f0=-3.0),
+    )
+    found = equilibria(ring)
+    assert len(found) == 1
+    np.testing.assert_allclose(
+        found[0].x, np.linalg.solve([[150.0, -50.0], [-50.0, 70.0]], [0.0, 3.0]), rtol=1e-9
+    )
+    assert found[0].stable
+    assert not found.complete
+    assert (
+        found.note
+        == "the links close a circle, so Newton's method searched from 1 combinations of rest points"
+    )
+
+
+def test_two_sinks_joined_by_a_soft_spring_have_nine_equilibria_and_by_a_stiff_one_three() -> None:
+    """Fold of the mixed states: for x1 = -x2, -100 x + 1e6 x**3 + 2 k x = 0 has a root besides 0 only for k < 50."""
+
+    def joined(k: float) -> Structure:
+        return structure(
+            bistable("n1", "a", GROUND), bistable("n2", "b", GROUND), link("k", "b", "a", "k*d", k=k)
+        )
+
+    soft, stiff = equilibria(joined(5.0)), equilibria(joined(500.0))
+    assert (len(soft), len(soft.stable)) == (9, 4)
+    assert (len(stiff), len(stiff.stable)) == (3, 2)
+    mixed = math.sqrt((100.0 - 2.0 * 5.0) / 1e6)
+    assert (round(mixed, 9), round(-mixed, 9)) in positions(soft)
+    for k, found in ((5.0, soft), (500.0, stiff)):
+        for point in found:
+            np.testing.assert_allclose(net_force(joined(k), point.x), 0.0, atol=1e-9)
+            assert point.stable == bool(np.all(tangent_eigenvalues(joined(k), point.x) > 0.0))
+
+
+def test_newton_from_given_starts_agrees_with_the_product_of_wells() -> None:
+    chain = bnes_chain(4)
+    found = equilibria(chain, start=[[1e-3, 0.012, -1e-3, -0.008], [0.0, 0.0, 0.0, 0.0]])
+    assert positions(found) == {(0.0, 0.01, 0.0, -0.01), (0.0, 0.0, 0.0, 0.0)}
+    assert [point.stable for point in found] == [True, False]
+    assert found.note == "searched from the given starts only"
+    assert found[0].energy == pytest.approx(-0.005, rel=1e-9)
+
+
+def test_a_start_from_which_nothing_balances_is_said() -> None:
+    pushed = structure(link("f", "m", GROUND, "f0 + k*d**2", f0=1.0, k=1.0))
+    assert equilibria(pushed).note == 'there is none: the force of link "f" vanishes nowhere'
+    found = equilibria(pushed, start=[0.3])
+    assert (len(found), found.note) == (
+        0,
+        "searched from the given starts only; 1 of 1 starts did not settle",
+    )
+
+
+def test_a_floating_structure_is_said_to_float() -> None:
+    flying = structure(bistable("n", "b", "a"))
+    found = equilibria(flying)
+    assert positions(found) == {(-0.005, 0.005), (0.005, -0.005), (0.0, 0.0)}
+    assert [point.neutral for point in found] == [1, 1, 1]
+    assert [point.stable for point in found] == [True, True, False]
+    assert found.note == (
+        "1 rigid motion that no elastic link resists: displacements are given up to it, with the least sum of squares"
+    )
+
+
+def test_a_mass_on_a_damper_alone_is_free_to_rest_anywhere() -> None:
+    held = structure(link("s", "a", GROUND, "k*d", k=1.0), link("c", "b", "a", "c*v", c=1.0))
+    (only,) = equilibria(held)
+    assert (only.stable, only.neutral) == (True, 1)
+    dampers = structure(link("c", "a", GROUND, "c*v", c=1.0))
+    (anywhere,) = equilibria(dampers)
+    assert (anywhere.stable, anywhere.neutral) == (True, 1)
+    assert "1 rigid motion" in equilibria(dampers).note
+
+
+def test_a_cubic_spring_is_stable_and_neutral() -> None:
+    (only,) = equilibria(structure(link("s", "a", GROUND, "k*d**3", k=1.0)))
+    assert (only.stable, only.neutral) == (True, 1)
+
+
+def test_starts_and_laws_that_cannot_be_are_refused() -> None:
+    with pytest.raises(StructureError, match=r"a start is 2 finite displacements in m, one for each mass"):
+        equilibria(bnes_chain(2), start=[0.0, 0.0, 0.0])
+    with pytest.raises(StructureError, match=r"a start is 2 finite displacements"):
+        equilibria(bnes_chain(2), start=[0.0, math.nan])
+    with pytest.raises(StructureError, match=r'link "spring1": coefficient k is unknown and has no start'):
+        equilibria(bnes_chain(2).unknown("all"))
+    pendulum = structure(link("p", "a", GROUND, "F*sin(d/s)", F=1.0, s=0.1))
+    with pytest.raises(StructureError, match=r'link "p": .*give the range of d that is meant \(`reach`\)'):
+        equilibria(pendulum)
+    assert len(equilibria(pendulum, reach=(-0.5, 0.5))) == 3

@@ -1,0 +1,107 @@
+"""Wells and barrier of one force law, against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from linkwise.chains import bnes_chain
+from linkwise.coefficient import Coefficient
+from linkwise.errors import StructureError
+from linkwise.law import Law
+from linkwise.structure import GROUND, Link
+from linkwise.wells import barrier, rest_points, wells
+
+
+def link(text: str, **values: float) -> Link:
+    return Link(
+        "s",
+        ("a", GROUND),
+        Law.parse(text),
+        {name: Coefficient.number(value) for name, value in values.items()},
+    )
+
+
+def rests(one: Link, lo: float | None = None, hi: float | None = None) -> list[tuple[float, bool]]:
+    return [(point.d, point.well) for point in rest_points(one.force, one.stiffness, lo, hi)]
+
+
+@pytest.mark.parametrize(("alpha", "beta"), [(-100.0, 1e6), (-3e-4, 2e9), (-5e5, 1e-2)])
+def test_bistable_law_has_the_closed_form_of_methods_7(alpha: float, beta: float) -> None:
+    """Identity, whatever the scale: wells from 1e-7 to 1e4 m."""
+    sink = link("alpha*d + beta*d**3 + c*v", alpha=alpha, beta=beta, c=0.02)
+    well = math.sqrt(-alpha / beta)
+    np.testing.assert_allclose(wells(sink), [-well, well], rtol=1e-12)
+    assert barrier(sink) == pytest.approx(alpha**2 / (4.0 * beta), rel=1e-12)
+    (low, top, high) = rest_points(sink.force, sink.stiffness)
+    assert (top.d, top.well) == (0.0, False)
+    np.testing.assert_allclose(
+        [low.stiffness, top.stiffness, high.stiffness], [-2 * alpha, alpha, -2 * alpha], rtol=1e-12
+    )
+
+
+def test_a_spring_has_one_well_and_no_barrier() -> None:
+    assert wells(link("k*d", k=3.0)) == (0.0,)
+    assert barrier(link("k*d", k=3.0)) is None
+    assert wells(link("k*d**3", k=3.0)) == (0.0,)
+    assert wells(link("f0 + k*d", f0=6.0, k=-3.0)) == (), "a negative spring rests on a top"
+
+
+def test_a_constant_force_moves_the_well() -> None:
+    np.testing.assert_allclose(wells(link("f0 + k*d", f0=6.0, k=3.0)), [-2.0], rtol=1e-12)
+
+
+def test_unequal_wells_are_left_from_the_deepest_one() -> None:
+    """f = (d + 3)(d - 1)(d - 2), so that U = d**4/4 - 7 d**2/2 + 6 d; the deeper well is at -3."""
+    uneven = link("a*(d + 3)*(d - 1)*(d - 2)", a=1.0)
+    energy = [d**4 / 4 - 7 * d**2 / 2 + 6 * d for d in (-3.0, 1.0)]
+    np.testing.assert_allclose(wells(uneven), [-3.0, 2.0], rtol=1e-12)
+    assert barrier(uneven) == pytest.approx(energy[1] - energy[0], rel=1e-12)
+
+
+def test_wells_closer_than_the_grid_are_told_apart() -> None:
+    """A well and a top between two neighbouring points of the search; the zero of the slope gives them away."""
+    near = link("a*d*(d - 1)*(d - 1.001)", a=1.0)
+    np.testing.assert_allclose(wells(near), [0.0, 1.001], rtol=1e-9)
+
+
+def test_a_range_leaves_out_what_lies_beyond() -> None:
+    sink = bnes_chain(2).link("nes1")
+    assert wells(sink, 0.005, 0.02) == pytest.approx((0.01,), rel=1e-12)
+    assert wells(sink, -0.005, 0.005) == ()
+    assert barrier(sink, 0.0, 0.02) is None
+    assert rests(sink, 0.0, 0.02)[0] == (0.0, False), "a zero on the edge of the range belongs to it"
+
+
+def test_clearance_jump_and_pole() -> None:
+    """A gap rests at its middle; a friction-like jump through zero is a well; a pole is no zero."""
+    gap = link("k*(max(d - g, 0) + min(d + g, 0))", k=5.0, g=0.1)
+    assert rests(gap) == [(0.0, True)]
+    jump = link("k*d + F*sign(d - g)", k=1.0, F=4.0, g=0.5)
+    np.testing.assert_allclose(wells(jump), [0.5], rtol=1e-12)
+    pole = link("k/(1 + d)", k=1.0)
+    assert rests(pole) == []
+
+
+def test_pure_dampers_and_constant_forces_have_no_rest() -> None:
+    assert rests(link("c*v", c=1.0)) == []
+    assert rests(link("f0", f0=1.0)) == []
+
+
+def test_a_periodic_law_asks_for_a_range() -> None:
+    pendulum = link("F*sin(d/s)", F=1.0, s=0.1)
+    with pytest.raises(
+        StructureError, match=r'link "s": the force vanishes at more than 64 elongations; give the range of d'
+    ):
+        wells(pendulum)
+    np.testing.assert_allclose(wells(pendulum, -1.0, 1.0), [-0.2 * math.pi, 0.0, 0.2 * math.pi], rtol=1e-12)
+    assert barrier(pendulum, -1.0, 1.0) == pytest.approx(0.2, rel=1e-12)
+
+
+def test_an_empty_range_and_a_missing_value_are_refused() -> None:
+    with pytest.raises(StructureError, match=r'link "s": the range of d from 1.0 to 1.0 is empty'):
+        wells(link("k*d", k=1.0), 1.0, 1.0)
+    with pytest.raises(StructureError, match=r'link "nes1": coefficient alpha is unknown and has no start'):
+        barrier(bnes_chain(2).unknown("nes").link("nes1"))
