@@ -1,0 +1,128 @@
+"""Linear modes of a structure about an equilibrium.
+
+The laws are replaced by their tangents at rest: M q'' + C q' + K q = 0 with K = B diag(df/dd) B', C = B diag(df/dv) B'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigh
+from scipy.optimize import linear_sum_assignment
+
+from linkwise.equilibria import equilibria
+from linkwise.errors import StructureError
+from linkwise.structure import Structure
+
+Array = NDArray[np.float64]
+
+_ZERO = 1e-10  # a squared frequency below this part of the largest is taken for zero (rounding of the eigensolver)
+_AT_REST = 1e-9  # net force over the largest stiffness times the largest displacement
+_DIAGONAL = 1e-12  # damping that couples the modes less than this is modal
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The n modes about `at` (n,), in m, by rising squared frequency.
+
+    `frequencies` (n,) in Hz of the undamped structure, 0 for a rigid motion, NaN where the stiffness is negative. `damping`
+    (n,) ratios from the eigenvalues of the damped one, NaN where the frequency is not positive. `shapes` (n, n), a column a
+    mode, mass-normalised: shapes' M shapes = 1; its largest entry is positive. `eigenvalues` (2n,) in 1/s of the state matrix,
+    by rising modulus. `note` says in words what is not an ordinary vibration about an equilibrium.
+    """
+
+    at: Array
+    frequencies: Array
+    damping: Array
+    shapes: Array
+    eigenvalues: NDArray[np.complex128]
+    note: str
+
+
+def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
+    """The modes of `structure` about the displacements `at` (n,) in m; without them, its stable equilibrium of least energy.
+
+    Raises StructureError where there is none, for a shape that does not fit and for a coefficient without a value.
+    """
+    x = _rest(structure) if at is None else np.asarray(at, dtype=float)
+    if x.shape != (structure.size,) or not np.isfinite(x).all():
+        raise StructureError(f"`at` is {structure.size} finite displacements in m, one for each mass")
+    mass = np.diag(structure.mass_values)
+    stiffness, damping, residual = _tangent(structure, x)
+    squares, shapes = eigh(stiffness, mass)
+    shapes *= np.sign(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(structure.size)])
+    squares[np.abs(squares) <= _ZERO * np.abs(squares).max(initial=0.0)] = 0.0
+    modal = shapes.T @ damping @ shapes
+    eigenvalues, pairs = _eigenvalues(squares, modal)
+    with np.errstate(invalid="ignore"):  # negative stiffness has no frequency: NaN
+        omega = np.sqrt(squares)
+    ratios = np.full(structure.size, np.nan)
+    moving = omega > 0.0
+    product = np.sqrt(np.abs(pairs[moving].prod(axis=1)))
+    ratios[moving] = -pairs[moving].sum(axis=1).real / (2.0 * product)
+    order = np.argsort(np.abs(eigenvalues), kind="stable")
+    return Modes(
+        x, omega / (2.0 * np.pi), ratios, shapes, eigenvalues[order], _note(structure, squares, residual)
+    )
+
+
+def _rest(structure: Structure) -> Array:
+    found = equilibria(structure)
+    if not found.stable:
+        raise StructureError(
+            f"no stable equilibrium was found{': ' + found.note if found.note else ''}; give `at`"
+        )
+    return found.stable[0].x
+
+
+def _tangent(structure: Structure, x: Array) -> tuple[Array, Array, Array]:
+    """Stiffness (n, n), damping (n, n) and the net forces (n,) of the links at rest at `x`; the base is at its zero."""
+    d = structure.elongations(x, 0.0)
+    slopes = np.array([link.tangent(place) for link, place in zip(structure.links, d, strict=True)])
+    forces = np.array([float(link.force(place)) for link, place in zip(structure.links, d, strict=True)])
+    incidence = structure.incidence
+    stiffness = (incidence * slopes[None, :, 0]) @ incidence.T
+    damping = (incidence * slopes[None, :, 1]) @ incidence.T
+    net = incidence @ forces
+    rounding = _AT_REST * np.abs(slopes[:, 0]).max(initial=0.0) * np.abs(x).max(initial=0.0)
+    at_rest = np.abs(net) <= rounding
+    return stiffness.toarray(), damping.toarray(), np.where(at_rest, 0.0, net)
+
+
+def _eigenvalues(squares: Array, modal: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """All 2n eigenvalues of the state matrix, and (n, 2) the two that belong to each undamped mode.
+
+    In modal coordinates the state matrix is [[0, 1], [-squares, -modal]]. Eigenvectors are given to modes, two to each, so
+    that the sum of their shares in the modes' motion is the largest.
+    """
+    n = len(squares)
+    off = modal - np.diag(np.diag(modal))
+    if np.abs(off).max(initial=0.0) <= _DIAGONAL * np.abs(modal).max(initial=0.0):
+        half = 0.5 * np.asarray(np.diag(modal), dtype=np.complex128)
+        root = np.sqrt(half**2 - squares)
+        pairs = np.stack([-half + root, -half - root], axis=1)
+        return pairs.reshape(-1), pairs
+    state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(squares), -modal]])
+    values, vectors = np.linalg.eig(state.astype(complex))
+    shares = np.abs(vectors[:n]) ** 2
+    shares /= shares.sum(axis=0)
+    rows, columns = linear_sum_assignment(np.repeat(shares, 2, axis=0), maximize=True)
+    return values, values[columns[np.argsort(rows)]].reshape(n, 2)
+
+
+def _note(structure: Structure, squares: Array, residual: Array) -> str:
+    notes = []
+    if np.any(residual):
+        worst = int(np.argmax(np.abs(residual)))
+        pushed = f'the links push mass "{structure.mass_names[worst]}" with {-residual[worst]:.3g} N'
+        notes.append(f"this is no equilibrium: {pushed}")
+    rigid, unstable = int(np.sum(squares == 0.0)), int(np.sum(squares < 0.0))
+    if rigid:
+        notes.append(f"{rigid} of {len(squares)} modes at 0 Hz: no elastic link resists that motion")
+    if unstable:
+        notes.append(
+            f"{unstable} of {len(squares)} modes of negative stiffness: unstable there, without a frequency"
+        )
+    return "; ".join(notes)

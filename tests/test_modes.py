@@ -1,0 +1,126 @@
+"""Linear modes, against closed forms and the defining equations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from linkwise.chains import bnes_chain
+from linkwise.coefficient import Coefficient
+from linkwise.equilibria import equilibria
+from linkwise.errors import StructureError
+from linkwise.law import Law
+from linkwise.modes import modes
+from linkwise.structure import GROUND, Link, Mass, Structure
+
+SPRING = Law.parse("k*d + c*v")
+
+
+def row(k: list[float], c: list[float], masses: list[float], *, grounded: bool = True) -> Structure:
+    """Masses in a row on springs with dampers, the first one on the ground unless it flies."""
+    bodies = tuple(Mass(f"m{i}", Coefficient.number(m)) for i, m in enumerate(masses))
+    ends = [(f"m{i}", f"m{i - 1}" if i else GROUND) for i in range(len(masses))][0 if grounded else 1 :]
+    links = tuple(
+        Link(f"s{i}", end, SPRING, {"k": Coefficient.number(k[i]), "c": Coefficient.number(c[i])})
+        for i, end in enumerate(ends)
+    )
+    return Structure("", bodies, links)
+
+
+def test_one_mass() -> None:
+    found = modes(row([400.0], [2.0], [4.0]))
+    np.testing.assert_allclose(found.frequencies, [10.0 / (2.0 * math.pi)], rtol=1e-12)
+    np.testing.assert_allclose(found.damping, [2.0 / (2.0 * math.sqrt(400.0 * 4.0))], rtol=1e-12)
+    np.testing.assert_allclose(found.shapes, [[0.5]], rtol=1e-12)
+    np.testing.assert_allclose(found.eigenvalues[0].real, -0.25, rtol=1e-12)
+    assert found.note == ""
+
+
+def test_overdamped_mass_has_a_ratio_above_one() -> None:
+    np.testing.assert_allclose(modes(row([1.0], [10.0], [1.0])).damping, [5.0], rtol=1e-9)
+
+
+def test_equal_masses_in_a_row_have_the_textbook_frequencies() -> None:
+    """Fixed-free row: omega_j = 2 sqrt(k/m) sin((2j - 1) pi / (2 (2n + 1)))."""
+    n, k, m = 6, 900.0, 0.25
+    j = np.arange(1, n + 1)
+    omega = 2.0 * math.sqrt(k / m) * np.sin((2 * j - 1) * math.pi / (2 * (2 * n + 1)))
+    stiffness_damping = 1e-4
+    found = modes(row([k] * n, [stiffness_damping * k] * n, [m] * n))
+    np.testing.assert_allclose(found.frequencies, omega / (2.0 * math.pi), rtol=1e-10)
+    np.testing.assert_allclose(found.damping, 0.5 * stiffness_damping * omega, rtol=1e-8)
+
+
+def test_shapes_are_mass_normalised_and_diagonalise_the_stiffness() -> None:
+    chain = bnes_chain(6)
+    rest = equilibria(chain)[0].x
+    found = modes(chain, rest)
+    d = chain.elongations(rest)
+    incidence = chain.incidence.toarray()
+    stiffness = incidence * [float(link.stiffness(d[i])) for i, link in enumerate(chain.links)] @ incidence.T
+    omega2 = (2.0 * np.pi * found.frequencies) ** 2
+    np.testing.assert_allclose(found.shapes.T * chain.mass_values @ found.shapes, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(
+        found.shapes.T @ stiffness @ found.shapes, np.diag(omega2), atol=1e-12 * omega2.max()
+    )
+    assert np.all(found.shapes[np.abs(found.shapes).argmax(axis=0), range(6)] > 0.0)
+    assert np.all(np.diff(found.frequencies) >= 0.0)
+
+
+def test_sink_in_its_well_on_a_heavy_primary_has_the_in_well_frequency() -> None:
+    """As the primary grows heavy and stiff the sink's frequency tends to sqrt(-2 alpha/m): 1e-6 at a ratio of 1e6 and more."""
+    heavy = bnes_chain(2, primary_mass=1e6, k=1e12)
+    found = modes(heavy)
+    np.testing.assert_allclose(found.frequencies[0], math.sqrt(200.0 / 0.01) / (2.0 * math.pi), rtol=1e-6)
+    np.testing.assert_allclose(found.damping[0], 0.02 / (2.0 * math.sqrt(200.0 * 0.01)), rtol=1e-6)
+
+
+def test_damping_ratios_are_those_of_the_eigenvalues_of_the_state_matrix() -> None:
+    """Damping that couples the modes: ratios from an independent eigenvalue problem in physical coordinates."""
+    k, c, m = [900.0, 400.0, 200.0], [0.3, 4.0, 0.1], [1.0, 2.0, 0.5]
+    found = modes(row(k, c, m))
+    b = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
+    state = np.block([[np.zeros((3, 3)), np.eye(3)], [-(b * k @ b.T) / np.c_[m], -(b * c @ b.T) / np.c_[m]]])
+    upper = np.array([value for value in np.linalg.eigvals(state) if value.imag > 0.0])
+    upper = upper[np.argsort(np.abs(upper))]
+    np.testing.assert_allclose(found.damping, -upper.real / np.abs(upper), rtol=1e-8)
+    np.testing.assert_allclose(np.abs(found.eigenvalues[::2]), np.abs(upper), rtol=1e-8)
+
+
+def test_rigid_and_unstable_motions_are_said() -> None:
+    flying = modes(row([50.0], [1.0], [1.0, 1.0], grounded=False))
+    np.testing.assert_allclose(flying.frequencies, [0.0, 10.0 / (2.0 * math.pi)], rtol=1e-12)
+    assert np.isnan(flying.damping[0])
+    np.testing.assert_allclose(flying.damping[1], 0.1, rtol=1e-9)
+    assert flying.note == "1 of 2 modes at 0 Hz: no elastic link resists that motion"
+    top = modes(bnes_chain(2), [0.0, 0.0])
+    assert np.isnan(top.frequencies[0])
+    assert np.isnan(top.damping[0])
+    assert top.frequencies[1] > 0.0
+    assert top.note == "1 of 2 modes of negative stiffness: unstable there, without a frequency"
+    assert top.eigenvalues.real.max() > 0.0
+
+
+def test_without_a_place_the_modes_are_those_of_the_deepest_equilibrium() -> None:
+    chain = bnes_chain(2)
+    np.testing.assert_array_equal(modes(chain).at, equilibria(chain)[0].x)
+
+
+def test_a_place_that_is_no_equilibrium_is_said() -> None:
+    """At d = 0.02 the sink is pulled back by -100*0.02 + 1e6*0.02**3 = 6 N."""
+    assert modes(bnes_chain(2), [0.0, 0.02]).note == 'this is no equilibrium: the links push mass "m1" with 6 N'
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(StructureError, match=r"`at` is 2 finite displacements in m, one for each mass"):
+        modes(bnes_chain(2), [0.0])
+    falling = Structure(
+        "", (Mass("m", Coefficient.number(1.0)),),
+        (Link("f", ("m", GROUND), Law.parse("f0"), {"f0": Coefficient.number(1.0)}),),
+    )  # fmt: skip
+    with pytest.raises(
+        StructureError, match=r"no stable equilibrium was found: .*vanishes nowhere; give `at`"
+    ):
+        modes(falling)
