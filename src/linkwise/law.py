@@ -18,6 +18,7 @@ from linkwise.errors import LawError
 from linkwise.expression import (
     Expression,
     Number,
+    Power,
     Program,
     Symbol,
     add,
@@ -197,22 +198,26 @@ def _parse(text: str) -> Law:
 
 
 def _check_rest(text: str, parsed: Parsed) -> None:
+    """Refuse a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others, all different."""
     names = symbols(parsed.expression)
-    rest = [float(name not in VARIABLES) for name in names]
-    if np.isfinite(Program([parsed.expression], names)(*rest)[0]):
+    others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)}
+    if any(
+        np.isfinite(_at_rest(parsed.expression, values)) for values in (dict.fromkeys(names, 1.0), others)
+    ):
         return
-    for expression, position in parsed.places:
-        inner = symbols(expression)
-        value = Program([expression], inner)(*(float(name not in VARIABLES) for name in inner))[0]
-        if not np.isfinite(value):
-            what = "Division by zero" if np.isinf(value) else "No finite value"
-            raise LawError(
-                f"{what} at rest (d = 0, v = 0, coefficients 1).", text, position,
-                "A law must be finite at rest: keep the divisor away from 0, as in d/(1 + abs(d)/s).",
-            )  # fmt: skip
-    raise LawError(
-        "No finite value at rest (d = 0, v = 0, coefficients 1).", text, None, "Check its constants."
+    expression, position = next(
+        place for place in parsed.places if not np.isfinite(_at_rest(place[0], others))
     )
+    reason, advice = "No finite value", "Check the argument of this function, and the constants."
+    if isinstance(expression, Power):
+        reason, advice = "Division by zero", "Keep the divisor away from 0, as in d/(1 + abs(d)/s)."
+    raise LawError(f"{reason} at rest (d = 0, v = 0); a law must be finite there.", text, position, advice)
+
+
+def _at_rest(expression: Expression, values: Mapping[str, float]) -> float:
+    names = symbols(expression)
+    given = (0.0 if name in VARIABLES else values[name] for name in names)
+    return float(Program([expression], names)(*given)[0])
 
 
 @lru_cache(maxsize=1024)

@@ -6,6 +6,7 @@ import math
 import re
 import tokenize
 from functools import cache
+from numbers import Real
 
 import pint
 
@@ -19,7 +20,7 @@ _UNREADABLE = (
 )  # fmt: skip
 
 
-def to_si(given: str | float, dimension: str) -> float:
+def to_si(given: object, dimension: str) -> float:
     """The value of `given` in SI units: `to_si("30 kN/m", "N/m")` is 30000.0. A bare number is in SI already.
 
     `dimension` is the SI unit that is expected, as laws print it ("N/m^3", "N s/m", "kg", "" for a pure number, "?" for any).
@@ -28,9 +29,9 @@ def to_si(given: str | float, dimension: str) -> float:
     expected = "a number"
     if dimension not in _FREE:
         expected += f" in {dimension} or a text with a unit such as '1 {dimension}'"
-    if isinstance(given, bool) or not isinstance(given, str | int | float):
-        raise LinkwiseError(f"{given!r} is no value: expected {expected}.")
     if not isinstance(given, str):
+        if isinstance(given, bool) or not isinstance(given, Real):
+            raise LinkwiseError(f"{given!r} is no value: expected {expected}.")
         return _finite(float(given), given)
     quantity = _read(given, dimension, expected)
     if quantity.unitless and dimension not in _FREE:

@@ -17,6 +17,7 @@ from linkwise.expression.tree import (
     Symbol,
     add,
     call,
+    children,
     multiply,
     power,
     symbols,
@@ -25,6 +26,7 @@ from linkwise.expression.tree import (
 _HALF = Number(0.5)
 _TINY = Number(sys.float_info.min)
 _LARGEST_EXPANSION = 64  # exponent up to which a power of a sum is multiplied out
+_LARGEST_TABLE = 4096  # products of terms in one step of it; beyond, the expression counts as no polynomial
 
 
 def differentiate(expression: Expression, name: str) -> Expression:
@@ -142,7 +144,7 @@ def polynomial(expression: Expression, names: tuple[str, ...]) -> dict[tuple[int
 def _times(
     first: dict[tuple[int, ...], Expression] | None, second: dict[tuple[int, ...], Expression] | None
 ) -> dict[tuple[int, ...], Expression] | None:
-    if first is None or second is None:
+    if first is None or second is None or len(first) * len(second) > _LARGEST_TABLE:
         return None
     product: dict[tuple[int, ...], Expression] = {}
     for one, left in first.items():
@@ -259,19 +261,8 @@ def kinks(expression: Expression) -> tuple[Expression, ...]:
     found: dict[Expression, None] = {}
 
     def visit(node: Expression) -> None:
-        match node:
-            case Sum(below) | Product(below):
-                pass
-            case Call(_, below):
-                pass
-            case Power(base, Expression() as exponent):
-                below = (base, exponent)
-            case Power(base, _):
-                below = (base,)
-            case _:
-                return
-        for each in below:
-            visit(each)
+        for below in children(node):
+            visit(below)
         match node:
             case Call("abs" | "sign", (argument,)):
                 found.setdefault(argument)

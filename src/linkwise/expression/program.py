@@ -51,21 +51,24 @@ class Program:
                 f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
             )
         given = [np.asarray(array, dtype=np.float64) for array in arrays]
-        shape = np.broadcast_shapes(*{array.shape for array in given})
+        shapes = {array.shape for array in given}
+        shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
         slots: list[Any] = given + self._slots
         with np.errstate(all="ignore"):
             for ufunc, first, second, to in self._tape:
                 slots[to] = ufunc(slots[first]) if second < 0 else ufunc(slots[first], slots[second])
-        results = []
-        for index, computed in self._outputs:
-            result = slots[index]
-            if computed and result.shape == shape:
-                result = np.asarray(result)
-                result.flags.writeable = False
-            else:
-                result = np.broadcast_to(result, shape)
-            results.append(result)
-        return tuple(results)
+        return tuple(_read_only(slots[index], shape, computed) for index, computed in self._outputs)
+
+
+def _read_only(value: Any, shape: tuple[int, ...], computed: bool) -> NDArray[np.float64]:
+    """A value of the tape as an array of `shape`; what was not computed here belongs to the caller, who gets a view."""
+    array: NDArray[np.float64] = np.asarray(value, dtype=np.float64)
+    if array.shape != shape:
+        return np.broadcast_to(array, shape)
+    if not computed:
+        array = array.view()
+    array.flags.writeable = False
+    return array
 
 
 _Value = str | float | tuple[Any, ...]  # an input's name, a constant, or (operation, operands)

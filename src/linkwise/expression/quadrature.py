@@ -22,15 +22,25 @@ def integral_from_zero(program: Program, upper: ArrayLike, parameters: Sequence[
     """The integral of the program's first output over its first input, from 0 to each of `upper`.
 
     The program's other outputs are the kinks of the first: their zeros become panel borders. `parameters` are its other
-    inputs; everything broadcasts. Composite Gauss-Legendre quadrature, order 20 between kinks.
+    inputs; everything broadcasts. Composite Gauss-Legendre quadrature, order 20 between kinks; NaN where `upper`
+    is not finite.
     """
     columns = np.broadcast_arrays(*(np.asarray(each, dtype=np.float64) for each in (upper, *parameters)))
-    flat = np.stack([column.ravel() for column in columns])
-    result = np.empty(flat.shape[1])
-    sets, which = np.unique(flat[1:], axis=1, return_inverse=True)
-    for index in range(sets.shape[1]):
-        chosen = which.ravel() == index
-        result[chosen] = _from_zero(program, flat[0, chosen], sets[:, index])
+    ends = columns[0].ravel()
+    result = np.full(ends.shape, np.nan)
+    if all(np.size(each) == 1 for each in parameters):
+        sets, which = (
+            np.array([[float(np.ravel(each)[0]) for each in parameters]]),
+            np.zeros(ends.shape, dtype=np.intp),
+        )
+    else:
+        sets, which = np.unique(
+            np.stack([each.ravel() for each in columns[1:]], axis=1), axis=0, return_inverse=True
+        )
+    for index, values in enumerate(sets):
+        chosen = (which.ravel() == index) & np.isfinite(ends)
+        if chosen.any():
+            result[chosen] = _from_zero(program, ends[chosen], values)
     return result.reshape(columns[0].shape)
 
 
