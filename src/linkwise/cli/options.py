@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -46,12 +46,34 @@ def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
     return found
 
 
+def grouped(
+    kind: type, keyword: str, *options: Callable[[Any], Any]
+) -> Callable[[Callable[..., R]], Callable[..., R]]:
+    """A decorator that gives a command these click options, as one argument `keyword` of the dataclass `kind`.
+
+    Each option is a field of `kind`; `--help` shows them in the order given here.
+    """
+
+    def decorate(command: Callable[..., R]) -> Callable[..., R]:
+        @wraps(command)
+        def wrapped(**values: Any) -> R:
+            own = {field.name: values.pop(field.name) for field in fields(kind)}
+            return command(**{keyword: kind(**own)}, **values)
+
+        for option in reversed(options):
+            wrapped = option(wrapped)
+        return wrapped
+
+    return decorate
+
+
 @dataclass(frozen=True)
 class RecordSource:
     """A record's file and how to read it: the answers to the options of `record_options`."""
 
-    path: Path
+    record: Path
     channel: tuple[str, ...]
+    rate: float | None
     resample: float | None
     start: float | None
     stop: float | None
@@ -59,7 +81,9 @@ class RecordSource:
     def read(self, masses: tuple[str, ...]) -> lw.Record:
         """The record, cut to the asked time; RecordError names file, line and channel. `masses` are those there are."""
         mapping = pairs(self.channel, "--channel", "x:m1=COLUMN")
-        record = lw.read_record(self.path, channels=mapping, resample=self.resample, known_masses=masses)
+        record = lw.read_record(
+            self.record, channels=mapping, rate=self.rate, resample=self.resample, known_masses=masses
+        )
         if self.start is None and self.stop is None:
             return record
         start = record.start if self.start is None else self.start
@@ -67,35 +91,20 @@ class RecordSource:
         return record.between(start, stop)
 
 
-def record_options(command: Callable[..., R]) -> Callable[..., R]:
-    """Argument RECORD and the options of reading it; the command gets one `source: RecordSource`."""
-
-    @wraps(command)
-    def wrapped(
-        *, record: Path, channel: tuple[str, ...], resample: float | None, start: float | None, stop: float | None,
-        **others: object,
-    ) -> R:  # fmt: skip
-        return command(source=RecordSource(record, channel, resample, start, stop), **others)
-
-    return stacked(
-        wrapped,
-        click.argument("record", type=FILE),
-        click.option(
-            "--channel",
-            metavar="NAME=COLUMN",
-            multiple=True,
-            help="The column of the file that a channel is, as in x:m1=Laser1 or x:m1[mm]=Laser1. Repeatable.",
-        ),
-        click.option("--resample", metavar="HZ", type=POSITIVE, help="Resample uneven time to this rate."),
-        click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
-        click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
-    )
-
-
-def stacked(
-    command: Callable[..., R], *options: Callable[[Callable[..., R]], Callable[..., R]]
-) -> Callable[..., R]:
-    """`command` with click's decorators applied, shown by `--help` in the order given here."""
-    for option in reversed(options):
-        command = option(command)
-    return command
+record_options = grouped(
+    RecordSource,
+    "source",
+    click.argument("record", type=FILE),
+    click.option(
+        "--channel",
+        metavar="NAME=COLUMN",
+        multiple=True,
+        help="The column of the file that a channel is, as in x:m1=Laser1 or x:m1[mm]=Laser1. Repeatable.",
+    ),
+    click.option(
+        "--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of a file without a time column."
+    ),
+    click.option("--resample", metavar="HZ", type=POSITIVE, help="Resample uneven time to this rate."),
+    click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
+    click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
+)

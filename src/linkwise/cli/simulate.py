@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 import linkwise as lw
 from linkwise.cli.console import progress
-from linkwise.cli.options import FILE, POSITIVE, number, pairs, split, stacked
-from linkwise.output import to_json, whole_file
-
-R = TypeVar("R")
+from linkwise.cli.options import FILE, POSITIVE, grouped, number, pairs, split
+from linkwise.output import to_json
 
 
 @dataclass(frozen=True)
@@ -61,39 +57,31 @@ def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
     return lw.TimeFunction(text)
 
 
-def drive_options(command: Callable[..., R]) -> Callable[..., R]:
-    """The options that set a structure in motion; the command gets one `drive: Drive`."""
-
-    @wraps(command)
-    def wrapped(
-        *, release: tuple[str, ...], impulse: tuple[str, ...], force: tuple[str, ...], base: str | None, **others: object
-    ) -> R:  # fmt: skip
-        return command(drive=Drive(release, impulse, force, base), **others)
-
-    return stacked(
-        wrapped,
-        click.option(
-            "--release",
-            metavar="CHANNEL=VALUE",
-            multiple=True,
-            help="Start with this displacement (x:m1=0.01, m) or velocity (v:m1=1.0, m/s). Repeatable.",
-        ),
-        click.option(
-            "--impulse",
-            metavar="MASS=NS[@S]",
-            multiple=True,
-            help="Hit a mass: momentum in N s, at a time in s (default 0). Repeatable.",
-        ),
-        click.option(
-            "--force",
-            metavar="MASS=FORCE",
-            multiple=True,
-            help='Force in N: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
-        ),
-        click.option(
-            "--base", metavar="MOTION", help="Base displacement in m: an expression of t or FILE:COLUMN."
-        ),
-    )
+drive_options = grouped(
+    Drive,
+    "drive",
+    click.option(
+        "--release",
+        metavar="CHANNEL=VALUE",
+        multiple=True,
+        help="Start with this displacement (x:m1=0.01, m) or velocity (v:m1=1.0, m/s). Repeatable.",
+    ),
+    click.option(
+        "--impulse",
+        metavar="MASS=NS[@S]",
+        multiple=True,
+        help="Hit a mass: momentum in N s, at a time in s (default 0). Repeatable.",
+    ),
+    click.option(
+        "--force",
+        metavar="MASS=FORCE",
+        multiple=True,
+        help='Force in N: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
+    ),
+    click.option(
+        "--base", metavar="MOTION", help="Base displacement in m: an expression of t or FILE:COLUMN."
+    ),
+)
 
 
 @click.command()
@@ -130,8 +118,8 @@ def simulate(
             subject, duration=grid["duration"], rate=grid["rate"], sensors=sensors, **drive.keywords()
         )
         noisy = record if noise is None else record.with_noise(noise, seed=seed)
-        with whole_file(output) as partial:
-            lw.write_record(noisy, partial)
+        output.parent.mkdir(parents=True, exist_ok=True)
+        lw.write_record(noisy, output)
     summary = _summary(noisy, output)
     if noise is not None:
         summary["noise"] = {"decibel": noise, "seed": seed}
