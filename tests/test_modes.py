@@ -89,6 +89,23 @@ def test_damping_ratios_are_those_of_the_eigenvalues_of_the_state_matrix() -> No
     np.testing.assert_allclose(np.abs(found.eigenvalues[::2]), np.abs(upper), rtol=1e-8)
 
 
+def test_equal_frequencies_keep_their_own_damping() -> None:
+    """Two equal masses joined by a damper: only the opposite motion works it, so the shapes are (1, 1) and (1, -1)."""
+    bodies = tuple(Mass(name, Coefficient.number(1.0)) for name in ("a", "b"))
+    links = tuple(
+        Link(name, ends, Law.parse(text), {key: Coefficient.number(value) for key, value in values.items()})
+        for name, ends, text, values in (
+            ("s1", ("a", GROUND), "k*d + c*v", {"k": 100.0, "c": 2.0}),
+            ("s2", ("b", GROUND), "k*d + c*v", {"k": 100.0, "c": 2.0}),
+            ("between", ("b", "a"), "c*v", {"c": 1.0}),
+        )
+    )
+    found = modes(Structure("", bodies, links))
+    np.testing.assert_allclose(found.frequencies, [10.0 / (2.0 * math.pi)] * 2, rtol=1e-12)
+    np.testing.assert_allclose(found.damping, [0.1, 0.2], rtol=1e-9)
+    np.testing.assert_allclose(np.abs(found.shapes), np.full((2, 2), math.sqrt(0.5)), rtol=1e-9)
+
+
 def test_rigid_and_unstable_motions_are_said() -> None:
     flying = modes(row([50.0], [1.0], [1.0, 1.0], grounded=False))
     np.testing.assert_allclose(flying.frequencies, [0.0, 10.0 / (2.0 * math.pi)], rtol=1e-12)
@@ -110,7 +127,9 @@ def test_without_a_place_the_modes_are_those_of_the_deepest_equilibrium() -> Non
 
 def test_a_place_that_is_no_equilibrium_is_said() -> None:
     """At d = 0.02 the sink is pulled back by -100*0.02 + 1e6*0.02**3 = 6 N."""
-    assert modes(bnes_chain(2), [0.0, 0.02]).note == 'this is no equilibrium: the links push mass "m1" with 6 N'
+    assert (
+        modes(bnes_chain(2), [0.0, 0.02]).note == 'this is no equilibrium: the links push mass "m1" with 6 N'
+    )
 
 
 def test_what_cannot_be_is_refused() -> None:

@@ -11,6 +11,7 @@ from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice, product
 from math import prod
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from linkwise.errors import StructureError
 from linkwise.link import Link
 from linkwise.structure import Structure
-from linkwise.wells import RestPoint, barrier, rest_points, wells
-
-__all__ = ["Equilibria", "Equilibrium", "barrier", "equilibria", "wells"]
+from linkwise.wells import RestPoint, rest_points
 
 Array = NDArray[np.float64]
 
@@ -62,7 +61,13 @@ class Equilibria(Sequence[Equilibrium]):
     def __len__(self) -> int:
         return len(self.points)
 
-    def __getitem__(self, index):  # type: ignore[no-untyped-def]  # as a tuple: a number or a slice
+    @overload
+    def __getitem__(self, index: int) -> Equilibrium: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Equilibrium, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Equilibrium | tuple[Equilibrium, ...]:
         return self.points[index]
 
     @property
@@ -84,13 +89,13 @@ class _Bond:
         return tuple((link.law, tuple(link.values.values()), sign) for link, sign in self.links)
 
     def force(self, d: Array) -> Array:
-        return np.sum([sign * link.force(sign * d) for link, sign in self.links], axis=0)
+        return sum((sign * link.force(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
     def slope(self, d: Array) -> Array:
-        return np.sum([link.stiffness(sign * d) for link, sign in self.links], axis=0)
+        return sum((link.stiffness(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
     def potential(self, d: Array) -> Array:
-        return np.sum([link.potential(sign * d) for link, sign in self.links], axis=0)
+        return sum((link.potential(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
 
 def equilibria(

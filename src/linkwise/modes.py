@@ -18,7 +18,10 @@ from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
-_ZERO = 1e-10  # a squared frequency below this part of the largest is taken for zero (rounding of the eigensolver)
+_ZERO = (
+    1e-14  # times the masses, ten or more: squared frequencies below this part of the largest are rounding
+)
+_EQUAL = 1e-10  # squared frequencies that differ by less than this part of the largest are one, repeated
 _AT_REST = 1e-9  # net force over the largest stiffness times the largest displacement
 _DIAGONAL = 1e-12  # damping that couples the modes less than this is modal
 
@@ -52,8 +55,9 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     mass = np.diag(structure.mass_values)
     stiffness, damping, residual = _tangent(structure, x)
     squares, shapes = eigh(stiffness, mass)
+    shapes = _uncoupled(squares, shapes, damping)
     shapes *= np.sign(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(structure.size)])
-    squares[np.abs(squares) <= _ZERO * np.abs(squares).max(initial=0.0)] = 0.0
+    squares[np.abs(squares) <= _ZERO * max(structure.size, 10) * np.abs(squares).max(initial=0.0)] = 0.0
     modal = shapes.T @ damping @ shapes
     eigenvalues, pairs = _eigenvalues(squares, modal)
     with np.errstate(invalid="ignore"):  # negative stiffness has no frequency: NaN
@@ -66,6 +70,16 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     return Modes(
         x, omega / (2.0 * np.pi), ratios, shapes, eigenvalues[order], _note(structure, squares, residual)
     )
+
+
+def _uncoupled(squares: Array, shapes: Array, damping: Array) -> Array:
+    """`shapes` with those of a repeated frequency, which may be mixed at will, chosen so that damping does not couple them."""
+    shapes = shapes.copy()
+    apart = np.flatnonzero(np.diff(squares) > _EQUAL * np.abs(squares).max(initial=0.0)) + 1
+    for group in np.split(np.arange(len(squares)), apart):
+        if len(group) > 1:
+            shapes[:, group] @= np.linalg.eigh(shapes[:, group].T @ damping @ shapes[:, group])[1]
+    return shapes
 
 
 def _rest(structure: Structure) -> Array:
