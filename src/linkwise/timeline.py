@@ -65,6 +65,11 @@ class Timeline:
         return cls(float(moments[0]), rate, index, count, tuple(column.notes(index, rate)))
 
 
+def refuse_disorder(moments: Floats, file: str | None, lines: NDArray[np.int64] | None) -> None:
+    """RecordError for too few times (N,) and for times that are no numbers, stand still or run backwards."""
+    _Column(moments, file, lines).refuse_disorder()
+
+
 @dataclass(frozen=True, eq=False)
 class _Column:
     """The times as read, and where each stands in its file."""
@@ -115,10 +120,10 @@ class _Column:
         off = steps - np.diff(index) * step
         advice = "resample it to an even rate (--resample HZ)"
         if np.max(np.abs(off)) > 2.0 * tolerance:
-            row = int(np.argmax(np.abs(off) > 2.0 * tolerance))
+            row, usual = int(np.argmax(np.abs(off) > 2.0 * tolerance)), float(np.median(steps))
             raise self.error(
                 row + 1,
-                f"uneven time: a step of {steps[row]:.6g} s where {step:.6g} s was expected; {advice}",
+                f"uneven time: a step of {steps[row]:.6g} s where {usual:.6g} s was expected; {advice}",
             )
         drift = self.moments - self.moments[0] - index * step
         drift -= np.median(drift)

@@ -1,0 +1,117 @@
+"""Lines of cells to columns of numbers: at once where all is well, else cell by cell to find what is not."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.errors import RecordError
+from linkwise.files.table import BadCell, Column
+
+Floats = NDArray[np.float64]
+
+_MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--"})
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How the cells of a line are parted: `delimiter`, None for white space, and the decimal point or comma."""
+
+    delimiter: str | None
+    decimal_comma: bool = False
+
+    @classmethod
+    def of(cls, header: str, body: list[str]) -> Dialect:
+        """Tab before semicolon before comma before white space; a comma that does not part cells is a decimal one."""
+        plain = _without_units(header)
+        delimiter = next((mark for mark in ("\t", ";", ",") if mark in plain), None)
+        if delimiter is None and body:
+            # one column, or several parted by a mark that the header does not need
+            delimiter = next((mark for mark in ("\t", ";") if mark in body[0]), None)
+        return cls(delimiter, delimiter != "," and any("," in line for line in body))
+
+    def split(self, line: str) -> list[str]:
+        """The cells of one line, quotes and outer spaces taken off."""
+        if '"' in line:
+            cells = next(csv.reader([line], delimiter=self.delimiter or " ", skipinitialspace=True))
+            return [cell.strip() for cell in cells]
+        return [cell.strip() for cell in line.split(self.delimiter)]
+
+
+def _without_units(header: str) -> str:
+    """The header with what stands in quotes and brackets blanked: a comma there parts nothing."""
+    depth, quoted, kept = 0, False, []
+    for letter in header:
+        quoted ^= letter == '"'
+        depth += (letter in "[(") - (letter in "])")
+        kept.append(" " if quoted or depth > 0 else letter)
+    return "".join(kept)
+
+
+def number(cell: str) -> float | None:
+    """The number in a cell, NaN for one that says that it is missing, None for text."""
+    if cell.lower() in _MISSING:
+        return float("nan")
+    try:
+        return float(cell.replace(",", "."))
+    except ValueError:
+        return None
+
+
+def columns_of(
+    body: list[str], lines: NDArray[np.int64], headers: list[str], dialect: Dialect, file: str
+) -> tuple[Column, ...]:
+    """One column per header from the lines `body` (N,), whose numbers in the file are `lines` (N,).
+
+    A column with text keeps its first bad cell. Raises RecordError for a line with too many or too few cells.
+    """
+    values = _all_at_once(body, len(headers), dialect)
+    if values is not None:
+        return tuple(Column(header, values[:, i]) for i, header in enumerate(headers))
+    rows = [dialect.split(line) for line in body]
+    _refuse_ragged(rows, lines, headers, dialect, file)
+    return tuple(_column(header, [row[i] for row in rows], lines) for i, header in enumerate(headers))
+
+
+def _all_at_once(body: list[str], count: int, dialect: Dialect) -> Floats | None:
+    """(N, count) numbers, None unless every line has exactly `count` of them."""
+    plain = [line.replace(",", ".") for line in body] if dialect.decimal_comma else body
+    try:
+        values = np.loadtxt(plain, delimiter=dialect.delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return values if values.shape == (len(body), count) else None
+
+
+def _refuse_ragged(
+    rows: list[list[str]], lines: NDArray[np.int64], headers: list[str], dialect: Dialect, file: str
+) -> None:
+    """RecordError for a line whose cells do not fit the header; empty ones too many at the end are let pass."""
+    count = len(headers)
+    for row, line in zip(rows, lines, strict=True):
+        if len(row) == count or (len(row) > count and not any(row[count:])):
+            continue
+        message = f"{len(row)} cells where the header has {count}"
+        if len(row) == 2 * count and dialect.delimiter == ",":
+            message += "; with decimal commas, the cells are to be parted by semicolons"
+        elif line == lines[-1] and len(row) < count:
+            message += "; was the file cut off in its last line?"
+        raise RecordError(message, file, int(line))
+
+
+def _column(header: str, cells: list[str], lines: NDArray[np.int64]) -> Column:
+    """One column from its cells (N,)."""
+    try:
+        return Column(header, np.array([float(cell) if cell else np.nan for cell in cells]))
+    except ValueError:
+        pass  # a word for a missing sample, a decimal comma, or text: one by one
+    values = np.empty(len(cells))
+    for i, cell in enumerate(cells):
+        value = number(cell)
+        if value is None:
+            return Column(header, None, BadCell(cell, int(lines[i])))
+        values[i] = value
+    return Column(header, values)

@@ -1,0 +1,67 @@
+"""What every format is read into: columns under their headers, before anybody asks what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class BadCell:
+    """The first cell of a column that is no number: its text and its line (None where the format has no lines)."""
+
+    text: str
+    line: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of a file.
+
+    `values` (N,) real numbers, NaN where missing, or None where `bad` says which cell is no number. `meaning` is the channel
+    that a header stands for where the format cannot spell it (`x_m1` for x:m1 in MATLAB).
+    """
+
+    header: str
+    values: NDArray[Any] | None
+    bad: BadCell | None = None
+    meaning: str = ""
+
+    @classmethod
+    def of(cls, header: str, values: NDArray[Any], meaning: str = "") -> Column:
+        """A column of an array of any type; one that holds no real numbers is kept with its first cell as the reason."""
+        if values.dtype.kind == "b":
+            values = values.astype(np.int8)
+        if values.dtype.kind in "iuf":
+            return cls(header, values, meaning=meaning)
+        return cls(header, None, BadCell(str(values.flat[0]) if values.size else ""), meaning)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """All columns of a file, in its order.
+
+    `named` is False where the file has no header and columns go by their number; `opening` is then its first line. `lines`
+    (N,) and `header_line` count from 1, None where the format has no lines. `start` in s and `rate` in Hz are set where the
+    file states them beside or instead of a time column.
+    """
+
+    columns: tuple[Column, ...]
+    lines: NDArray[np.int64] | None = None
+    header_line: int | None = None
+    named: bool = True
+    opening: str = ""
+    start: float = 0.0
+    rate: float | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    source: str = ""
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """The headers as they stand in the file."""
+        return tuple(column.header for column in self.columns)

@@ -1,0 +1,404 @@
+"""CSV as programs and people write it: read right where that is possible, else one error with file, line and channel."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from linkwise.errors import RecordError
+from linkwise.files import read_record, write_record
+from linkwise.record import Record
+
+N = 60
+T = np.arange(N) / 100.0
+X = np.round(np.sin(20.0 * T), 6)
+F = np.round(np.cos(9.0 * T), 6)
+
+
+def body(*, delimiter=",", comma=False, rows=None):
+    """Lines of `time, x, f`; with `rows` some of them replaced."""
+    lines = [delimiter.join(f"{value:.6f}" for value in row) for row in zip(T, X, F, strict=True)]
+    if comma:
+        lines = [line.replace(".", ",") for line in lines]
+    for i, line in (rows or {}).items():
+        lines[i] = line
+    return lines
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Write the text (or bytes) to a file and read it."""
+
+    def write_and_read(content, name="run.csv", **options):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_record(path, **options)
+
+    return write_and_read
+
+
+def text(header, lines, end="\n"):
+    return end.join([header, *lines]) + end
+
+
+def check(record):
+    assert record.channels == ("x:m1", "force:m1")
+    assert record.rate == 100.0
+    assert record.start == 0.0
+    assert np.array_equal(record.channel("x:m1"), X)
+    assert np.array_equal(record.channel("force:m1"), F)
+
+
+HEADER = "time,x:m1,force:m1"
+
+
+@pytest.mark.parametrize(
+    ("content", "notes"),
+    [
+        (text(HEADER, body()), ()),
+        (text(HEADER, body(), end="\r\n"), ()),
+        (text(HEADER, body(), end="\r"), ()),
+        (text(HEADER, body()) + "\n\n  \n", ()),
+        (text(HEADER, body())[:-1], ()),
+        (text(" time , x:m1 ,\tforce:m1".replace("\t", " "), body(delimiter=" , ")), ()),
+        (text('"time","x:m1","force:m1"', ['"' + line.replace(",", '","') + '"' for line in body()]), ()),
+        (text("\t".join(HEADER.split(",")), body(delimiter="\t")), ()),
+        (text(HEADER.replace(",", " "), body(delimiter="   ")), ()),
+        (text(HEADER.replace(",", ";"), body(delimiter=";")), ()),
+        (
+            text(HEADER.replace(",", ";"), body(delimiter=";", comma=True)),
+            ("Commas were read as decimal points.",),
+        ),
+        (
+            text(HEADER.replace(",", "\t"), body(delimiter="\t", comma=True)),
+            ("Commas were read as decimal points.",),
+        ),
+        (text("sep=;\n" + HEADER.replace(",", ";"), body(delimiter=";")), ()),
+        (text("# a comment\n% another\n\n" + HEADER, ["# and one more", *body(), "// the end"]), ()),
+        (text("# " + HEADER, body()), ()),
+        (text(HEADER + ",", [line + "," for line in body()]), ()),
+        (text(HEADER + ",", body()), ()),
+        (text(HEADER, [line + ",," for line in body()]), ()),
+        (
+            text("Scope 7\nGain 3, 4\n" + HEADER, body()),
+            ("Lines of text above the header that were skipped: 2.",),
+        ),
+        (text("Time (s),x:m1 (m),force:m1[N]", body()), ()),
+        (text(HEADER, body()).encode("utf-8-sig"), ()),
+        (text(HEADER, body()).encode("utf-16"), ()),
+        (b"\xfe\xff" + text(HEADER, body()).encode("utf-16-be"), ()),
+        (text(HEADER, body()).encode("utf-16-le"), ()),
+        (text(HEADER, body()).encode("utf-16-be"), ()),
+        (text(HEADER, body()).encode("utf-32"), ()),
+    ],
+)
+def test_the_same_record_in_many_hands(read, content, notes):
+    record = read(content)
+    check(record)
+    assert record.notes == notes
+
+
+def test_quoted_decimal_commas_between_commas(read):
+    lines = [",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in body()]
+    check(read(text(HEADER, lines)))
+
+
+def test_units_in_headers(read):
+    rows = [
+        f"{1000 * t:.10g},{1000 * x:.10g},{f:.10g},{f:.10g},{x:.10g}" for t, x, f in zip(T, X, F, strict=True)
+    ]
+    record = read(text("time[ms],x:m1[mm],a:m1[g],a:m2[m/s^2],force:m1 [kN]", rows))
+    assert np.array_equal(record.time, T)
+    assert record.rate == 100.0
+    # The digits of the file over 1000, rounded once; 9.80665 m/s^2 is the standard gravity, not a gram.
+    assert record.channel("x:m1") == pytest.approx(X, rel=1e-15)
+    assert record.channel("a:m1") == pytest.approx(9.80665 * F, rel=1e-12)
+    assert np.array_equal(record.channel("a:m2"), F)
+    assert record.channel("force:m1") == pytest.approx(1000.0 * X, rel=1e-12)
+
+
+def test_a_micro_sign_of_an_old_instrument(read):
+    content = text("time,x:m1[\u00b5m],force:m1", body()).encode("cp1252")
+    assert read(content).channel("x:m1") == pytest.approx(1e-6 * X, rel=1e-12)
+
+
+@pytest.mark.parametrize("cell", ["", "  ", "NaN", "nan", "NA", "n/a", "#N/A", "null", "-"])
+def test_a_missing_sample_is_missing(read, cell):
+    record = read(text(HEADER, body(rows={7: f"0.07,{cell},{F[7]}"})))
+    assert np.argwhere(record.missing).tolist() == [[7, 0]]
+    assert record.notes == ("x:m1: 1 of 60 samples are missing.",)
+    assert np.array_equal(record.channel("force:m1"), F)
+
+
+def test_gaps_in_time_become_missing_samples(read):
+    lines = body()
+    del lines[20:23]
+    record = read(text(HEADER, lines))
+    assert len(record) == N
+    assert np.flatnonzero(record.missing.all(axis=1)).tolist() == [20, 21, 22]
+    assert record.notes == ("Gaps in time: 1, the first after 0.19 s; 3 rows were added as missing samples.",)
+
+
+def test_times_rounded_in_printing_are_even(read):
+    n, rate = 5000, 610.3515625
+    t = np.arange(n) / rate
+    record = read(text("time,x:m1", [f"{a:.4f},{np.sin(9 * a):.9f}" for a in t]))
+    assert record.rate == pytest.approx(
+        rate, abs=0.5e-4 * rate / t[-1]
+    )  # the last time is good to half a digit
+    assert record.notes == (
+        f"The times are up to {np.max(np.abs(np.round(t, 4) - record.time)):.2g} s off an even grid, "
+        f"as by rounding; {record.rate:.9g} Hz was taken.",
+    )
+
+
+def test_milliseconds_without_a_unit_are_asked_about(read):
+    lines = [f"{i},{x}" for i, x in enumerate(X)]
+    assert read(text("time,x:m1", lines)).notes == (
+        "The samples are 1 s apart: is the time in ms? Then its header is time[ms].",
+    )
+
+
+def test_columns_that_are_no_channels_are_ignored(read):
+    lines = [f"{line},{i},mon" for i, line in enumerate(body())]
+    record = read(text(HEADER + ",count,day", lines))
+    check(record)
+    assert record.notes == ("Columns that are no channels were ignored: count, day.",)
+
+
+def test_columns_are_mapped_by_name_and_number(read):
+    content = text("Clock [ms];LVDT 3;Load cell (kN)", body(delimiter=";"))
+    record = read(content, channels={"time[s]": "Clock", "x:m1[mm]": "LVDT 3", "force:m1": 3})
+    assert np.array_equal(record.time, T)
+    assert record.channel("x:m1") == pytest.approx(1e-3 * X, rel=1e-15)
+    assert record.channel("force:m1") == pytest.approx(1e3 * F, rel=1e-15)
+
+
+def test_a_mapped_channel_wins_over_a_header(read):
+    record = read(text(HEADER, body()), channels={"x:m1": "force:m1"})
+    assert record.channels == ("x:m1",)
+    assert np.array_equal(record.channel("x:m1"), F)
+    assert record.notes == ("Columns that are no channels were ignored: x:m1.",)
+
+
+def test_no_header_is_no_obstacle_when_columns_are_mapped(read):
+    record = read("\n".join(body()), channels={"time": "1", "x:m1": 2, "force:m1": 3})
+    check(record)
+
+
+def test_the_rate_stands_in_for_a_time_column(read):
+    lines = [line.partition(",")[2] for line in body()]
+    check(read(text("x:m1,force:m1", lines), rate=100.0))
+    single = read(text("x:m1", [str(x) for x in X]), rate=100.0)
+    assert np.array_equal(single.channel("x:m1"), X)
+    clock = [f"12:00:{i:02d},{line}" for i, line in enumerate(lines)]
+    record = read(text(HEADER, clock), rate=100.0)
+    check(record)
+    assert record.notes == ("The time column was ignored for the given rate of 100 Hz.",)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "run.csv: the file is empty"),
+        ("\n \n", "run.csv: the file holds nothing but blank lines"),
+        (HEADER + "\n", "run.csv, line 1: there is a header, but no line of data below it"),
+        (text(HEADER, body()[:20]), "run.csv: 20 samples are too few; a record needs at least 32"),
+        (b"\x00\x01\x02\x03" * 50, "run.csv: is a binary file, not text; its suffix may be wrong"),
+        (b"\xef\xbb\xbf" + text(HEADER, body()).encode() + b"\xff", "run.csv, line 62: is no text in utf-8"),
+        (
+            "\n".join(body()),
+            "line 1: there is no header: the file starts with '0.000000,0.000000,1.000000'. A first line must",
+        ),
+        ("\n".join(body()), "--channel time=1 --channel x:m1=2 maps them by number"),
+        (
+            text("time,left,right", body()),
+            "line 1: no channel is recognised; the columns are time, left, right. A channel",
+        ),
+        (text("time,left,right", body()), "a column of another name is mapped with --channel x:m1=COLUMN"),
+        (text("time,x:m1,x:m1", body()), "line 1, channel x:m1: columns 2 and 3 both hold it; rename one"),
+        (
+            text("clock,x:m1,force:m1", body()),
+            "there is no time column; the columns are clock, x:m1, force:m1. Call it `time`",
+        ),
+        (
+            text(HEADER, body(rows={4: "0.04,abc,1"})),
+            "line 6, channel x:m1: 'abc' is no number; leave the cell of a missing",
+        ),
+        (
+            text(HEADER, body(rows={4: "noon,0.1,1"})),
+            "line 6, channel time: 'noon' is no number; times are seconds; for clock",
+        ),
+        (text(HEADER, body(rows={4: "0.04,1.2.3,1"})), "line 6, channel x:m1: '1.2.3' is no number"),
+        (
+            text(HEADER, body(rows={4: "0.04,inf,1"})),
+            "line 6, channel x:m1: the value is infinite; an overload is no sample",
+        ),
+        (text(HEADER, body(rows={4: "0.04,0.1"})), "line 6: 2 cells where the header has 3"),
+        (text(HEADER, body(rows={4: "0.04,0.1,1,7"})), "line 6: 4 cells where the header has 3"),
+        (
+            text(HEADER, body(rows={N - 1: "0.59"})),
+            "line 61: 1 cells where the header has 3; was the file cut off in its last",
+        ),
+        (
+            text(HEADER, body(comma=True)),
+            "line 2: 6 cells where the header has 3; with decimal commas, the cells are",
+        ),
+        (text(HEADER, body(rows={4: "0.03,0.1,1"})), "line 6, channel time: the time 0.03 s stands twice"),
+        (
+            text(HEADER, body(rows={4: "0.02,0.1,1"})),
+            "line 6, channel time: the time runs backwards, from 0.03 to 0.02 s",
+        ),
+        (
+            text(HEADER, body(rows={4: "0.043,0.1,1"})),
+            "line 6, channel time: uneven time: a step of 0.013 s where 0.01 s",
+        ),
+        (
+            text(HEADER, body(rows={4: "0.043,0.1,1"})),
+            "was expected; resample it to an even rate (--resample HZ)",
+        ),
+        (text(HEADER, body(rows={4: ",0.1,1"})), "line 6, channel time: the time is missing; fill it in or"),
+        (
+            text(HEADER, body(rows={N - 1: "59.0,1,2"})),
+            "line 61, channel time: a gap of 58.42 s in a record of 60 samples",
+        ),
+        (
+            text("time,x:m1[kg],force:m1", body()),
+            "line 1, channel x:m1: 'kg' is no unit of displacement; expected m or what",
+        ),
+        (text("time,x:m1[furz],force:m1", body()), "line 1, channel x:m1: 'furz' is no unit of displacement"),
+        (
+            text("time[m],x:m1,force:m1", body()),
+            "line 1, channel time: 'm' is no unit of time; expected s or what converts",
+        ),
+        (
+            text("time,x:m1", [f"{t:.2f},0.5" for t in T]),
+            "channel x:m1: every sample is 0.5: a sensor that does not move",
+        ),
+        (
+            text("time,x:m1", [f"{t:.2f}," for t in T]),
+            "channel x:m1: every sample is missing; leave the channel out",
+        ),
+        (
+            text("time,x:m1,x:m2", [f"{t:.2f},{x},{x}" for t, x in zip(T, X, strict=True)]),
+            "x:m2: holds the same samples as x:m1",
+        ),
+        (
+            text(
+                "time,x:m1,x:m2[mm]", [f"{t:.2f},{x:.6f},{1000 * x:.3f}" for t, x in zip(T, X, strict=True)]
+            ),
+            "x:m2: holds the same samples as x:m1; one of them is not what it says",
+        ),
+    ],
+)
+def test_what_cannot_be_read_is_one_clear_error(read, content, message):
+    with pytest.raises(RecordError) as caught:
+        read(content)
+    said = str(caught.value)
+    assert message in said
+    assert "run.csv" in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"channels": {"x:m2": "force"}},
+            "--channel x:m2=force: there is no such column; did you mean force:m1? the columns",
+        ),
+        (
+            {"channels": {"x:m2": 4}},
+            "--channel x:m2=4: there is no such column; the columns are time, x:m1, force:m1",
+        ),
+        ({"channels": {"m2": 2}}, "--channel m2=2: 'm2' is no channel: a channel is KIND:MASS"),
+        ({"channels": {"x:m2": 2, "x:m2[mm]": 3}}, "channel x:m2: --channel names it twice"),
+        ({"rate": -1.0}, "a rate of -1.0 Hz cannot be"),
+        ({"resample": 0.0}, "a rate of 0.0 Hz cannot be"),
+        (
+            {"resample": 50.0},
+            "resampling to 50 Hz folds what is above 25 Hz into what is below, since the record has 100 Hz",
+        ),
+        ({"known_masses": ["m2", "n1"]}, "channel x:m1: the structure has no mass 'm1'; did you mean "),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(read, options, message):
+    with pytest.raises(RecordError) as caught:
+        read(text(HEADER, body()), **options)
+    assert message in str(caught.value)
+
+
+def test_a_name_that_two_columns_bear_needs_a_number(read):
+    with pytest.raises(RecordError, match="2 columns are called that; use a number"):
+        read(text("time,probe,probe", body()), channels={"x:m1": "probe"})
+    assert np.array_equal(read(text("time,probe,probe", body()), channels={"x:m1": 3}).channel("x:m1"), F)
+
+
+def test_known_masses_let_their_channels_and_the_base_pass(read):
+    record = read(text("time,x:m1,x:base", body()), known_masses=["m1"])
+    assert record.channels == ("x:m1", "x:base")
+
+
+# Resampling ----------------------------------------------------------------------------------------------------
+
+
+def uneven(n=400, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.uniform(0.7e-3, 1.3e-3, n))
+
+
+def test_an_uneven_time_is_resampled(read):
+    t = uneven()
+    record = read(
+        text("time,x:m1", [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, t)]), resample=2000.0
+    )
+    assert record.rate == 2000.0
+    assert record.start == t[0]
+    expected = np.sin(60.0 * record.time)
+    # Quintic splines: error of order (60 h)^6 with h = 1.3e-3 at most, a little more at the ends.
+    assert np.max(np.abs(record.channel("x:m1") - expected)) < 10.0 * (60.0 * 1.3e-3) ** 6
+    assert record.notes == (
+        "Resampled from 400 samples to 2000 Hz by quintic splines; "
+        "the noise of neighbouring samples is no longer independent.",
+    )
+
+
+def test_resampling_leaves_gaps_open(read):
+    t = np.delete(uneven(), np.arange(100, 130))
+    record = read(
+        text("time,x:m1", [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, t)]), resample=1000.0
+    )
+    hole = (record.time > t[99] + 1e-9) & (record.time < t[100] - 1e-9)
+    assert np.array_equal(record.missing[:, 0], hole)
+    assert hole.sum() > 20
+
+
+# Writing, speed, real files ------------------------------------------------------------------------------------
+
+
+def test_a_million_cells_a_second_and_more(tmp_path):
+    n = 65_000
+    record = Record(0.0, 1000.0, ("x:m1", "x:m2"), np.random.default_rng(1).standard_normal((n, 2)))
+    write_record(record, tmp_path / "r.csv")
+    read_record(tmp_path / "r.csv")  # once, for what is loaded on first use
+    clock = time.process_time()
+    again = read_record(tmp_path / "r.csv")
+    assert time.process_time() - clock < 0.3
+    assert np.array_equal(again.values, record.values)
+
+
+def test_the_measured_records_are_read(shared_data):
+    beam = read_record(shared_data / "magnet_beam_decay.csv")
+    assert (beam.channels, beam.rate, len(beam), beam.notes) == (("x:m1",), 1000.0, 3000, ())
+    silver = read_record(shared_data / "silverbox_multisine.csv")
+    assert (silver.channels, silver.rate, len(silver)) == (("force:m1", "x:m1"), 1.0 / 0.0016384, 65062)
+    assert silver.inputs == ("force:m1",)
+
+
+def test_the_reference_orbits_are_read(shared_reference):
+    record = read_record(shared_reference / "bnes_2.csv")
+    assert record.channels == ("x:m1", "x:m2")
+    assert record.start == 0.0
