@@ -26,7 +26,7 @@ from linkwise.expression.tree import (
 _HALF = Number(0.5)
 _TINY = Number(sys.float_info.min)
 _LARGEST_EXPANSION = 64  # exponent up to which a power of a sum is multiplied out
-_LARGEST_TABLE = 4096  # products of terms in one step of it; beyond, the expression counts as no polynomial
+_LARGEST_TABLE = 1024  # products of terms in one step of it; beyond, the expression counts as no polynomial
 
 
 def differentiate(expression: Expression, name: str) -> Expression:

@@ -119,7 +119,7 @@ def _pieces(part: Expression, scale: float) -> Iterator[tuple[float, Expression]
                 yield from _pieces(inner, scale)
         case Product((Number(value), Sum() as inner)) if math.isfinite(scale * value):
             yield from _pieces(inner, scale * value)
-        case Product((Number(value), *rest)) if math.isfinite(scale * value):
+        case Product((Number(value), *rest)) if math.isfinite(scale * value) and value != 0.0:
             yield scale * value, rest[0] if len(rest) == 1 else Product(tuple(rest))
         case _:
             yield scale, part
@@ -141,7 +141,7 @@ def multiply(*factors: Expression) -> Expression:
                 case _:
                     over[item] = over.get(item, 0) + 1
     if 0.0 in numbers:
-        return ZERO
+        return Product((ZERO, Power(ZERO, -1))) if ZERO in under else ZERO
     constant = math.prod(numbers)
     if math.isfinite(constant) and constant != 0.0:
         numbers = [] if constant == 1.0 else [constant]
@@ -173,7 +173,7 @@ def power(base: Expression, exponent: int | float | Expression) -> Expression:
                 return Power(base, exponent)
             real = isinstance(folded, float) and math.isfinite(folded)
             return Number(folded) if real else Power(base, exponent)
-        case Power(inner, int() as first) if isinstance(exponent, int) and (first > 0 or exponent > 0):
+        case Power(inner, int() as first) if isinstance(exponent, int):
             return power(inner, first * exponent)
         case Power(inner, float() as first) if exponent == -1:
             return power(inner, -first)
@@ -277,7 +277,11 @@ def _product_text(factors: tuple[Expression, ...]) -> str:
     )
     for divisor in under:
         assert isinstance(divisor, Power) and isinstance(divisor.exponent, int)
-        text += f"/{_atom(divisor.base)}" + (f"**{-divisor.exponent}" if divisor.exponent != -1 else "")
+        base, exponent = _atom(divisor.base), -divisor.exponent
+        if exponent == 1:
+            text += f"/{base}"
+        else:  # a constant that did not fold would fold as 0**2 and would not come back
+            text += f"*{base}**-{exponent}" if isinstance(divisor.base, Number) else f"/{base}**{exponent}"
     return text
 
 

@@ -1,0 +1,469 @@
+"""Expressions: parsing, canonical form, calculus and programs, each against an independent way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from linkwise.errors import LawError
+from linkwise.expression import (
+    FUNCTIONS,
+    Call,
+    Expression,
+    Number,
+    Power,
+    Product,
+    Program,
+    Sum,
+    Symbol,
+    add,
+    antiderivative,
+    call,
+    differentiate,
+    kinks,
+    multiply,
+    parse,
+    parse_with_places,
+    polynomial,
+    power,
+    substitute,
+    symbols,
+    to_text,
+    walk,
+)
+
+NAMES = ("d", "v", "k", "g")
+D, V, K = Symbol("d"), Symbol("v"), Symbol("k")
+POINTS = {"d": 0.73, "v": -1.31, "k": 1.7, "g": 0.42}
+STEP = 1e-200  # of the complex step: its square is below the smallest double, so the derivative is exact to rounding
+
+
+def _by_real_part(choose: object) -> object:
+    return lambda *zs: choose(zs, key=lambda z: complex(z).real)  # type: ignore[operator]
+
+
+PYTHON = {  # the same functions for complex arguments next to the real axis
+    "abs": lambda z: z if complex(z).real >= 0 else -z,
+    "sign": lambda z: np.sign(complex(z).real),
+    "max": _by_real_part(max),
+    "min": _by_real_part(min),
+    **{name: getattr(np, name) for name in ("sqrt", "exp", "tanh", "sin", "cos")},
+}
+
+
+def evaluate(text: str, point: dict[str, complex]) -> complex:
+    """The text's value by Python itself: a way that shares nothing with ours."""
+    return complex(eval(text, {"__builtins__": {}}, {**PYTHON, **point}))
+
+
+def texts() -> st.SearchStrategy[str]:
+    leaves = st.sampled_from(NAMES) | st.sampled_from(["0", "1", "2", "0.5", "3", "1.25", ".1", "2e-1"])
+
+    def longer(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+        return st.one_of(
+            st.tuples(inner, st.sampled_from([" + ", " - ", "*", "/", "-"]), inner).map("".join),
+            st.tuples(inner, st.sampled_from(["+", "-", "*", "/"]), inner).map(lambda t: f"({''.join(t)})"),
+            st.tuples(inner, st.sampled_from(["2", "3", "-1", "-2", "0.5", "1.5", "k"])).map(
+                lambda t: f"({t[0]})**{t[1]}"
+            ),
+            inner.map(lambda t: f"-{t}"),
+            st.tuples(st.sampled_from([f for f, n in FUNCTIONS.items() if n == 1]), inner).map(
+                lambda t: f"{t[0]}({t[1]})"
+            ),
+            st.tuples(st.sampled_from(["max", "min"]), inner, inner).map(lambda t: f"{t[0]}({t[1]}, {t[2]})"),
+        )
+
+    return st.recursive(leaves, longer, max_leaves=8)
+
+
+def value(expression: Expression, point: dict[str, float] = POINTS) -> float:
+    return float(Program([expression], tuple(point))(*point.values())[0])
+
+
+def worst_intermediate(expression: Expression) -> float:
+    """The size of the largest value met on the way, and of its inverse: the condition of the evaluation, roughly."""
+    sizes = [abs(value(node)) for node in walk(expression)]
+    if not all(map(math.isfinite, sizes)):
+        return math.inf
+    return max(max(sizes), *(1 / size if size else 1.0 for size in sizes))
+
+
+@settings(derandomize=True, deadline=None, max_examples=400)
+@given(texts())
+def test_value_and_partials_agree_with_pythons_own_by_complex_step(text: str) -> None:
+    expression = parse(text)
+    slopes = {name: differentiate(expression, name) for name in NAMES}
+    assume(all(worst_intermediate(each) < 1e4 for each in (expression, *slopes.values())))
+    assume(all(abs(value(kink)) > 1e-6 for kink in kinks(expression)))
+    with np.errstate(all="ignore"):
+        try:
+            expected = evaluate(text, dict(POINTS))
+            by = {n: evaluate(text, {**POINTS, n: POINTS[n] + STEP * 1j}).imag / STEP for n in NAMES}
+        except ArithmeticError:
+            assume(False)
+    assume(abs(expected.imag) == 0.0)
+    assert value(expression) == pytest.approx(expected.real, rel=1e-9, abs=1e-9)
+    for name, slope in slopes.items():
+        assert value(slope) == pytest.approx(by[name], rel=1e-8, abs=1e-8)
+
+
+@settings(derandomize=True, deadline=None, max_examples=400)
+@given(texts())
+def test_text_round_trip(text: str) -> None:
+    expression = parse(text)
+    assert parse(to_text(expression)) == expression
+    for name in ("d", "k"):
+        slope = differentiate(expression, name)
+        if not any(isinstance(node, Call) and node.function == "log" for node in walk(slope)):
+            assert parse(to_text(slope)) == slope
+
+
+@settings(derandomize=True, deadline=None, max_examples=400)
+@given(st.text(alphabet="dvk01.e+-*/(),^ _=xsinmax\nα²'", max_size=24))
+def test_any_text_is_an_expression_or_a_law_error(text: str) -> None:
+    try:
+        expression = parse(text, ("d", "v"))
+    except LawError as error:
+        assert error.reason and error.advice
+        assert error.position is None or 0 <= error.position <= len(text)
+    else:
+        assert parse(to_text(expression)) == expression
+
+
+@pytest.mark.parametrize(
+    ("text", "canonical"),
+    [
+        ("d*d*k*2*3", "6*d**2*k"),
+        ("d + d - 2*d", "0"),
+        ("1 + d + 2", "d + 3"),
+        ("-(k - g)/2 + d - (d - g)", "-0.5*k + 1.5*g"),
+        ("k/d/d", "k/d**2"),
+        ("1/(k*d)**2", "1/(k*d)**2"),
+        ("(d**2)**3*1", "d**6"),
+        ("d/d", "d/d"),
+        ("0*v + d**1 + v**0", "d + 1"),
+        ("-d**2", "-d**2"),
+        ("(-d)**2", "(-d)**2"),
+        ("2**-1*d", "0.5*d"),
+        ("--d", "d"),
+        ("max(d, v, k)", "max(max(d, v), k)"),
+        ("max(d, d)*min(1, 2)", "d"),
+        ("sqrt(4)*tanh(0) + abs(-3)", "3"),
+        ("1e22*d", "1e+22*d"),
+        ("cos(2*pi*d)", "cos(6.283185307179586*d)"),
+        ("1/0", "1/0"),
+        ("(-1)**0.5 + exp(1e3)", "(-1)**0.5 + exp(1000)"),
+        ("1e200*1e200*d", "1e+200*1e+200*d"),
+        ("d**k**v", "d**(k**v)"),
+        ("d**-0.5", "d**-0.5"),
+        ("k\n  * d", "k*d"),
+        ("1*k*d/k", "k*d/k"),
+    ],
+)
+def test_canonical_form(text: str, canonical: str) -> None:
+    assert to_text(parse(text)) == canonical
+    assert parse(canonical) == parse(text)
+
+
+def test_the_tree_is_what_its_docstring_says() -> None:
+    assert parse("d**3 - 2*k/v - 1") == Sum(
+        (Power(D, 3), Product((Number(-2.0), K, Power(V, -1))), Number(-1.0))
+    )
+    assert isinstance(parse("d**3.0").exponent, int)  # type: ignore[attr-defined]
+    assert parse("max(d, v, 0)") == Call("max", (Call("max", (D, V)), Number(0.0)))
+    assert {parse("k*d"): 1}[multiply(K, D)] == 1
+    assert symbols(parse("v*sin(d) + k**g - v")) == ("v", "d", "k", "g")
+
+
+def test_substitution_keeps_the_canonical_form() -> None:
+    expression = parse("k*d + v**k + max(d, g)")
+    assert substitute(expression, {"d": Number(0.0), "k": Number(2.0)}) == parse("v**2 + max(0, g)")
+    assert substitute(expression, {"d": parse("v - g")}) == parse("k*(v - g) + v**k + max(v - g, g)")
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "reason", "advice"),
+    [
+        ("", None, "The expression is empty.", 'Write one, for instance "k*d + c*v".'),
+        ("k*d + foo(v)", "foo", "'foo' is not a function.", "The functions are abs, sign, sqrt,"),
+        ("tan(d)", "tan", "'tan' is not a function.", "Did you mean tanh?"),
+        ("Sin(d)", "Sin", "'Sin' is not a function.", "Did you mean sin?"),
+        ("k(d)", "k", "'k' is not a function.", "For a product write k*(...)."),
+        ("d(v)", "d(", "'d' is not a function.", "d is a variable: for a product write d*(...)."),
+        ("k d", "d", "An operator is missing between 'k' and 'd'.", "A product is written with a star: k*d."),
+        ("2d", "d", "An operator is missing between '2' and 'd'.", "2*d."),
+        ("(k)(d)", "(d", "An operator is missing between ')' and '('.", "star"),
+        ("2(d)", "(d", "An operator is missing between '2' and '('.", "star"),
+        ("k*d +", "+", "Something is missing after '+'.", "Add what it acts on."),
+        ("*d", "*d", "Something is missing before '*'.", "Add what the operator acts on."),
+        ("k*/d", "/d", "Something is missing between '*' and '/'.", "Add what the operator acts on."),
+        ("max(*d, v)", "*d", "Something is missing between '(' and '*'.", "Add"),
+        ("sin()", "()", "There is nothing in this bracket.", "Put an expression into it."),
+        ("max(d,)", ",", "Something is missing after ','.", "Add"),
+        ("(k*(d)", "(k", "This bracket is never closed.", "Add the missing ')'."),
+        ("k*d)", ")", "This bracket was never opened.", "Remove it, or add the missing '('."),
+        ("d^3", "^", "'^' cannot stand here.", "A power is written with two stars: d**3."),
+        ("F = k*d", "=", "'=' cannot stand here.", "Write only the right-hand side"),
+        ("d.real", ".", "'.' cannot stand here.", "A name has no attributes"),
+        ("d > 0", ">", "'>' cannot stand here.", "use max, min or sign"),
+        ("k[0]*d", "[", "'[' cannot stand here.", "Use round brackets."),
+        ("k·d", "·", "'·' cannot stand here.", "star"),
+        ("d; v", ";", "';' cannot stand here.", "An expression has names, numbers, + - * / **"),
+        ("d//2", "//", "'//' is no operator here.", "A quotient is written with one stroke"),
+        ("__import__('os')", "__import__", "'__import__' is no name.", "Names begin with a letter"),
+        (
+            "(lambda: 0)()",
+            "lambda",
+            "'lambda' is a reserved word.",
+            "Name it otherwise, lambda_ for instance.",
+        ),
+        ("k if d else v", "if", "An operator is missing between 'k' and 'if'.", "star"),
+        ("True", "True", "'True' is a reserved word.", "Name it otherwise"),
+        (
+            "sin*d",
+            "sin",
+            "'sin' is a function, not a name.",
+            "Write sin(...) or name the coefficient otherwise.",
+        ),
+        ("max(d)", "max", "'max' takes two or more arguments, not 1.", "Check its commas and brackets."),
+        ("k*sin(d, v)", "sin", "'sin' takes one argument, not 2.", "Check its commas and brackets."),
+        ("d, v", ",", "A comma stands only between the arguments of a function.", "Write one expression."),
+        (
+            "sin((1,5)*d)",
+            ",",
+            "A comma stands only between the arguments of a function.",
+            "Decimals have a point",
+        ),
+        ("d + 1e999", "1e999", "This number is too large for double precision.", "The largest is 1.8e308."),
+        (
+            "d + 1" + "0" * 400,
+            "1",
+            "This number is too large for double precision.",
+            "The largest is 1.8e308.",
+        ),
+        ("007*d", "007", "This cannot be read: leading zeros", "An expression has names"),
+        ("é*k2*d + foo(d)", "foo", "'foo' is not a function.", "The functions"),
+        ("é*k2*d + max(é)", "max", "'max' takes two", "Check"),
+    ],
+)
+def test_errors_say_what_where_and_what_to_do(text: str, place: str | None, reason: str, advice: str) -> None:
+    with pytest.raises(LawError) as caught:
+        parse(text, ("d", "v"))
+    error = caught.value
+    assert error.reason.startswith(reason) and advice in error.advice
+    assert error.text == text
+    if place is None:
+        assert error.position is None
+    else:
+        assert error.position is not None and text[error.position :].startswith(place)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["(" * 51 + "d" + ")" * 51, "sin(" * 51 + "d" + ")" * 51, "-" * 51 + "d", "d" + "**d" * 51, "(" * 1500],
+)
+def test_deep_nesting_is_refused(text: str) -> None:
+    with pytest.raises(LawError, match=r"nested deeper than 50 levels"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(" * 50 + "d" + ")" * 50,
+        "sin(" * 50 + "d" + ")" * 50,
+        "(1 + 2*" * 50 + "d" + ")" * 50,
+        "d" + "**d" * 50,
+    ],
+)
+def test_nesting_up_to_the_limit_is_read_and_used(text: str) -> None:
+    expression = parse(text)
+    assert parse(to_text(substitute(expression, {"d": V}))) == parse(text.replace("d", "v"))
+    assert math.isfinite(value(differentiate(expression, "d")))
+
+
+def test_long_is_not_deep() -> None:
+    assert parse("+".join(["d"] * 999)) == multiply(Number(999.0), D)
+    terms = "*d - ".join(f"k{index}" for index in range(200))
+    assert len(symbols(parse(terms))) == 201
+
+
+def test_too_long_a_text_is_refused() -> None:
+    with pytest.raises(LawError, match=r"has 2001 characters, more than the 2000 that are read") as caught:
+        parse("d" * 2001)
+    assert caught.value.advice.startswith("Split it into several links")
+
+
+def test_what_is_no_text_is_refused() -> None:
+    with pytest.raises(LawError, match=r"must be a text\.\n  3\.0\nWrite it in quotes"):
+        parse(3.0)  # type: ignore[arg-type]
+
+
+def test_places_of_sub_expressions() -> None:
+    parsed = parse_with_places("k*d - c/v")
+    assert parsed.place(Symbol("c")) == 6
+    assert parsed.place(parse("-c/v")) == 6
+    assert parsed.place(Symbol("x")) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "at", "slope"),
+    [
+        ("sign(d)", 0.0, 0.0),
+        ("abs(d)", 0.0, 0.0),
+        ("abs(d)", -2.0, -1.0),
+        ("max(d, 0)", 0.0, 0.5),
+        ("min(3*d, d)", 0.0, 2.0),
+        ("abs(d)**1.5", 0.0, 0.0),
+        ("d**2.5", 0.0, 0.0),
+    ],
+)
+def test_slope_at_a_kink_is_the_mean_of_both_sides(text: str, at: float, slope: float) -> None:
+    assert value(differentiate(parse(text), "d"), {"d": at}) == slope
+
+
+def test_slope_by_an_exponent_vanishes_with_the_base_and_has_none_below_it() -> None:
+    by_p = differentiate(parse("d**p"), "p")
+    assert value(by_p, {"d": 0.0, "p": 1.5}) == 0.0
+    assert value(by_p, {"d": 2.0, "p": 1.5}) == pytest.approx(2.0**1.5 * math.log(2.0), rel=1e-12)
+    assert math.isnan(value(by_p, {"d": -1.0, "p": 2.0}))
+
+
+@pytest.mark.parametrize(
+    ("text", "terms"),
+    [
+        ("k*d + g*d**3 + v", {(1, 0): "k", (3, 0): "g", (0, 1): "1"}),
+        ("(d + g)**2*v - v*d**2", {(1, 1): "2*g", (0, 1): "g**2"}),
+        ("(2*d*v)**3", {(3, 3): "8"}),
+        ("d/k + sin(g)", {(1, 0): "1/k", (0, 0): "sin(g)"}),
+        ("(d + v)*(d - v)", {(2, 0): "1", (0, 2): "-1"}),
+        ("0", {}),
+        ("sin(d)", None),
+        ("k/d", None),
+        ("d**0.5", None),
+        ("d**k", None),
+        ("d + sin(v)", None),
+        ("v*sin(d)", None),
+        ("((1 + d + v)**60 + 1)**60", None),
+    ],
+)
+def test_polynomial(text: str, terms: dict[tuple[int, int], str] | None) -> None:
+    found = polynomial(parse(text), ("d", "v"))
+    assert found == (None if terms is None else {key: parse(each) for key, each in terms.items()})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "k*d + g*d**3 - 2", "(d + g)**2*v", "sin(2*d + k)", "cos(g - d)*k", "exp(-d/g)", "k*tanh(d/g)", "sqrt(d + 1)",
+        "abs(2*d - g)", "sign(d - g) + d", "1/(d + 2)", "(3*d + 2)**0.5", "abs(d)**k", "k*d*abs(d)", "d**2*sign(d)",
+        "abs(d)**1.5*sign(d)", "abs(d)*abs(d)**2", "v**2*k",
+    ],
+)  # fmt: skip
+def test_the_slope_of_the_antiderivative_is_the_expression(text: str) -> None:
+    expression = parse(text)
+    primitive = antiderivative(expression, "d")
+    assert primitive is not None
+    slope = differentiate(primitive, "d")
+    for d in (-0.61, -0.3, 0.17, 0.45, 0.9):
+        point = {**POINTS, "d": d}
+        assert value(slope, point) == pytest.approx(value(expression, point), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text", ["sin(d**2)", "d*exp(d)", "max(d, 0)", "d**d", "sin(d)*cos(d)", "d/abs(d)**3"]
+)
+def test_no_antiderivative_is_said(text: str) -> None:
+    assert antiderivative(parse(text), "d") is None
+
+
+def test_tanh_integral_neither_overflows_nor_cancels() -> None:
+    primitive = antiderivative(parse("tanh(d)"), "d")
+    assert primitive is not None
+    rise = add(primitive, multiply(Number(-1.0), substitute(primitive, {"d": Number(0.0)})))
+    assert value(rise, {"d": -800.0}) == pytest.approx(800.0 - math.log(2.0), rel=1e-12)
+    assert value(rise, {"d": 0.5}) == pytest.approx(math.log(math.cosh(0.5)), rel=1e-12)
+
+
+def test_kinks_inner_ones_first_and_once() -> None:
+    expression = parse("k*max(abs(d) - g, 0)*sign(d) + min(v, k) + sin(abs(d))")
+    assert kinks(expression) == (D, parse("abs(d) - g"), parse("v - k"))
+    assert kinks(parse("k*d + tanh(v)")) == ()
+
+
+def test_program_shares_what_is_equal() -> None:
+    law = parse("alpha*d + beta*d**3 + c*v")
+    names = ("d", "v", "alpha", "beta", "c")
+    program = Program([law, *(differentiate(law, name) for name in names)], names)
+    # d2, d3, three products, two sums; 3 beta, 3 beta d2, + alpha: ten operations for six outputs
+    assert len(program) == 10
+    assert len(Program([parse("d**8")], ("d",))) == 3
+    assert len(Program([parse("sin(d*v)*k"), parse("sin(v*d)")], ("d", "v", "k"))) == 3
+    assert len(Program([parse("d - 2*v")], ("d", "v"))) == 2
+
+
+def test_program_computes_the_narrow_first() -> None:
+    """With d of a million and k, m of one, `d*k*m` is one large product, not two; the result is the same."""
+    program = Program([parse("d*k*g + k + v + g")], NAMES, wide=("d", "v"))
+    shapes: list[tuple[int, ...]] = []
+
+    class Spy(np.ndarray):  # counts the operations at full size
+        def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: object, **_: object) -> np.ndarray:
+            plain = [
+                np.asarray(each).view(np.ndarray) if isinstance(each, np.ndarray) else each for each in inputs
+            ]
+            result = ufunc(*plain)
+            shapes.append(result.shape)
+            return np.asarray(result).view(Spy)
+
+    d, v, k, g = np.ones(1000), np.ones(1000), np.array(2.0), np.array(3.0)
+    slots = [each.view(Spy) for each in (d, v, k, g)] + program._slots
+    for ufunc, first, second, to in program._tape:
+        slots[to] = ufunc(slots[first]) if second < 0 else ufunc(slots[first], slots[second])
+    assert sorted(shapes) == [(), ()] + [(1000,)] * 3
+    np.testing.assert_array_equal(program(d, v, k, g)[0], np.full(1000, 12.0))
+
+
+def test_program_broadcasts_and_protects() -> None:
+    d, k = np.arange(6.0).reshape(3, 2), np.array([1.0, 2.0])
+    outputs = Program([parse("k*d"), D, K, Number(2.5)], ("d", "k"))(d, k)
+    assert [output.shape for output in outputs] == [(3, 2)] * 4
+    assert not any(output.flags.writeable for output in outputs) and d.flags.writeable and k.flags.writeable
+    np.testing.assert_array_equal(outputs[0], d * k)
+    np.testing.assert_array_equal(outputs[3], np.full((3, 2), 2.5))
+    first, second = Program([parse("-d"), parse("d**2")], ("d",))([1, 2])
+    assert first.dtype == second.dtype == np.float64 and second.tolist() == [1.0, 4.0]
+
+
+def test_program_gives_no_warning_and_hides_no_infinity() -> None:
+    result = Program([parse("1/d"), parse("sqrt(d)")], ("d",))(np.array([0.0, -1.0]))
+    assert np.isinf(result[0][0]) and np.isnan(result[1][1])
+
+
+def test_program_repeats_itself() -> None:
+    """Slots are used again within a run, never across runs."""
+    program = Program([parse("sin(d)*cos(d) + d**5"), parse("tanh(d) - d**4")], ("d",))
+    d = np.linspace(-1.0, 1.0, 7)
+    first = program(d)
+    program(2.0 * d)
+    for before, after in zip(first, program(d), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_program_refuses_other_inputs() -> None:
+    with pytest.raises(ValueError, match=r"'x' is not among the inputs d, k"):
+        Program([parse("k*x")], ("d", "k"))
+    with pytest.raises(ValueError, match=r"expected 2 arrays \(d, k\), got 1"):
+        Program([parse("k*d")], ("d", "k"))(1.0)
+
+
+def test_constructors_fold() -> None:
+    assert power(Number(2.0), 3) == Number(8.0)
+    assert power(Number(1.0), K) == Number(1.0)
+    assert power(Number(0.0), -1) == Power(Number(0.0), -1)
+    assert call("max", Number(1.0), Number(2.0)) == Number(2.0)
+    assert multiply() == Number(1.0) and add() == Number(0.0)
