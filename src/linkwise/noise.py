@@ -13,7 +13,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import RecordError
+from linkwise.errors import RecordError
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def bandwidth(samples: ArrayLike, rate: float) -> Array:
     columns = _columns(samples)
     block = min(256, 2 ** int(np.log2(max(len(columns) // 3, 16))))
     power = _block_powers(columns, block, 1.0 / block, 0.5)
-    whole: NDArray[np.bool_] = np.isfinite(power).all(axis=2)
+    whole = np.asarray(np.isfinite(power).all(axis=2))
     counts: NDArray[np.intp] = np.sum(whole, axis=0)
     lost = np.flatnonzero(counts == 0)
     if lost.size:

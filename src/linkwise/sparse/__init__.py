@@ -1,0 +1,1 @@
+"""Coefficients from equations: one regressor a file, all on one Gram matrix."""
