@@ -1,0 +1,179 @@
+"""Two smoothers that differentiate: local polynomials (Savitzky-Golay) and a smoothing spline that finds its own smoothness.
+
+Both take evenly sampled channels (N, C) without gaps and are linear in them, so noise passes through as it does through
+a filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, comb, factorial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solveh_banded
+
+from linkwise.errors import RecordError
+
+Array = NDArray[np.float64]
+
+_VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120  # quintic B-splines and their derivatives at a knot
+_SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24
+_BEND = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6
+_MARGIN = 1.7  # cut-off of a Savitzky-Golay window in bandwidths: the best derivatives at 20 to 60 dB
+_PENALTY = 4  # order of the differences that are penalised: with 4 the second derivative comes out best
+_SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/200 of the sampling rate
+
+
+def savitzky_golay(
+    samples: ArrayLike, rate: float, *, half: int, degree: int = 5
+) -> tuple[Array, Array, Array]:
+    """Value, first and second time derivative, each (N, C), of the polynomial fitted to 2 `half` + 1 samples around each.
+
+    Nearer than `half` to an end the polynomial of the first or last whole window is evaluated off its centre. (Savitzky, Golay
+    1964.) `rate` in Hz. Raises RecordError for a window longer than the record or too short for the degree.
+    """
+    values = _columns(samples)
+    length = 2 * half + 1
+    if length <= degree or length > len(values):
+        raise RecordError(
+            f"a Savitzky-Golay window of {length} samples cannot carry a polynomial of degree {degree} through a record of "
+            f"{len(values)} samples; it needs more samples than the degree and fewer than the record"
+        )
+    u = np.arange(-half, half + 1) / half
+    fit = np.linalg.pinv(np.vander(u, degree + 1, increasing=True))  # (degree + 1, length)
+    answers = []
+    for order in range(3):
+        unit = (rate / half) ** order
+        kernel = fit[order] * factorial(order) * unit
+        answer = np.empty_like(values)
+        for channel in range(values.shape[1]):
+            answer[half : len(values) - half, channel] = np.correlate(
+                values[:, channel], kernel, mode="valid"
+            )
+        slopes = _derivative_rows(u, degree, order) * unit @ fit
+        answer[:half] = slopes[:half] @ values[:length]
+        answer[len(values) - half :] = slopes[half + 1 :] @ values[-length:]
+        answers.append(answer)
+    return answers[0], answers[1], answers[2]
+
+
+def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> int:
+    """Half width in samples of the Savitzky-Golay window for motion up to `bandwidth` in Hz, at the sampling rate in Hz.
+
+    Its -3 dB cut-off lies at 1.7 times the bandwidth, since a second derivative is damped well before the value is. Schafer,
+    "What is a Savitzky-Golay filter?", 2011, Eq. (12): f_c = (degree + 1) / (3.2 half - 4.6) in half sampling rates.
+    """
+    cut = 2 * _MARGIN * bandwidth / rate
+    return max(ceil(((degree + 1) / cut + 4.6) / 3.2), degree // 2 + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothingSpline:
+    """Quintic B-splines with a knot at every sample, `coefficients` (N + 4, C); `smoothing` (C,) is the weight of the penalty.
+
+    The weight lies between 1e-8, which interpolates, and 1e12, which passes 1/200 of the sampling rate.
+    """
+
+    coefficients: Array
+    rate: float
+    smoothing: Array
+
+    def value(self) -> Array:
+        """(N, C) smoothed samples."""
+        return _stencil(self.coefficients, _VALUE)
+
+    def first(self) -> Array:
+        """(N, C) first derivative by time."""
+        return _stencil(self.coefficients, _SLOPE) * self.rate
+
+    def second(self) -> Array:
+        """(N, C) second derivative by time."""
+        return _stencil(self.coefficients, _BEND) * self.rate**2
+
+    @property
+    def reach(self) -> int:
+        """Samples after which the influence of an end has died away, for the smoothest channel."""
+        smoothest = max(float(np.max(self.smoothing)), 1e-3)
+        return ceil(3 * float(smoothest ** (0.5 / _PENALTY)))
+
+
+def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None = None) -> SmoothingSpline:
+    """The spline that minimises sum (y - s)^2 + smoothing * sum (fourth difference of the coefficients)^2, channel by channel.
+
+    `samples` (N, C) or (N,), `rate` in Hz. With `smoothing` None each channel takes the weight of smallest generalised
+    cross-validation N rss / (N - trace)^2 among 41 from 1e-8 to 1e12; the trace of the smoother is that of its spectrum
+    (Eilers, Marx 1996; exact up to the two ends). Raises RecordError for fewer than 16 samples or a weight outside that range.
+    """
+    values = _columns(samples)
+    if len(values) < 16:
+        raise RecordError(f"{len(values)} samples are too few for a smoothing spline; it needs 16")
+    if smoothing is not None and not _SMOOTHINGS[0] <= smoothing <= _SMOOTHINGS[-1]:
+        raise RecordError(f"a smoothing of {smoothing!r} was given; it must lie between 1e-8 and 1e12")
+    data = _normal_bands(_VALUE, len(values))
+    roughness = _normal_bands(_differences(), len(values) + 4 - _PENALTY)
+    right = np.zeros((len(values) + 4, values.shape[1]))
+    for lag, weight in enumerate(_VALUE):
+        right[lag : lag + len(values)] += weight * values
+    weights = _SMOOTHINGS if smoothing is None else np.array([smoothing])
+    best = np.full(values.shape[1], np.inf)
+    coefficients, chosen = np.empty_like(right), np.empty(values.shape[1])
+    for weight in weights:
+        solved = solveh_banded(data + weight * roughness, right, lower=True, check_finite=False)
+        rest = len(values) - _trace(weight, len(values))
+        score = np.sum((values - _stencil(solved, _VALUE)) ** 2, axis=0) / rest**2
+        better = score < best
+        best[better], chosen[better] = score[better], weight
+        coefficients[:, better] = solved[:, better]
+    return SmoothingSpline(coefficients, rate, chosen)
+
+
+def _columns(samples: ArrayLike) -> Array:
+    values = np.asarray(samples, dtype=np.float64)
+    values = values[:, None] if values.ndim == 1 else values
+    missing = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if missing.size:
+        raise RecordError(
+            f"{missing.size} samples are missing, the first is number {missing[0]}; no smoother bridges a gap: smooth the "
+            "complete pieces one by one"
+        )
+    return values
+
+
+def _derivative_rows(u: Array, degree: int, order: int) -> Array:
+    """Rows (len(u), degree + 1) that evaluate the derivative of that order of a polynomial in rising powers."""
+    rows = np.zeros((len(u), degree + 1))
+    for power in range(order, degree + 1):
+        rows[:, power] = factorial(power) / factorial(power - order) * u ** (power - order)
+    return rows
+
+
+def _stencil(coefficients: Array, weights: Array) -> Array:
+    """Weighted sums of neighbouring rows: (N + 4, C) -> (N, C)."""
+    count = len(coefficients) - len(weights) + 1
+    total = weights[0] * coefficients[:count]
+    for lag in range(1, len(weights)):
+        if weights[lag]:
+            total += weights[lag] * coefficients[lag : lag + count]
+    return np.asarray(total)
+
+
+def _differences() -> Array:
+    return np.array([(-1.0) ** lag * comb(_PENALTY, lag) for lag in range(_PENALTY + 1)])
+
+
+def _normal_bands(stencil: Array, rows: int) -> Array:
+    """S'S in LAPACK's lower banded form, S (rows, rows + len - 1) with `stencil` along its diagonals."""
+    bands = np.zeros((len(stencil), rows + len(stencil) - 1))
+    for left, one in enumerate(stencil):
+        for right in range(left, len(stencil)):
+            bands[right - left, left : left + rows] += one * stencil[right]
+    return bands
+
+
+def _trace(weight: float, samples: int) -> float:
+    """Degrees of freedom of the smoother: its gain averaged over the band, and one for each free coefficient of a cubic."""
+    angle = (np.arange(4096) + 0.5) * np.pi / 4096
+    gain = ((66 + 52 * np.cos(angle) + 2 * np.cos(2 * angle)) / 120) ** 2
+    passed = np.mean(gain / (gain + weight * (2 * np.sin(angle / 2)) ** (2 * _PENALTY)))
+    return float(_PENALTY + (samples - _PENALTY) * passed)
