@@ -13,7 +13,8 @@ Floats = NDArray[np.float64]
 
 FEWEST = 32  # samples: fewer do not hold one period of anything together with its noise
 JITTER = 1e-3  # of a step: what a clock may wander before its samples no longer count as even
-COARSEST = 0.25  # of a step: printed figures coarser than that leave the grid to guesswork
+COARSEST = 0.4  # of a step: printed figures coarser than that leave the grid to guesswork
+RESOLVED = 0.05  # of a decimal: where double precision resolves less, every number looks like a printed one
 SLOW = 0.5  # s: no structure that vibrates is sampled this slowly, milliseconds often are
 LONGEST = 10  # times the rows: a grid with more missing samples than that is two records
 
@@ -116,24 +117,22 @@ class _Column:
         """RecordError unless every moment lies within `tolerance` of the grid and of its neighbour's place
         on it.
         """
-        steps = np.diff(self.moments)
-        off = steps - np.diff(index) * step
+        steps, counts = np.diff(self.moments), np.diff(index)
+        usual = float(np.median(steps))
+        uneven = np.abs(steps - counts * step) > 2.0 * tolerance
         advice = "resample it to an even rate (--resample HZ)"
-        if np.max(np.abs(off)) > 2.0 * tolerance:
-            row, usual = int(np.argmax(np.abs(off) > 2.0 * tolerance)), float(np.median(steps))
-            raise self.error(
-                row + 1,
-                f"uneven time: a step of {steps[row]:.6g} s where {usual:.6g} s was expected; {advice}",
-            )
+        wrong = uneven & (np.abs(steps - counts * usual) > 2.0 * tolerance)
+        if np.any(wrong):
+            row = int(np.argmax(wrong))
+            message = f"uneven time: a step of {steps[row]:.6g} s where {usual:.6g} s was expected; {advice}"
+            raise self.error(row + 1, message)
         drift = self.moments - self.moments[0] - index * step
         drift -= np.median(drift)
-        if np.max(np.abs(drift)) > 2.0 * tolerance:
+        if np.any(uneven) or np.max(np.abs(drift)) > 2.0 * tolerance:
             row = int(np.argmax(np.abs(drift)))
-            raise self.error(
-                row,
-                f"uneven time: {self.moments[row]:.9g} s is {drift[row]:.3g} s off an even grid of "
-                f"{step:.9g} s; {advice}",
-            )
+            moment = self.moments[row]
+            message = f"uneven time: {moment:.9g} s is {drift[row]:.3g} s off an even grid of {step:.9g} s; {advice}"
+            raise self.error(row, message)
 
     def notes(self, index: NDArray[np.int64], rate: float) -> list[str]:
         """What was assumed in laying the grid, each a sentence."""
@@ -173,10 +172,12 @@ def _grain(moments: Floats, step: float) -> float:
     most.
     """
     largest = float(np.max(np.abs(moments)))
-    double = 4.0 * float(np.spacing(largest))
+    double = 2.0 * float(np.spacing(largest))  # start + k/rate is rounded twice
     for digits in range(max(0, int(-np.floor(np.log10(step)))), 13):
-        scaled = moments * 10.0**digits
-        if np.max(np.abs(scaled - np.rint(scaled))) <= 4.0 * np.spacing(largest * 10.0**digits):
+        scaled, slack = moments * 10.0**digits, 4.0 * float(np.spacing(largest * 10.0**digits))
+        if slack > RESOLVED:
+            break
+        if np.max(np.abs(scaled - np.rint(scaled))) <= slack:
             return max(10.0**-digits, double) if 10.0**-digits <= COARSEST * step else double
     if np.array_equal(moments, moments.astype(np.float32)):
         single = float(np.spacing(np.float32(largest)))
