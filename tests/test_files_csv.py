@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies
 
 from linkwise.errors import RecordError
 from linkwise.files import read_record, write_record
@@ -241,7 +242,7 @@ def test_the_rate_stands_in_for_a_time_column(read):
         (text(HEADER, body(rows={4: "0.04,0.1,1,7"})), "line 6: 4 cells where the header has 3"),
         (
             text(HEADER, body(rows={N - 1: "0.59"})),
-            "line 61: 1 cells where the header has 3; was the file cut off in its last",
+            "line 61: 1 cell where the header has 3; was the file cut off in its last",
         ),
         (
             text(HEADER, body(comma=True)),
@@ -402,3 +403,18 @@ def test_the_reference_orbits_are_read(shared_reference):
     record = read_record(shared_reference / "bnes_2.csv")
     assert record.channels == ("x:m1", "x:m2")
     assert record.start == 0.0
+
+
+@given(
+    strategies.text(alphabet="time,x:m1[]() ;\t\n\r0.5-e+#\"'_naif\u00b5", max_size=300),
+    strategies.booleans(),
+)
+def test_whatever_is_in_a_file_it_is_a_record_or_an_error(tmp_path_factory, junk, headed):
+    path = tmp_path_factory.getbasetemp() / "junk.csv"
+    path.write_bytes((text(HEADER, body()) + junk if headed else junk).encode())
+    try:
+        record = read_record(path)
+    except RecordError as error:
+        assert str(error).startswith(str(path))
+    else:
+        assert np.all(np.isfinite(record.values) | record.missing)

@@ -94,7 +94,7 @@ def _refuse_ragged(
     for row, line in zip(rows, lines, strict=True):
         if len(row) == count or (len(row) > count and not any(row[count:])):
             continue
-        message = f"{len(row)} cells where the header has {count}"
+        message = f"{len(row)} cell{'s' * (len(row) != 1)} where the header has {count}"
         if len(row) == 2 * count and dialect.delimiter == ",":
             message += "; with decimal commas, the cells are to be parted by semicolons"
         elif line == lines[-1] and len(row) < count:

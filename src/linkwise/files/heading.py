@@ -9,7 +9,7 @@ from linkwise.channel import QUANTITIES, UNITS, Channel
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.units import factor_to_si
 
-_UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))$", re.DOTALL)
+_UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^():,]*)\))$", re.DOTALL)
 _TIME = frozenset({"time", "t"})
 
 

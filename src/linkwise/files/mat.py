@@ -1,0 +1,123 @@
+"""MATLAB files: read v4 to v7 through SciPy and v7.3 through HDF5, written as v5.
+
+A variable of MATLAB cannot be called x:m1; it is called x_m1. Ours hold `time`, one column vector per channel, `start`,
+`rate`, `source`, the cells `channels` and `variables` (which name is which) and `notes`, and `noise` (NaN where it is not
+known).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.io import loadmat, savemat
+
+from linkwise.channel import UNITS
+from linkwise.files.arrays import columns_of
+from linkwise.files.table import Column, Table
+from linkwise.record import Record
+
+_LONGEST = 63  # characters in the name of a MATLAB variable
+_SPELLED = re.compile(rf"^({'|'.join(UNITS)})_(\w+)$")
+_RATES = ("rate", "fs", "Fs")
+_OWN = frozenset({"channels", "variables", "noise", "notes"})
+
+
+def read_table(path: Path) -> Table:
+    """All variables of numbers, those in structs as `struct/field`; see `files.read_record`."""
+    tree = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
+    names = dict(zip(_texts(tree.get("variables")), _texts(tree.get("channels")), strict=False))
+    samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
+    columns = tuple(_named(column, names) for column in columns_of(samples))
+    noise = np.atleast_1d(tree.get("noise", ()))
+    known = zip(names.values(), noise, strict=False)
+    rate = next((_scalar(tree[name]) for name in _RATES if _scalar(tree.get(name)) is not None), None)
+    return Table(
+        columns,
+        start=_scalar(tree.get("start")) or 0.0,
+        rate=rate,
+        noise={name: float(sigma) for name, sigma in known if np.isfinite(sigma)},
+        notes=_texts(tree.get("notes")),
+        source=next(iter(_texts(tree.get("source"))), ""),
+    )
+
+
+def _named(column: Column, names: Mapping[str, str]) -> Column:
+    """The column with the channel that its variable stands for."""
+    leaf = column.header.rpartition("/")[2]
+    if column.header in names:
+        return replace(column, header=names[column.header])
+    spelled = _SPELLED.match(leaf)
+    return replace(column, meaning=f"{spelled[1]}:{spelled[2]}") if spelled else column
+
+
+def _scalar(value: Any) -> float | None:
+    """The number in an array of one, None for anything else."""
+    if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
+        return float(value.flat[0])
+    return float(value) if isinstance(value, (int, float)) else None
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    """The strings in a cell or char array."""
+    if value is None:
+        return ()
+    if isinstance(value, str):
+        return (value,) if value else ()
+    return tuple(str(text) for text in np.ravel(np.asarray(value)))
+
+
+def _read_v5(path: Path) -> dict[str, Any]:
+    content = loadmat(path, squeeze_me=True, simplify_cells=True)
+    return {name: value for name, value in content.items() if not name.startswith("__")}
+
+
+def _read_v73(path: Path) -> dict[str, Any]:
+    with h5py.File(path, "r") as file:
+        return {name: _from_hdf5(item, file) for name, item in file.items() if not name.startswith("#")}
+
+
+def _from_hdf5(item: h5py.Group | h5py.Dataset, file: h5py.File) -> Any:
+    """One MATLAB value: structs are groups, arrays are stored transposed, text is numbers and cells are references."""
+    if isinstance(item, h5py.Group):
+        return {name: _from_hdf5(member, file) for name, member in item.items()}
+    if "MATLAB_empty" in item.attrs:
+        return None
+    kind = item.attrs.get("MATLAB_class", b"")
+    if kind == b"char":
+        return "".join(map(chr, np.ravel(item[()].T, order="F")))
+    if item.dtype == h5py.ref_dtype:
+        return [_from_hdf5(file[reference], file) for reference in np.ravel(item[()].T, order="F")]
+    return np.squeeze(item[()].T)
+
+
+def write(record: Record, path: Path) -> None:
+    """The variables at the top of this module, as MAT v5."""
+    variables = _identifiers(record.channels)
+    content: dict[str, Any] = {
+        "time": record.time,
+        **{variable: record.channel(name) for variable, name in zip(variables, record.channels, strict=True)},
+        "start": record.start,
+        "rate": record.rate,
+        "channels": np.array(record.channels, dtype=object),
+        "variables": np.array(variables, dtype=object),
+        "noise": np.array([record.noise.get(name, np.nan) for name in record.channels]),
+        "notes": np.array(record.notes, dtype=object),
+        "source": record.source,
+    }
+    savemat(path, content, format="5", oned_as="column", long_field_names=True)
+
+
+def _identifiers(channels: tuple[str, ...]) -> tuple[str, ...]:
+    """A variable for each channel: letters, digits and underscores, none twice."""
+    found: list[str] = []
+    for i, name in enumerate(channels):
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_LONGEST]
+        tail = f"_{i + 1}"
+        found.append(plain if plain not in found else plain[: _LONGEST - len(tail)] + tail)
+    return tuple(found)

@@ -1,0 +1,56 @@
+"""Parquet: one column per channel; rate, noise and notes in the metadata of the schema."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow
+from numpy.typing import NDArray
+from pyarrow import parquet
+
+from linkwise.files.table import Column, Table
+from linkwise.record import Record
+
+_KEY = b"linkwise record"
+
+
+def read_table(path: Path) -> Table:
+    """All columns of the file; see `files.read_record`."""
+    content = parquet.read_table(path)
+    stated: dict[str, Any] = json.loads((content.schema.metadata or {}).get(_KEY, b"{}"))
+    return Table(
+        tuple(Column.of(name, _values(content.column(i))) for i, name in enumerate(content.column_names)),
+        start=stated.get("start", 0.0),
+        rate=stated.get("rate"),
+        noise=stated.get("noise", {}),
+        notes=tuple(stated.get("notes", ())),
+        source=stated.get("source", ""),
+    )
+
+
+def _values(column: pyarrow.ChunkedArray) -> NDArray[Any]:
+    """The values of one column, NaN where Parquet has null."""
+    number = pyarrow.types.is_integer(column.type) or pyarrow.types.is_decimal(column.type)
+    if number and (column.null_count or pyarrow.types.is_decimal(column.type)):
+        column = column.cast(pyarrow.float64())
+    return np.asarray(column.to_numpy())
+
+
+def write(record: Record, path: Path) -> None:
+    """The columns `time` and one per channel, in SI units."""
+    stated = {
+        "start": record.start,
+        "rate": record.rate,
+        "noise": dict(record.noise),
+        "notes": record.notes,
+        "source": record.source,
+    }
+    names = ("time", *record.channels)
+    arrays = [pyarrow.array(record.time), *(pyarrow.array(record.channel(name)) for name in record.channels)]
+    schema = pyarrow.schema(
+        [(name, pyarrow.float64()) for name in names], metadata={_KEY: json.dumps(stated).encode()}
+    )
+    parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=schema), path)

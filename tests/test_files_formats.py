@@ -1,0 +1,474 @@
+"""Every format but CSV: exact there and back, foreign files by name or by mapping, one clear error for a damaged one."""
+
+from __future__ import annotations
+
+import sys
+
+import h5py
+import nptdms
+import numpy as np
+import pyarrow
+import pytest
+import pyuff
+from pyarrow import parquet
+from scipy.io import savemat
+
+from linkwise.errors import RecordError
+from linkwise.files import mat, read_record, write_record
+from linkwise.record import Record
+
+N = 200
+RATE = 250.0
+T = np.arange(N) / RATE
+X = np.sin(20.0 * T)
+A = np.cos(31.0 * T)
+F = np.sin(9.0 * T)
+WRITTEN = (".csv", ".mat", ".h5", ".hdf5", ".parquet")
+KEEPING = WRITTEN[1:]  # the formats that keep noise, source and notes
+
+
+@pytest.fixture
+def record():
+    values = np.random.default_rng(0).standard_normal((N, 4)) * [1.0, 1e-9, 1e12, 1.0]
+    values[7, 1] = np.nan
+    values[50:60] = np.nan
+    names = ("x:m1", "a:left arm-2", "force:m1", "v:base")
+    return Record(
+        0.3, 100.0 * np.pi, names, values, noise={"a:left arm-2": 0.25}, source="rig", notes=("As built.",)
+    )
+
+
+# There and back ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", WRITTEN)
+def test_there_and_back_nothing_changes(record, tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    write_record(record, path)
+    again = read_record(path)
+    assert again.channels == record.channels
+    assert np.array_equal(again.values, record.values, equal_nan=True)
+    assert np.array_equal(again.time, record.time)
+    assert (again.start, again.rate) == (record.start, record.rate)
+    write_record(again, path)  # over the old one
+    third = read_record(path)
+    assert np.array_equal(third.values, record.values, equal_nan=True)
+    assert np.array_equal(third.time, record.time)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]  # no part of a file is left
+
+
+@pytest.mark.parametrize("suffix", KEEPING)
+def test_noise_source_and_notes_are_kept(record, tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    write_record(record, path)
+    again = read_record(path)
+    assert again.noise == {"a:left arm-2": 0.25}
+    assert again.source == "rig"
+    assert again.notes[0] == "As built."
+    assert not any("ignored" in note for note in again.notes)
+
+
+@pytest.mark.parametrize("suffix", WRITTEN)
+def test_one_channel_and_nothing_else(tmp_path, suffix):
+    record = Record(0.0, RATE, ("x:m1",), X[:, np.newaxis])
+    write_record(record, tmp_path / f"run{suffix}")
+    again = read_record(tmp_path / f"run{suffix}")
+    assert np.array_equal(again.values, record.values)
+    assert again.noise == {}
+    assert again.notes == ()
+
+
+# Errors that all formats share ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet", ".uff", ".tdms"])
+def test_a_damaged_file_is_one_clear_error(tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(b"this is not what the suffix says, " * 20)
+    with pytest.raises(RecordError) as caught:
+        read_record(path)
+    said = str(caught.value)
+    assert said.startswith(str(path))
+    assert "\n" not in said
+    assert any(
+        words in said
+        for words in (f"cannot be read as a {suffix} file: ", "is no HDF5 file", "there is no time response")
+    )
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet"])
+def test_half_a_file_is_one_clear_error(record, tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    write_record(record, path)
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(RecordError, match=f"cannot be read as a {suffix} file: "):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "run.xyz",
+            "the suffix '.xyz' is unknown, so its format is too; known are .csv, .txt, .dat, .tsv, .mat",
+        ),
+        ("run", "the file has no suffix, so its format is too"),
+        ("rum.mat", "there is no such file; did you mean run.mat?"),
+        ("other.h5", "there is no such file"),
+        ("folder.csv", "is a folder, not a record file"),
+        ("nowhere/run.csv", "there is no folder"),
+    ],
+)
+def test_a_path_that_leads_nowhere(tmp_path, name, message):
+    for there in ("run.xyz", "run", "run.mat"):
+        (tmp_path / there).write_text("x")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(RecordError) as caught:
+        read_record(tmp_path / name)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "library", "module"),
+    [(".parquet", "pyarrow", "parquet"), (".uff", "pyuff", "uff"), (".tdms", "nptdms", "tdms")],
+)
+def test_a_library_that_is_missing_is_named_with_its_extra(tmp_path, monkeypatch, suffix, library, module):
+    (tmp_path / f"run{suffix}").write_text("x")
+    monkeypatch.setitem(sys.modules, library, None)
+    monkeypatch.delitem(sys.modules, f"linkwise.files.{module}", raising=False)
+    with pytest.raises(RecordError) as caught:
+        read_record(tmp_path / f"run{suffix}")
+    assert f"{suffix} files need the library {library}" in str(caught.value)
+    assert "pip install 'linkwise[files]'" in str(caught.value)
+
+
+def test_writing_refuses_what_it_cannot_write(record, tmp_path):
+    with pytest.raises(
+        RecordError, match=r"a record is not written as .tdms; use one of .csv, .mat, .h5, .hdf5, .parquet"
+    ):
+        write_record(record, tmp_path / "run.tdms")
+    with pytest.raises(RecordError, match="cannot be written: No such file or directory"):
+        write_record(record, tmp_path / "nowhere" / "run.csv")
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
+def test_a_write_that_fails_leaves_the_old_file(record, tmp_path, monkeypatch, error):
+    path = tmp_path / "run.mat"
+    write_record(record, path)
+    before = path.read_bytes()
+
+    def broken(_record, part):
+        part.write_bytes(before[:100])
+        raise error
+
+    monkeypatch.setattr(mat, "write", broken)
+    with pytest.raises((RecordError, MemoryError)):
+        write_record(record, path)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.mat"]
+
+
+# MATLAB --------------------------------------------------------------------------------------------------------
+
+
+def check(record, channels=("x:m1", "a:m2", "force:m1")):
+    assert record.channels == channels
+    assert record.rate == RATE
+    for name, expected in (("x:m1", X), ("a:m2", A), ("force:m1", F)):
+        if name in channels:
+            assert np.array_equal(record.channel(name), expected)
+
+
+def test_mat_v5_from_matlab(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"time": T, "x_m1": X, "a_m2": A[:, np.newaxis], "force_m1": F, "comment": "as measured"})
+    check(read_record(path))
+
+
+def test_mat_v5_structs_matrices_and_rates(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"run": {"x_m1": X, "rest": np.column_stack([A, F])}, "fs": RATE})
+    record = read_record(path, channels={"a:m2": "run/rest(:,1)", "force:m1": "rest(:,2)"})
+    check(record, ("a:m2", "force:m1", "x:m1"))
+
+
+def test_mat_names_that_name_no_mass_are_not_guessed(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"time": T, "x_m1": X, "a_1": A, "v_max": F})
+    record = read_record(path, known_masses=["m1", "m2"])
+    assert record.channels == ("x:m1",)
+    assert record.notes == ("Columns that are no channels were ignored: a_1, v_max.",)
+
+
+def matlab_v73(path, variables):
+    """A file as MATLAB's `save -v7.3` lays it out: 512 bytes of header, arrays transposed, text as numbers."""
+
+    def put(group, name, value):
+        if isinstance(value, dict):
+            struct = group.create_group(name)
+            struct.attrs["MATLAB_class"] = np.bytes_("struct")
+            for field, member in value.items():
+                put(struct, field, member)
+        elif isinstance(value, str):
+            codes = np.frombuffer(value.encode("utf-16-le"), np.uint16)[:, np.newaxis]
+            group.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
+        elif isinstance(value, list):
+            references = np.empty((len(value), 1), dtype=h5py.ref_dtype)
+            for i, member in enumerate(value):
+                put(file["#refs#"], f"{name}{i}", member)
+                references[i, 0] = file["#refs#"][f"{name}{i}"].ref
+            group.create_dataset(name, data=references, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = (
+                np.bytes_("cell")
+            )
+        else:
+            item = group.create_dataset(name, data=np.atleast_2d(value).T)
+            item.attrs["MATLAB_class"] = np.bytes_("double")
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_group("#refs#")
+        for name, value in variables.items():
+            put(file, name, value)
+        empty = file.create_dataset("nothing", data=np.zeros(2, np.uint64))
+        empty.attrs["MATLAB_class"], empty.attrs["MATLAB_empty"] = np.bytes_("double"), 1
+    with open(path, "r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def test_mat_v73(tmp_path):
+    path = tmp_path / "run.mat"
+    matlab_v73(
+        path,
+        {
+            "time": T[:, np.newaxis],
+            "x_m1": X,
+            "data": np.column_stack([A, F]),
+            "run": {"comment": "as measured", "gain": 2.0, "force_m1": F[:, np.newaxis]},
+            "parts": ["one", "two"],
+        },
+    )
+    record = read_record(path, channels={"a:m2": "data(:,1)"})
+    check(record, ("a:m2", "force:m1", "x:m1"))
+    assert record.notes == ("Columns that are no channels were ignored: data(:,2).",)
+
+
+def test_mat_v73_with_our_own_names(tmp_path):
+    path = tmp_path / "run.mat"
+    names = ["x:m1", "a:m2", "force:m1"]
+    matlab_v73(
+        path,
+        {
+            "c1": X,
+            "c2": A,
+            "c3": F,
+            "channels": names,
+            "variables": ["c1", "c2", "c3"],
+            "start": 0.0,
+            "rate": RATE,
+        }
+        | {"noise": np.array([0.5, np.nan, np.nan]), "notes": ["One."], "source": "rig"},
+    )
+    record = read_record(path)
+    assert set(record.channels) == set(names)
+    assert record.noise == {"x:m1": 0.5}
+    assert record.notes == ("One.",)
+    assert record.source == "rig"
+    assert np.array_equal(record.channel("a:m2"), A)
+
+
+def test_mat_columns_of_unequal_length(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"time": T, "x_m1": X[:-1]})
+    with pytest.raises(RecordError, match=r"channel x:m1: has the shape \(199,\), the time \(200,\)"):
+        read_record(path)
+
+
+def test_mat_complex_values_are_refused(tmp_path):
+    path = tmp_path / "run.mat"
+    savemat(path, {"time": T, "x_m1": X + 1j})
+    with pytest.raises(RecordError, match=r"channel x:m1: .* is no number"):
+        read_record(path)
+
+
+def test_mat_names_stay_apart_and_within_matlabs_length():
+    names = (*(f"x:{'m' * 70}{i}" for i in range(3)), "a:m-1", "a:m 1")
+    variables = mat._identifiers(names)
+    assert len(set(variables)) == len(names)
+    assert all(variable.isidentifier() and len(variable) <= 63 for variable in variables)
+
+
+# HDF5 ----------------------------------------------------------------------------------------------------------
+
+
+def test_hdf5_flat_data_sets_with_units(tmp_path):
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as file:
+        file["t"] = T
+        file["x:m1"] = 1000.0 * X
+        file["x:m1"].attrs["units"] = b"mm"
+        file["a:m2"] = A
+        file["a:m2"].attrs["unit"] = "m/s^2"
+        file["force:m1"] = F
+        file["label"] = "as measured"
+    record = read_record(path)
+    assert set(record.channels) == {"x:m1", "a:m2", "force:m1"}
+    assert record.channel("x:m1") == pytest.approx(X, rel=1e-15)
+    assert np.array_equal(record.channel("a:m2"), A)
+
+
+def test_hdf5_groups_and_a_rate_at_the_root(tmp_path):
+    path = tmp_path / "run.hdf5"
+    with h5py.File(path, "w") as file:
+        file["day 1/rig/x:m1"] = X
+        file["day 1/rig/probe"] = F
+        file.attrs["rate"] = RATE
+    record = read_record(path, channels={"force:m1": "day 1/rig/probe"})
+    check(record, ("force:m1", "x:m1"))
+
+
+def test_hdf5_of_a_later_layout_is_refused(record, tmp_path):
+    path = tmp_path / "run.h5"
+    write_record(record, path)
+    with h5py.File(path, "a") as file:
+        file.attrs["version"] = 99
+    with pytest.raises(RecordError, match=r"was written by a later linkwise \(layout 99, known is 1\)"):
+        read_record(path)
+
+
+def test_a_stated_rate_that_contradicts_the_time_gives_way(tmp_path):
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as file:
+        file["time"] = T
+        file["x:m1"] = X
+        file.attrs["rate"] = 2.0 * RATE
+    check(read_record(path), ("x:m1",))
+
+
+# Parquet, UFF, TDMS --------------------------------------------------------------------------------------------
+
+
+def test_parquet_with_nulls_integers_and_text(tmp_path):
+    path = tmp_path / "run.parquet"
+    steps = [None if i == 5 else i % 7 for i in range(N)]
+    table = pyarrow.table({"time": T, "x:m1[mm]": X, "x:m2": steps, "day": ["mon"] * N, "v:m1": ["fast"] * N})
+    parquet.write_table(table, path)
+    record = read_record(path, channels={"v:m1[m/s]": "x:m1"})
+    assert record.channels == ("v:m1", "x:m2")
+    assert np.argwhere(record.missing).tolist() == [[5, 1]]
+    with pytest.raises(RecordError, match="channel v:m1: 'fast' is no number"):
+        read_record(path)
+
+
+_AXES = ("abscissa", "ordinate", "orddenom", "z_axis")
+
+
+def universal(path, sets):
+    """A universal file of type-58 sets: (id line, values, quantity code, node, unit, even step or None for T)."""
+    for i, (label, values, quantity, node, unit, step) in enumerate(sets):
+        none = {
+            "len_unit_exp": 0,
+            "force_unit_exp": 0,
+            "temp_unit_exp": 0,
+            "spec_data_type": 0,
+            "axis_units_lab": "NONE",
+        }
+        data = {f"{axis}_{key}": value for axis in _AXES for key, value in none.items()} | {
+            "type": 58,
+            "binary": 0,
+            "id1": label,
+            "id2": "NONE",
+            "id3": "NONE",
+            "id4": "NONE",
+            "id5": "NONE",
+            "func_type": 1,
+            "ver_num": 1,
+            "load_case_id": 0,
+            "rsp_ent_name": "NONE",
+            "rsp_node": node,
+            "rsp_dir": 3,
+            "ref_ent_name": "NONE",
+            "ref_node": 0,
+            "ref_dir": 0,
+            "ord_data_type": 4,
+            "num_pts": len(values),
+            "abscissa_spacing": 0 if step is None else 1,
+            "abscissa_min": 0.0,
+            "abscissa_inc": step or 0.0,
+            "ordinate_spec_data_type": quantity,
+            "ordinate_axis_units_lab": unit,
+            "z_axis_value": 0.0,
+            "abscissa_spec_data_type": 17,
+            "x": T if step is None else np.arange(N) * step,
+            "data": values,
+        }
+        pyuff.UFF(str(path)).write_sets(data, "overwrite" if i == 0 else "add")
+
+
+def test_uff_58_by_name_by_node_and_by_mapping(tmp_path):
+    path = tmp_path / "run.uff"
+    universal(
+        path,
+        [
+            ("x:m1", 1000.0 * X, 8, 1, "mm", 1.0 / RATE),
+            ("NONE", A, 12, 2, "m/s^2", 1.0 / RATE),
+            ("hammer", F, 13, 1, "N", 1.0 / RATE),
+        ],
+    )
+    record = read_record(path, channels={"force:m1": "hammer"})
+    assert record.channels == ("force:m1", "x:m1", "a:2")
+    assert record.rate == RATE
+    # The ASCII format is written with 12 significant digits.
+    for name, expected in (("x:m1", X), ("a:2", A), ("force:m1", F)):
+        assert record.channel(name) == pytest.approx(expected, rel=1e-11, abs=1e-15)
+
+
+def test_uff_58_rate_from_six_digits_of_the_step(tmp_path):
+    path = tmp_path / "run.unv"
+    universal(path, [("x:m1", X, 8, 1, "m", 1.0 / 48000.0)])
+    assert read_record(path).rate == 48000.0
+
+
+def test_uff_58_uneven_abscissa_is_a_time_column(tmp_path):
+    path = tmp_path / "run.uff"
+    universal(path, [("x:m1", X, 8, 1, "m", None)])
+    check_time = read_record(path)
+    assert check_time.rate == RATE
+    assert check_time.channel("x:m1") == pytest.approx(X, rel=1e-11, abs=1e-15)
+
+
+def test_uff_58_sets_on_different_clocks(tmp_path):
+    path = tmp_path / "run.uff"
+    universal(path, [("x:m1", X, 8, 1, "m", 1.0 / RATE), ("x:m2", A, 8, 2, "m", 0.5 / RATE)])
+    with pytest.raises(RecordError, match=r"channel x:m2\[m\]: has another time axis than x:m1\[m\]"):
+        read_record(path)
+
+
+def lab_view(path, channels, **properties):
+    """A TDMS file of one group `rig`: name -> (values, unit)."""
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject(
+                    "rig", name, values, {"unit_string": unit, **properties} if unit else properties
+                )
+                for name, (values, unit) in channels.items()
+            ]
+        )
+
+
+def test_tdms_with_a_waveform_step(tmp_path):
+    path = tmp_path / "run.tdms"
+    lab_view(
+        path,
+        {"x:m1": (X, "m"), "a:m2": (A, "m/s^2"), "probe": (F, "N")},
+        wf_increment=1.0 / RATE,
+        wf_start_offset=0.5,
+    )
+    record = read_record(path, channels={"force:m1": "probe"})
+    check(record, ("force:m1", "x:m1", "a:m2"))
+    assert record.start == 0.5
+
+
+def test_tdms_with_a_time_channel(tmp_path):
+    path = tmp_path / "run.tdms"
+    lab_view(path, {"time": (1000.0 * T, "ms"), "x:m1": (X, "")})
+    check(read_record(path), ("x:m1",))
