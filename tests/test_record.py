@@ -11,7 +11,7 @@ from linkwise.channel import Channel
 from linkwise.decimation import ATTENUATION, PASSBAND, lowpass
 from linkwise.errors import RecordError
 from linkwise.record import Record
-from linkwise.simulated import EnergyBalance, Simulated
+from linkwise.simulated import EnergyBalance, Settled, Simulated
 
 N = 400
 RATE = 1000.0
@@ -40,8 +40,7 @@ def truth(n):
         displacement=np.column_stack([ramp, -ramp]),
         velocity=np.column_stack([2.0 * ramp, ramp]),
         base=ramp,
-        energy=EnergyBalance(ramp + 3.0, ramp, np.ones((n, 2)), np.full((n, 1), 1.0)),
-        horizon=0.5,
+        account=Settled(EnergyBalance(ramp + 3.0, ramp, np.ones((n, 2)), np.full((n, 1), 1.0)), 0.5),
     )
 
 
