@@ -15,8 +15,7 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 def read_table(path: Path) -> Table:
     """All channels as `group/channel`; see `files.read_record`.
 
-    The step of the first channel that states one (`wf_increment`) is the rate; channels that state another are read on
-    their own with a time column.
+    The step that the channels state (`wf_increment`) is the rate, if they state the same; else the file needs a time channel.
     """
     content = nptdms.TdmsFile.read(path)
     columns, rates, starts = [], [], []
