@@ -112,6 +112,12 @@ def test_potential_by_quadrature_keeps_to_kinks_and_shapes() -> None:
     ]
 
 
+def test_potential_of_more_points_than_a_block() -> None:
+    d = np.linspace(-1.0, 1.0, 70_000)
+    energy = Law.parse("k*max(d, 0)").potential(d, {"k": 2.0})
+    np.testing.assert_allclose(energy, np.maximum(d, 0.0) ** 2, rtol=1e-12, atol=1e-15)
+
+
 def test_potential_where_the_closed_form_is_not_finite() -> None:
     """F*exp(a*d) has the antiderivative F*exp(a*d)/a; at a = 0 the energy is F*d all the same."""
     law = Law.parse("F*exp(a*d)")
@@ -262,6 +268,10 @@ def test_results_are_read_only_and_of_the_common_shape() -> None:
     assert not any(array.flags.writeable for array in arrays)
     assert d.flags.writeable and np.array_equal(partials.by_d[0], [1.0, 2.0, 3.0])
     assert float(law.force(2.0, 0.0, {"k": 3.0, "F": 0.5})) == 6.5
+    np.testing.assert_array_equal(law.force(2.0, 0.0, values), [2.5, 4.5, 6.5])
+    np.testing.assert_array_equal(
+        law.partials(2.0, [[1.0], [2.0]], values).by_coefficient["F"], np.ones((2, 3))
+    )
 
 
 def test_a_law_crosses_process_borders() -> None:

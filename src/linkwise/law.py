@@ -1,7 +1,8 @@
 """The force law of a link: one text that simulation sums, regression lists by columns and the likelihood differentiates.
 
-A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); every other name is a coefficient. Its value is
-the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS section 1).
+A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); `pi` is the number, every other name a
+coefficient. Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1,
+METHODS section 1).
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class Program:
     their smaller size. `len(program)` is the number of operations. Raises ValueError for a name that is no input.
     """
 
-    __slots__ = ("_outputs", "_slots", "_tape", "inputs")
+    __slots__ = ("_large", "_outputs", "_slots", "_tape", "inputs")
 
     def __init__(
         self, outputs: Sequence[Expression], inputs: Sequence[str], *, wide: Sequence[str] | None = None
@@ -40,7 +40,9 @@ class Program:
         self.inputs = tuple(inputs)
         writer = _Writer(self.inputs, frozenset(inputs if wide is None else wide))
         values = [writer.write(output) for output in outputs]
-        self._slots, self._tape, self._outputs = _allocate(writer.values, values, len(self.inputs))
+        self._slots, self._tape, self._outputs = _allocate(writer, values)
+        written = {to for *_, to, is_wide in self._tape if is_wide}
+        self._large = tuple(dict.fromkeys(index for index in self._outputs if index in written))
 
     def __len__(self) -> int:
         return len(self._tape)
@@ -50,25 +52,28 @@ class Program:
             raise ValueError(
                 f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
             )
-        given = [np.asarray(array, dtype=np.float64) for array in arrays]
-        shapes = {array.shape for array in given}
+        slots: list[Any] = [np.asarray(array, dtype=np.float64) for array in arrays]
+        shapes = {array.shape for array in slots}
         shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
-        slots: list[Any] = given + self._slots
+        slots += self._slots
+        block = np.empty(
+            (len(self._large), *shape)
+        )  # one allocation, and no more scratch than lives at the same time
+        for row, index in enumerate(self._large):
+            slots[index] = block[row, ...]
         with np.errstate(all="ignore"):
-            for ufunc, first, second, to in self._tape:
-                slots[to] = ufunc(slots[first]) if second < 0 else ufunc(slots[first], slots[second])
-        return tuple(_read_only(slots[index], shape, computed) for index, computed in self._outputs)
-
-
-def _read_only(value: Any, shape: tuple[int, ...], computed: bool) -> NDArray[np.float64]:
-    """A value of the tape as an array of `shape`; what was not computed here belongs to the caller, who gets a view."""
-    array: NDArray[np.float64] = np.asarray(value, dtype=np.float64)
-    if array.shape != shape:
-        return np.broadcast_to(array, shape)
-    if not computed:
-        array = array.view()
-    array.flags.writeable = False
-    return array
+            for ufunc, first, second, to, wide in self._tape:
+                target = (np.empty(shape) if slots[to] is None else slots[to]) if wide else None
+                slots[to] = (
+                    ufunc(slots[first], out=target)
+                    if second < 0
+                    else ufunc(slots[first], slots[second], out=target)
+                )
+        for index in self._large:
+            slots[index].flags.writeable = False
+        return tuple(
+            np.broadcast_to(slots[i], shape) if i not in self._large else slots[i] for i in self._outputs
+        )
 
 
 _Value = str | float | tuple[Any, ...]  # an input's name, a constant, or (operation, operands)
@@ -78,6 +83,7 @@ class _Writer:
     """Numbers every distinct value once (value numbering), operands before results."""
 
     def __init__(self, inputs: tuple[str, ...], wide: frozenset[str]) -> None:
+        self.inputs = inputs
         self.values: list[_Value] = list(inputs)
         self.index: dict[_Value, int] = {name: number for number, name in enumerate(inputs)}
         self.wide: list[bool] = [name in wide for name in inputs]
@@ -168,9 +174,14 @@ class _Writer:
 
 
 def _allocate(
-    values: list[_Value], outputs: list[int], inputs: int
-) -> tuple[list[Any], list[tuple[Callable[..., Any], int, int, int]], list[tuple[int, bool]]]:
-    """Constants and the tape on a small set of slots: a slot is used again once its value has been read for the last time."""
+    writer: _Writer, outputs: list[int]
+) -> tuple[list[Any], list[tuple[Callable[..., Any], int, int, int, bool]], list[int]]:
+    """Constants, the tape and the places of the outputs, on few slots.
+
+    A slot is used again, by a value of its kind (wide or narrow), from the operation on that reads its value for the last
+    time: element by element that is safe. Slots of outputs keep their values.
+    """
+    values, inputs = writer.values, len(writer.inputs)
     last: dict[int, float] = {}
     for number, value in enumerate(values):
         if isinstance(value, tuple):
@@ -179,21 +190,22 @@ def _allocate(
     constants = [number for number, value in enumerate(values) if isinstance(value, float)]
     slot = {number: number for number in range(inputs)} | {n: inputs + i for i, n in enumerate(constants)}
     slots: list[Any] = [values[number] for number in constants]
-    free: list[int] = []
+    free: dict[bool, list[int]] = {True: [], False: []}
     tape = []
     for number, value in enumerate(values):
         if not isinstance(value, tuple):
             continue
         operation, *operands = value
-        if free:
-            to = free.pop()
+        first, second = slot[operands[0]], slot[operands[1]] if len(operands) > 1 else -1
+        for each in set(operands):
+            if last[each] == number and isinstance(values[each], tuple):
+                free[writer.wide[each]].append(slot[each])
+        wide = writer.wide[number]
+        if free[wide] and last[number] != float("inf"):
+            to = free[wide].pop()
         else:
             to = inputs + len(slots)
             slots.append(None)
-        first, second = slot[operands[0]], slot[operands[1]] if len(operands) > 1 else -1
-        tape.append((_UFUNCS[operation], first, second, to))
+        tape.append((_UFUNCS[operation], first, second, to, wide))
         slot[number] = to
-        free += [
-            slot[each] for each in set(operands) if last[each] == number and isinstance(values[each], tuple)
-        ]
-    return slots, tape, [(slot[number], isinstance(values[number], tuple)) for number in outputs]
+    return slots, tape, [slot[number] for number in outputs]

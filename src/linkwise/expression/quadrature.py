@@ -13,6 +13,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 _PANELS = (
     128  # over the whole range; with 10 nodes a panel, exact to rounding for all but the steepest integrands
 )
+_BLOCK = 65536  # panels at once, which bounds the memory
 _BISECTIONS = 60  # to the last bit of a double
 
 Array = NDArray[np.float64]
@@ -48,10 +49,13 @@ def _from_zero(program: Program, upper: Array, parameters: Array) -> Array:
     low, high = min(0.0, float(upper.min())), max(0.0, float(upper.max()))
     grid = np.linspace(low, high, _PANELS + 1)
     borders = np.unique(np.concatenate([grid, upper, [0.0], _zeros(program, grid, parameters)]))
-    half = 0.5 * np.diff(borders)[:, None]
-    points = borders[:-1, None] + half * (1.0 + _NODES)
-    panels = (program(points, *parameters)[0] * half) @ _WEIGHTS
-    total = np.concatenate([[0.0], np.cumsum(panels)])
+    total = np.zeros(borders.size)
+    for first in range(0, borders.size - 1, _BLOCK):
+        ends = borders[first : first + _BLOCK + 1]
+        half = 0.5 * np.diff(ends)[:, None]
+        points = ends[:-1, None] + half * (1.0 + _NODES)
+        total[first + 1 : first + ends.size] = (program(points, *parameters)[0] * half) @ _WEIGHTS
+    np.cumsum(total, out=total)
     return np.asarray(total[np.searchsorted(borders, upper)] - total[np.searchsorted(borders, 0.0)])
 
 
