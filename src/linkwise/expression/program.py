@@ -58,7 +58,7 @@ class Program:
         slots += self._slots
         block = np.empty(
             (len(self._large), *shape)
-        )  # one allocation, and no more scratch than lives at the same time
+        )  # one allocation: page faults cost more than the arithmetic
         for row, index in enumerate(self._large):
             slots[index] = block[row, ...]
         with np.errstate(all="ignore"):
