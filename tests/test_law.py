@@ -208,6 +208,7 @@ def test_units_that_cannot_be(text: str, message: str) -> None:
         ("k*d + c/(d*v)", "d*v", "Division by zero at rest"),
         ("k*d**-2", "d**", "Division by zero at rest"),
         ("k*d + 1/0", "0", "Division by zero at rest"),
+        ("1**k + c*d/d", "d", "Division by zero at rest"),
         ("k*sqrt(d - 1)", "sqrt", "No finite value at rest"),
         ("k*d*exp(1000)", "exp", "Check the argument of this function, and the constants."),
         ("1.7e308 + 1.7e308*exp(d)", "1.7e308 +", "No finite value at rest"),

@@ -200,11 +200,10 @@ def _parse(text: str) -> Law:
 
 def _check_rest(text: str, parsed: Parsed) -> None:
     """Refuse a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others, all different."""
-    names = symbols(parsed.expression)
+    names = dict.fromkeys(name for part, _ in parsed.places for name in symbols(part))  # of folded parts too
+    ones = dict.fromkeys(names, 1.0)
     others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)}
-    if any(
-        np.isfinite(_at_rest(parsed.expression, values)) for values in (dict.fromkeys(names, 1.0), others)
-    ):
+    if any(np.isfinite(_at_rest(parsed.expression, values)) for values in (ones, others)):
         return
     expression, position = next(
         place for place in parsed.places if not np.isfinite(_at_rest(place[0], others))
