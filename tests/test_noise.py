@@ -88,6 +88,12 @@ def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() ->
     assert found[1] > 0.48 * RATE
 
 
+def test_the_bandwidth_takes_the_noise_where_it_is_known() -> None:
+    noisy, sigma = _noisy(20.0, 4)
+    np.testing.assert_array_equal(bandwidth(noisy, RATE, noise_sigma(noisy)), bandwidth(noisy, RATE))
+    assert np.all(bandwidth(noisy, RATE, 100 * sigma) < bandwidth(noisy, RATE))
+
+
 def test_a_record_full_of_holes_has_no_bandwidth() -> None:
     values = np.random.default_rng(3).normal(size=1000)
     values[::20] = np.nan

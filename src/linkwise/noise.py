@@ -48,14 +48,14 @@ def noise_sigma(samples: ArrayLike) -> Array:
     return sigma
 
 
-def bandwidth(samples: ArrayLike, rate: float) -> Array:
+def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Array:
     """Highest frequency in Hz at which each channel's motion stands above its noise.
 
-    `samples` is (N, C) or (N,), `rate` the sampling rate in Hz; the answer is (C,). It is the highest bin of
-    the averaged spectrum that holds more than twice the power of the white noise (`noise_sigma`), half the
-    sampling rate where the motion fills the whole band and the width of one bin where nothing stands above
-    the noise. Blocks of 256 samples (shorter where the record is) that miss a sample are left out. Raises
-    RecordError where no block is complete.
+    `samples` is (N, C) or (N,), `rate` the sampling rate in Hz, `sigma` (C,) the noise where it is known, else found by
+    `noise_sigma`; the answer is (C,). It is the highest bin of the averaged spectrum that holds more than twice the
+    power of the white noise, half the sampling rate where the motion fills the whole band and the width of one bin
+    where nothing stands above the noise. Blocks of 256 samples (shorter where the record is) that miss a sample are
+    left out. Raises RecordError where no block is complete.
     """
     columns = _columns(samples)
     block = min(256, 2 ** int(np.log2(max(len(columns) // 3, 16))))
@@ -70,7 +70,7 @@ def bandwidth(samples: ArrayLike, rate: float) -> Array:
         )
     mean = np.sum(np.where(whole[:, :, None], power, 0.0), axis=0) / counts[:, None]
     margin = np.maximum(2.0, 1.0 + 4.0 / np.sqrt(counts))
-    level = noise_sigma(columns) ** 2 * margin
+    level = (noise_sigma(columns) if sigma is None else np.asarray(sigma)) ** 2 * margin
     bins = np.arange(1, mean.shape[1] + 1)
     return np.asarray(np.maximum(np.max(np.where(mean > level[:, None], bins, 0), axis=1), 1) * rate / block)
 
