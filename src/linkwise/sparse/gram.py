@@ -25,7 +25,8 @@ _PASSES = 3  # over the rows at most to refine the anchor; one does unless colum
 _ROUNDING = 1e-13  # a residual this far below its target cannot be refined
 _SMALL = 8  # a support below this part of all columns is first tried without the anchor
 _CANCELLING = 3e-5  # residual, as a share of its target, below which ||b||^2 - c'A'b has lost too many digits
-_RIDGE = 1e-14  # added to the unit diagonal where rounding makes a Gram matrix indefinite
+_DEPENDENT = 3e-8  # a column whose part outside the span of the others is smaller is one of them, rounded
+_RIDGE = 1e-14  # added to the unit diagonal of dependent columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +148,9 @@ class Gram:
         kept = np.flatnonzero(support & self.alive)
         if kept.size:
             block = self.matrix[np.ix_(kept, kept)]
-            try:
-                factor = cho_factor(block, lower=True)
-            except LinAlgError:
-                raise self._dependent(kept, block) from None
+            factor = cholesky(block)
+            if factor is None:
+                raise self._dependent(kept, block)
             answer[kept] = np.diagonal(cho_solve(factor, np.eye(kept.size))) / self.scale[kept] ** 2
         return answer
 
@@ -193,14 +193,18 @@ def _residual(system: LinearSystem, coefficients: Array) -> tuple[Array, Array]:
     return squares, slope
 
 
+def cholesky(block: Array) -> tuple[Array, bool] | None:
+    """Cholesky factor of a Gram matrix of unit columns as `cho_solve` wants it; None where its columns are dependent."""
+    try:
+        factor: tuple[Array, bool] = cho_factor(block, lower=True, check_finite=False)
+    except LinAlgError:
+        return None
+    return factor if np.min(np.diagonal(factor[0])) > _DEPENDENT else None
+
+
 def _factor(block: Array) -> tuple[Array, bool]:
-    """Cholesky factor of a Gram matrix, with the smallest ridge that makes it definite where rounding has spoilt it."""
-    ridge = 0.0
-    while True:
-        try:
-            shifted = block + ridge * np.eye(len(block)) if ridge else block
-            factor: tuple[Array, bool] = cho_factor(shifted, lower=True, check_finite=False)
-        except LinAlgError:
-            ridge = 100 * ridge or _RIDGE
-        else:
-            return factor
+    """Cholesky factor of a Gram matrix, with the smallest ridge that keeps dependent columns apart."""
+    factor, ridge = cholesky(block), _RIDGE
+    while factor is None:
+        factor, ridge = cholesky(block + ridge * np.eye(len(block))), 100 * ridge
+    return factor

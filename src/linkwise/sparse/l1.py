@@ -14,10 +14,10 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import cho_solve
 
 from linkwise.errors import IdentificationError
-from linkwise.sparse.gram import Array, Gram
+from linkwise.sparse.gram import Array, Gram, cholesky
 from linkwise.sparse.regressor import Candidate, Regressor
 from linkwise.sparse.selection import best, candidate
 
@@ -81,10 +81,15 @@ def _chosen(gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...
 
 def _at(gram: Gram, target: int, penalty: float) -> Array:
     """Scaled coefficients (p,) at one penalty: the path is linear between the kinks on its two sides."""
-    above, before = 1.0, np.zeros(len(gram.names))
+    before = np.zeros(len(gram.names))
+    if not gram.norms[target]:
+        return before
+    above = float(np.max(np.abs(gram.moments[:, target]))) / gram.norms[target]
+    if penalty >= above:
+        return before
     for kink, scaled in _path(gram, target):
         if kink <= penalty:
-            share = (above - penalty) / (above - kink) if above > kink else 1.0
+            share = (above - penalty) / (above - kink)
             return np.asarray(before + share * (scaled - before))
         above, before = kink, scaled
     return before
@@ -132,14 +137,8 @@ def _path(gram: Gram, target: int) -> Iterator[tuple[float, Array]]:
 
 def _direction(matrix: Array, active: list[int], signs: list[float]) -> Array | None:
     """How the coefficients in play grow per unit of falling penalty; None where their columns are dependent."""
-    block = matrix[np.ix_(active, active)]
-    try:
-        factor = cho_factor(block, lower=True, check_finite=False)
-    except LinAlgError:
-        return None
-    if np.min(np.diagonal(factor[0])) < 1e-7:
-        return None
-    return np.asarray(cho_solve(factor, np.array(signs), check_finite=False))
+    factor = cholesky(matrix[np.ix_(active, active)])
+    return None if factor is None else np.asarray(cho_solve(factor, np.array(signs), check_finite=False))
 
 
 def _next_entry(

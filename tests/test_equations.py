@@ -1,0 +1,92 @@
+"""Equations in both forms: stored, and computed when read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from linkwise.equations import Equations, StreamedEquations
+from linkwise.errors import IdentificationError
+
+RANDOM = np.random.default_rng(0)
+MATRIX = RANDOM.normal(size=(50, 3))
+TARGET = MATRIX @ np.array([1.0, -2.0, 3.0])
+NAMES = ("a", "b", "c")
+
+
+def _spoilt(array: np.ndarray, place: int | tuple[int, int], value: float) -> np.ndarray:
+    copy = array.copy()
+    copy[place] = value
+    return copy
+
+
+def test_a_single_target_becomes_a_column_and_units_default_to_none() -> None:
+    equations = Equations(MATRIX, TARGET, NAMES)
+    assert equations.target.shape == (50, 1)
+    assert equations.units == ("", "", "")
+    assert equations.rows == 50
+
+
+def test_blocks_are_the_weighted_rows_in_order() -> None:
+    weights = RANDOM.uniform(1.0, 2.0, 50)
+    equations = Equations(MATRIX, TARGET, NAMES, weights=weights)
+    blocks = list(equations.blocks())
+    np.testing.assert_array_equal(np.concatenate([rows for rows, _ in blocks]), MATRIX * weights[:, None])
+    np.testing.assert_array_equal(np.concatenate([b for _, b in blocks])[:, 0], TARGET * weights)
+
+
+def test_wide_equations_come_in_more_than_one_block_of_bounded_size() -> None:
+    wide = np.ones((1000, 20000))
+    blocks = list(Equations(wide, np.ones(1000), tuple(map(str, range(20000)))).blocks())
+    assert len(blocks) > 5
+    assert sum(len(rows) for rows, _ in blocks) == 1000
+    assert max(rows.nbytes for rows, _ in blocks) <= 64 * 20000 * 8
+
+
+def test_streamed_equations_are_the_stored_ones() -> None:
+    streamed = StreamedEquations(
+        lambda piece: (MATRIX[piece], TARGET[piece, None]), 50, NAMES, ("", "", ""), ("b",)
+    )
+    stored = streamed.stored()
+    np.testing.assert_array_equal(stored.matrix, MATRIX)
+    np.testing.assert_array_equal(stored.target[:, 0], TARGET)
+    assert stored.names == NAMES
+
+
+def test_known_columns_move_to_the_target() -> None:
+    equations = Equations(MATRIX, TARGET, NAMES, units=("N/m", "kg", ""), weights=np.full(50, 2.0))
+    rest = equations.with_known({"b": -2.0})
+    assert rest.names == ("a", "c")
+    assert rest.units == ("N/m", "")
+    np.testing.assert_array_equal(rest.weights, equations.weights)
+    np.testing.assert_allclose(rest.target[:, 0], MATRIX[:, [0, 2]] @ [1.0, 3.0], atol=1e-12)
+    with pytest.raises(IdentificationError, match="no column is called 'q'; the columns are a, b, c"):
+        equations.with_known({"q": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("matrix", "target", "names", "message"),
+    [
+        (MATRIX, TARGET, ("a", "b"), "50 rows and 3 columns were given 2 column names"),
+        (MATRIX, TARGET[:-1], NAMES, r"a target of shape \(49, 1\)"),
+        (MATRIX, TARGET, ("a", "b", "a"), "two columns are called 'a'"),
+        (_spoilt(MATRIX, (7, 1), np.inf), TARGET, NAMES, r"column 'b' .* not finite"),
+        (MATRIX, _spoilt(TARGET, 4, np.nan), NAMES, r"row 4 .* no finite right-hand side"),
+    ],
+)
+def test_equations_that_do_not_fit_together_are_refused(
+    matrix: np.ndarray, target: np.ndarray, names: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(IdentificationError, match=message):
+        Equations(matrix, target, names)
+
+
+def test_weights_units_and_targets_must_match() -> None:
+    with pytest.raises(IdentificationError, match=r"50 rows need 50 weights, got an array of shape \(3,\)"):
+        Equations(MATRIX, TARGET, NAMES, weights=np.ones(3))
+    with pytest.raises(IdentificationError, match="3 columns need 3 units, got 1"):
+        Equations(MATRIX, TARGET, NAMES, units=("N",))
+    with pytest.raises(IdentificationError, match="two targets are called 'b'"):
+        Equations(MATRIX, np.column_stack([TARGET, TARGET]), NAMES, targets=("b", "b"))
+    with pytest.raises(IdentificationError, match=r"row 2 .* weight"):
+        Equations(MATRIX, TARGET, NAMES, weights=_spoilt(np.ones(50), 2, np.nan))

@@ -1,0 +1,280 @@
+"""The regressors against least squares by QR, against the conditions of optimality, and on the paper's chain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from linkwise.simulate import simulate
+
+from linkwise.chains import bnes_chain
+from linkwise.derive import differentiate
+from linkwise.equations import Equations, StreamedEquations
+from linkwise.errors import IdentificationError
+from linkwise.library import monomial_equations
+from linkwise.sparse.gram import Gram
+from linkwise.sparse.l1 import L1
+from linkwise.sparse.least_squares import LeastSquares
+from linkwise.sparse.regressor import Fit, Regressor
+from linkwise.sparse.stlsq import Stlsq
+
+TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
+    "x1'": {"v1": 1.0},
+    "x2'": {"v2": 1.0},
+    "x1''": {
+        "x1": -29900.0, "x2": -100.0, "v1": -1.02, "v2": 0.02,
+        "x1**3": -1e6, "x1**2*x2": 3e6, "x1*x2**2": -3e6, "x2**3": 1e6,
+    },
+    "x2''": {
+        "x1": -1e4, "x2": 1e4, "v1": 2.0, "v2": -2.0,
+        "x1**3": 1e8, "x1**2*x2": -3e8, "x1*x2**2": 3e8, "x2**3": -1e8,
+    },
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def chain() -> StreamedEquations:
+    """All cubic monomials of the paper's 2-mass chain: 6 s at 1 kHz, no noise, x, v and a measured."""
+    record = simulate(
+        bnes_chain(2), release={"v:m1": 1.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
+    )
+    return monomial_equations(differentiate(record), 3)
+
+
+def _problem(noise: float, seed: int = 0, columns: int = 12, rows: int = 400) -> tuple[Equations, np.ndarray]:
+    """Correlated columns of scales from 1e-6 to 1e6, two targets, four true terms each."""
+    random = np.random.default_rng(seed)
+    mixed = random.normal(size=(rows, columns)) @ (
+        np.eye(columns) + 0.3 * random.normal(size=(columns, columns))
+    )
+    scales = np.logspace(-6, 6, columns)
+    truth = np.zeros((columns, 2))
+    truth[[0, 3, 7, 11], 0] = np.array([1.0, -0.5, 2.0, 0.1]) / scales[[0, 3, 7, 11]]
+    truth[[1, 3, 8, 10], 1] = np.array([-1.0, 0.3, 0.7, -2.0]) / scales[[1, 3, 8, 10]]
+    matrix = mixed * scales
+    target = matrix @ truth + noise * random.normal(size=(rows, 2))
+    names = tuple(f"c{j}" for j in range(columns))
+    return Equations(matrix, target, names, targets=("p", "q")), truth
+
+
+def test_the_default_finds_the_true_terms_of_the_chain_and_nothing_else(chain: StreamedEquations) -> None:
+    fit = Stlsq().fit(chain)
+    for target, terms in TRUE.items():
+        found = fit.terms(target)
+        assert set(found) == set(terms)
+        for name, value in terms.items():
+            # Identity: the data satisfy the equations to rounding; 1e-11 leaves room for the weak dampers' share of 5e-4.
+            assert found[name] == pytest.approx(value, rel=1e-11), (target, name)
+    assert np.all(fit.residual < 1e-12)
+    fit.require_explained(1e-9)
+
+
+def test_a_library_without_the_cubic_terms_is_refused(chain: StreamedEquations) -> None:
+    stored = chain.stored()
+    low = [column for column, name in enumerate(stored.names) if name.count("*") < 2]
+    lacking = Equations(
+        stored.matrix[:, low],
+        stored.target,
+        tuple(stored.names[column] for column in low),
+        targets=stored.targets,
+    )
+    fit = Stlsq().fit(lacking)
+    assert set(fit.terms("x1'")) == {"v1"}
+    with pytest.raises(
+        IdentificationError, match=r"more than 0\.001 .*: x1'' \(0\.\d+\), x2'' \(0\.\d+\); the library lacks"
+    ):
+        fit.require_explained(1e-3)
+
+
+def test_the_threshold_means_the_same_in_every_unit(chain: StreamedEquations) -> None:
+    stored = chain.stored()
+    factors = np.logspace(-9, 9, len(stored.names))
+    scaled = Equations(stored.matrix * factors, 1e-6 * stored.target, stored.names, targets=stored.targets)
+    for regressor in (Stlsq(), Stlsq(0.02)):
+        one, other = regressor.fit(stored), regressor.fit(scaled)
+        np.testing.assert_array_equal(one.support, other.support)
+        shared = one.support
+        changed = (other.coefficients * factors[:, None] * 1e6)[shared]
+        np.testing.assert_allclose(changed, one.coefficients[shared], rtol=1e-9)
+
+
+def test_the_whole_path_of_thresholds_is_kept(chain: StreamedEquations) -> None:
+    fit = Stlsq().fit(chain)
+    path = fit.paths[fit.targets.index("x1''")]
+    terms = [one.terms for one in path]
+    assert terms[0] == 35 and 8 in terms and terms == sorted(terms, reverse=True)
+    assert [one.residual for one in path][2:] == sorted(one.residual for one in path[2:])
+    assert min(path, key=lambda one: one.bic).terms == 8
+
+
+def test_a_threshold_given_is_kept_by_every_term(chain: StreamedEquations) -> None:
+    fit = Stlsq(0.02).fit(chain)
+    assert np.all(fit.contribution[fit.support] >= 0.02)
+    assert fit.paths == ((), (), (), ())
+    assert fit.support.sum() < Stlsq(1e-5).fit(chain).support.sum()
+
+
+def test_noise_leaves_the_true_terms_standing() -> None:
+    equations, truth = _problem(noise=0.01)
+    fit = Stlsq().fit(equations)
+    np.testing.assert_array_equal(fit.support, truth != 0)
+    deviations = (fit.coefficients - truth)[fit.support] / fit.standard_error[fit.support]
+    assert np.max(np.abs(deviations)) < 4.0  # eight standard normals: beyond 4 once in 2000 seeds
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_the_gram_matrix_gives_what_qr_gives(noise: float) -> None:
+    equations, _ = _problem(noise)
+    fit = LeastSquares().fit(equations)
+    scale = np.linalg.norm(equations.matrix, axis=0)
+    direct = np.linalg.lstsq(equations.matrix / scale, equations.target)[0] / scale[:, None]
+    np.testing.assert_allclose(
+        fit.coefficients * scale[:, None], direct * scale[:, None], rtol=1e-9, atol=1e-9
+    )
+    residual = equations.target - equations.matrix @ fit.coefficients
+    np.testing.assert_allclose(
+        fit.residual,
+        np.linalg.norm(residual, axis=0) / np.linalg.norm(equations.target, axis=0),
+        rtol=1e-8,
+        atol=1e-14,
+    )
+    freedom = 400 - 12
+    covariance = np.linalg.inv((equations.matrix / scale).T @ (equations.matrix / scale))
+    errors = np.sqrt(np.outer(np.diag(covariance), np.sum(residual**2, axis=0) / freedom)) / scale[:, None]
+    np.testing.assert_allclose(fit.standard_error, errors, rtol=1e-6, atol=1e-14 / scale.min())
+
+
+def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
+    # The condition number of these columns is 1e7, of their Gram matrix 1e14: without the residual pass two digits are left.
+    random = np.random.default_rng(1)
+    matrix = np.linalg.qr(random.normal(size=(500, 8)))[0] @ np.diag(np.logspace(0, -7, 8))
+    matrix = matrix @ np.linalg.qr(random.normal(size=(8, 8)))[0]
+    truth = random.normal(size=8)
+    fit = LeastSquares().fit(Equations(matrix, matrix @ truth, tuple("abcdefgh")))
+    np.testing.assert_allclose(fit.coefficients[:, 0], truth, rtol=1e-7)
+
+
+def test_weights_are_those_of_weighted_least_squares() -> None:
+    equations, _ = _problem(0.5)
+    weights = np.random.default_rng(2).uniform(0.1, 3.0, equations.rows)
+    weighted = Equations(
+        equations.matrix, equations.target, equations.names, weights=weights, targets=("p", "q")
+    )
+    scale = np.linalg.norm(equations.matrix, axis=0)
+    direct = np.linalg.lstsq(
+        equations.matrix * weights[:, None] / scale, equations.target * weights[:, None]
+    )[0]
+    np.testing.assert_allclose(LeastSquares().fit(weighted).coefficients * scale[:, None], direct, rtol=1e-9)
+
+
+@pytest.mark.parametrize("penalty", [0.3, 0.1, 0.01, 1e-3, 1e-5])
+def test_the_l1_solution_satisfies_the_conditions_of_optimality(
+    chain: StreamedEquations, penalty: float
+) -> None:
+    gram = Gram.of(chain)
+    fit = L1(penalty, debias=False).fit_gram(gram, chain.units, chain.targets)
+    for target in range(4):
+        norm = gram.norms[target]
+        scaled = fit.coefficients[:, target] * gram.scale / norm
+        gradient = gram.moments[:, target] / norm - gram.matrix @ scaled
+        active = scaled != 0
+        # Identity, but for the digits that a Gram matrix of condition 300 takes.
+        np.testing.assert_allclose(gradient[active], penalty * np.sign(scaled[active]), rtol=1e-9, atol=1e-12)
+        assert np.max(np.abs(gradient)) <= penalty * (1 + 1e-9)
+
+
+def test_l1_agrees_with_coordinate_descent() -> None:
+    equations, _ = _problem(0.1)
+    gram = Gram.of(equations)
+    fit = L1(0.02, debias=False).fit(equations)
+    for target in range(2):
+        moments, scaled = gram.moments[:, target] / gram.norms[target], np.zeros(12)
+        for _ in range(3000):
+            for j in range(12):
+                rest = moments[j] - gram.matrix[j] @ scaled + scaled[j]
+                scaled[j] = np.sign(rest) * max(abs(rest) - 0.02, 0.0)
+        np.testing.assert_allclose(
+            fit.coefficients[:, target] * gram.scale / gram.norms[target], scaled, atol=1e-8
+        )
+
+
+def test_l1_by_default_keeps_the_true_terms_and_debias_undoes_the_shrinkage() -> None:
+    equations, truth = _problem(0.01)
+    fit = L1().fit(equations)
+    assert np.all(fit.support[truth != 0])
+    kept = fit.support[:, 0]
+    scale = np.linalg.norm(equations.matrix[:, kept], axis=0)
+    refit = np.linalg.lstsq(equations.matrix[:, kept] / scale, equations.target[:, 0])[0] / scale
+    np.testing.assert_allclose(fit.coefficients[kept, 0], refit, rtol=1e-8)
+    shrunk = L1(debias=False).fit(equations)
+    assert np.sum(shrunk.contribution) < np.sum(fit.contribution)
+    assert len(fit.paths[0]) > 3
+
+
+def test_two_columns_that_move_together_are_named() -> None:
+    equations, _ = _problem(0.01)
+    doubled = np.column_stack([equations.matrix, 3 * equations.matrix[:, 4]])
+    twins = Equations(doubled, equations.target, (*equations.names, "twin"), targets=("p", "q"))
+    with pytest.raises(IdentificationError, match=r"the columns c4, twin move together .* only their sum"):
+        LeastSquares().fit(twins)
+    assert L1().fit(twins).support.sum() >= 8  # of two copies it takes one
+
+
+def test_a_column_of_zeros_takes_no_part() -> None:
+    equations, truth = _problem(0.0)
+    with_zero = Equations(
+        np.column_stack([np.zeros(400), equations.matrix]),
+        equations.target,
+        ("zero", *equations.names),
+        targets=("p", "q"),
+    )
+    fit = Stlsq().fit(with_zero)
+    np.testing.assert_array_equal(fit.support[1:], truth != 0)
+    assert not fit.support[0].any()
+    with pytest.raises(IdentificationError, match="every column of the equations is zero throughout"):
+        LeastSquares().fit(Equations(np.zeros((9, 2)), np.ones(9), ("a", "b")))
+    with pytest.raises(IdentificationError, match="0 equations in 2 unknowns"):
+        LeastSquares().fit(Equations(np.zeros((0, 2)), np.ones(0), ("a", "b")))
+
+
+@pytest.mark.parametrize("regressor", [LeastSquares(), Stlsq(), Stlsq(0.1), L1(), L1(0.1)])
+def test_a_target_of_zeros_has_no_terms(regressor: Regressor) -> None:
+    equations, _ = _problem(0.0)
+    nothing = Equations(equations.matrix, np.zeros(400), equations.names)
+    fit = regressor.fit(nothing)
+    assert not fit.support.any()
+    assert fit.text() == "b = 0"
+
+
+def test_more_columns_than_rows_do_not_explain_by_number() -> None:
+    random = np.random.default_rng(4)
+    matrix = random.normal(size=(60, 100))
+    target = 3 * matrix[:, 5] - 2 * matrix[:, 40] + 0.01 * random.normal(size=60)
+    fit = L1().fit(Equations(matrix, target, tuple(f"c{j}" for j in range(100))))
+    assert {"c5", "c40"} <= set(fit.terms("b"))
+    assert fit.support.sum() <= 30
+
+
+def test_settings_outside_their_range_are_refused() -> None:
+    with pytest.raises(IdentificationError, match=r"a threshold of 1\.5 was given"):
+        Stlsq(1.5)
+    with pytest.raises(IdentificationError, match=r"a penalty of 0\.0 was given"):
+        L1(0.0)
+
+
+def test_the_equations_are_written_as_one_would_write_them(chain: StreamedEquations) -> None:
+    fit = Stlsq().fit(chain)
+    lines = fit.text(4).splitlines()
+    assert lines[0] == "x1' = 1*v1"
+    assert lines[1].startswith(
+        "x1'' = -2.99e+04*x1 + 1e+06*x2**3 - 3e+06*x1*x2**2 - 100*x2 - 1.02*v1 + 3e+06*x1**2*x2"
+    )
+    with pytest.raises(
+        IdentificationError, match="no equation is called 'y'; there are x1', x1'', x2', x2''"
+    ):
+        fit.terms("y")
+
+
+def test_a_constant_is_written_without_a_factor() -> None:
+    matrix = np.column_stack([np.ones(50), np.linspace(-1, 1, 50)])
+    fit: Fit = LeastSquares().fit(Equations(matrix, matrix @ [-2.0, 0.5], ("1", "x1"), targets=("x1''",)))
+    assert fit.text(3) == "x1'' = -2 + 0.5*x1"
