@@ -66,32 +66,32 @@ def differentiate(record: Record, method: Method = "spline", *, order: int = 4) 
         listed = ", ".join(f'"{name}" ({what})' for name, what in _METHODS.items())
         raise RecordError(f"{method!r} is no way to differentiate; there are {listed}")
     _require_complete(record)
-    motions = [_motion(record, mass, method, order) for mass in record.masses]
-    if not motions:
+    if not record.masses:
         raise RecordError(
             f"the record has no response channel to differentiate, only {', '.join(record.channels)}"
         )
-    base = _motion(record, "base", method, order) if _has_base(record) else None
-    lost = max(motion.lost for motion in [*motions, *([base] if base else [])])
-    kept = slice(lost, len(record) - lost)
+    bodies = (*record.masses, *(["base"] if any(name.endswith(":base") for name in record.channels) else []))
+    x, v, a, lost = _motions(record, bodies, method, order)
     if len(record) <= 2 * lost:
         raise RecordError(
             f"{len(record)} samples are too few: {lost} at each end have only one-sided derivatives"
         )
-    forces = np.zeros((len(record), len(motions)))
+    kept = slice(lost, len(record) - lost)
+    count = len(record.masses)
     driven = tuple(mass for mass in record.masses if f"force:{mass}" in record.channels)
+    forces = np.zeros((len(record), count))
     for mass in driven:
         forces[:, record.masses.index(mass)] = record.channel(f"force:{mass}")
     return States(
         time=record.time[kept],
         masses=record.masses,
-        x=np.column_stack([motion.x for motion in motions])[kept],
-        v=np.column_stack([motion.v for motion in motions])[kept],
-        a=np.column_stack([motion.a for motion in motions])[kept],
+        x=x[kept, :count],
+        v=v[kept, :count],
+        a=a[kept, :count],
         forces=forces[kept],
         driven=driven,
-        base=base.x[kept] if base else None,
-        base_velocity=base.v[kept] if base else None,
+        base=x[kept, count] if len(bodies) > count else None,
+        base_velocity=v[kept, count] if len(bodies) > count else None,
     )
 
 
@@ -119,50 +119,57 @@ def finite_differences(samples: Array, rate: float, derivative: int, *, order: i
     return answer * rate**derivative
 
 
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """One mass: x, v, a (N,), and how many samples at each end are poor."""
+def _motions(
+    record: Record, bodies: tuple[str, ...], method: Method, order: int
+) -> tuple[Array, Array, Array, int]:
+    """x, v, a (N, len(bodies)) of masses or the base, and how many samples at each end are poor."""
+    sources = {body: source for body in bodies if (source := _source(record, body))}
+    derived: dict[str, tuple[Array, ...]] = {}
+    lost = 0
+    if sources:
+        samples = np.column_stack([record.channel(source) for source in sources.values()])
+        *found, lost = _derivatives(samples, record.rate, method, order)
+        derived = {body: tuple(one[:, column] for one in found) for column, body in enumerate(sources)}
+    motions: list[dict[str, Array]] = []
+    for body in bodies:
+        motion = {
+            kind: record.channel(name) for kind in "xva" if (name := f"{kind}:{body}") in record.channels
+        }
+        first = sources.get(body, "a")[0]  # the kind that was differentiated, "x" or "v"
+        for kind, values in zip("xva"["xva".index(first) :], derived.get(body, ()), strict=False):
+            # A differentiated channel is replaced by its smoothed self; what else was measured stays.
+            motion[kind] = values if kind == first or kind not in motion else motion[kind]
+        motions.append(motion)
+    x, v, a = (np.column_stack([motion[kind] for motion in motions]) for kind in "xva")
+    return x, v, a, lost
 
-    x: Array
-    v: Array
-    a: Array
-    lost: int
 
-
-def _motion(record: Record, mass: str, method: Method, order: int) -> _Motion:
-    measured = {
-        kind: record.channel(f"{kind}:{mass}") for kind in "xva" if f"{kind}:{mass}" in record.channels
-    }
-    if "x" not in measured:
-        given = " and ".join(f"{kind}:{mass}" for kind in measured) or f"force:{mass}"
+def _source(record: Record, body: str) -> str | None:
+    """The channel that has to be differentiated for a mass or the base; None where x, v and a are measured."""
+    has = {kind: f"{kind}:{body}" in record.channels for kind in "xva"}
+    if not has["x"]:
+        given = " and ".join(f"{kind}:{body}" for kind in "va" if has[kind])
         raise RecordError(
-            f"{mass} has {given} but no displacement x:{mass}, and integrating a record drifts; add the channel, or use a "
+            f"{body} has {given} but no displacement x:{body}, and integrating a record drifts; add the channel, or use a "
             "method that works from the raw record (weak, ml)"
         )
-    if "v" in measured and "a" in measured:
-        return _Motion(measured["x"], measured["v"], measured["a"], 0)
-    x, first, second, lost = _derivatives(measured["x"], record.rate, method, order)
-    if "v" not in measured:
-        return _Motion(x, first, measured.get("a", second), lost)
-    v, a, _, lost = _derivatives(measured["v"], record.rate, method, order)
-    return _Motion(measured["x"], v, a, lost)
+    if not has["v"]:
+        return f"x:{body}"
+    return None if has["a"] else f"v:{body}"
 
 
 def _derivatives(samples: Array, rate: float, method: Method, order: int) -> tuple[Array, Array, Array, int]:
-    """Value, first and second derivative of one channel (N,), and the number of samples at each end that are poor."""
+    """Value, first and second derivative of channels (N, C), and the number of samples at each end that are poor."""
     if method == "differences":
         first, second = (finite_differences(samples, rate, which, order=order) for which in (1, 2))
         return samples, first, second, 0
     if method == "spline":
         spline = smoothing_spline(samples, rate)
-        return spline.value()[:, 0], spline.first()[:, 0], spline.second()[:, 0], spline.reach
-    half = savitzky_golay_half(float(bandwidth(samples, rate)[0]), rate)
-    value, first, second = savitzky_golay(samples, rate, half=half)
-    return value[:, 0], first[:, 0], second[:, 0], half
-
-
-def _has_base(record: Record) -> bool:
-    return any(name.endswith(":base") for name in record.channels)
+        return spline.value(), spline.first(), spline.second(), spline.reach
+    halves = [savitzky_golay_half(float(band), rate) for band in bandwidth(samples, rate)]
+    found = [savitzky_golay(samples[:, column], rate, half=half) for column, half in enumerate(halves)]
+    value, first, second = (np.concatenate([one[kind] for one in found], axis=1) for kind in range(3))
+    return value, first, second, max(halves)
 
 
 def _require_complete(record: Record) -> None:

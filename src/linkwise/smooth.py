@@ -11,7 +11,7 @@ from math import ceil, comb, factorial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solveh_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from linkwise.errors import RecordError
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120  # quintic B-splines and their derivatives at a knot
 _SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24
 _BEND = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6
-_MARGIN = 1.7  # cut-off of a Savitzky-Golay window in bandwidths: the best derivatives at 20 to 60 dB
+_MARGIN = 1.4  # cut-off of a Savitzky-Golay window in bandwidths: the best derivatives at 20 to 60 dB
 _PENALTY = 4  # order of the differences that are penalised: with 4 the second derivative comes out best
 _SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/200 of the sampling rate
 
@@ -61,11 +61,12 @@ def savitzky_golay(
 def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> int:
     """Half width in samples of the Savitzky-Golay window for motion up to `bandwidth` in Hz, at the sampling rate in Hz.
 
-    Its -3 dB cut-off lies at 1.7 times the bandwidth, since a second derivative is damped well before the value is. Schafer,
+    Its -3 dB cut-off lies at 1.4 times the bandwidth, since a second derivative is damped well before the value is. Schafer,
     "What is a Savitzky-Golay filter?", 2011, Eq. (12): f_c = (degree + 1) / (3.2 half - 4.6) in half sampling rates.
     """
     cut = 2 * _MARGIN * bandwidth / rate
-    return max(ceil(((degree + 1) / cut + 4.6) / 3.2), degree // 2 + 1)
+    even = degree // 2 * 2  # by symmetry the value passes as through the even degree below
+    return max(ceil(((even + 1) / cut + 4.6) / 3.2), degree // 2 + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +94,9 @@ class SmoothingSpline:
 
     @property
     def reach(self) -> int:
-        """Samples after which the influence of an end has died away, for the smoothest channel."""
+        """Samples within which an end makes the slope worse, for the smoothest channel: past it by less than a fifth."""
         smoothest = max(float(np.max(self.smoothing)), 1e-3)
-        return ceil(3 * float(smoothest ** (0.5 / _PENALTY)))
+        return ceil(5 * float(smoothest ** (0.5 / _PENALTY)))
 
 
 def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None = None) -> SmoothingSpline:
@@ -110,22 +111,33 @@ def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None
         raise RecordError(f"{len(values)} samples are too few for a smoothing spline; it needs 16")
     if smoothing is not None and not _SMOOTHINGS[0] <= smoothing <= _SMOOTHINGS[-1]:
         raise RecordError(f"a smoothing of {smoothing!r} was given; it must lie between 1e-8 and 1e12")
-    data = _normal_bands(_VALUE, len(values))
-    roughness = _normal_bands(_differences(), len(values) + 4 - _PENALTY)
-    right = np.zeros((len(values) + 4, values.shape[1]))
-    for lag, weight in enumerate(_VALUE):
-        right[lag : lag + len(values)] += weight * values
     weights = _SMOOTHINGS if smoothing is None else np.array([smoothing])
     best = np.full(values.shape[1], np.inf)
-    coefficients, chosen = np.empty_like(right), np.empty(values.shape[1])
+    coefficients, chosen = np.zeros((len(values) + 4, values.shape[1])), np.zeros(values.shape[1])
+    bands = _normal_bands(_VALUE, len(values)), _normal_bands(_differences(), len(values) + 4 - _PENALTY)
+    right = _transposed(values, _VALUE)
     for weight in weights:
-        solved = solveh_banded(data + weight * roughness, right, lower=True, check_finite=False)
+        factor = cholesky_banded(bands[0] + weight * bands[1], lower=True, check_finite=False)
+        solved = cho_solve_banded((factor, True), right, check_finite=False)
         rest = len(values) - _trace(weight, len(values))
         score = np.sum((values - _stencil(solved, _VALUE)) ** 2, axis=0) / rest**2
         better = score < best
         best[better], chosen[better] = score[better], weight
         coefficients[:, better] = solved[:, better]
+    for weight in np.unique(chosen):
+        factor = cholesky_banded(bands[0] + weight * bands[1], lower=True, check_finite=False)
+        which = chosen == weight
+        coefficients[:, which] = _refined(factor, coefficients[:, which], values[:, which], weight)
     return SmoothingSpline(coefficients, rate, chosen)
+
+
+def _refined(factor: Array, solved: Array, values: Array, weight: float) -> Array:
+    """Spline coefficients with the digits that a strong penalty costs: two corrections against the residual."""
+    for _ in range(2):
+        rest = _transposed(values - _stencil(solved, _VALUE), _VALUE)
+        rest -= weight * _transposed(_stencil(solved, _differences()), _differences())
+        solved = solved + cho_solve_banded((factor, True), rest, check_finite=False)
+    return solved
 
 
 def _columns(samples: ArrayLike) -> Array:
@@ -156,6 +168,14 @@ def _stencil(coefficients: Array, weights: Array) -> Array:
         if weights[lag]:
             total += weights[lag] * coefficients[lag : lag + count]
     return np.asarray(total)
+
+
+def _transposed(rows: Array, weights: Array) -> Array:
+    """The transpose of `_stencil`: (N, C) -> (N + 4, C)."""
+    total = np.zeros((len(rows) + len(weights) - 1, rows.shape[1]))
+    for lag, weight in enumerate(weights):
+        total[lag : lag + len(rows)] += weight * rows
+    return total
 
 
 def _differences() -> Array:

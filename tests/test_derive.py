@@ -1,0 +1,147 @@
+"""States from records: what is measured stays, what is not is derived, and what cannot be is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from linkwise.derive import differentiate, finite_differences
+from linkwise.errors import RecordError
+from linkwise.record import Record
+
+RATE = 1000.0
+TIME = np.arange(3000) / RATE
+W = 2 * np.pi * np.array([12.0, 31.0])
+X = np.sin(TIME[:, None] * W)
+V = W * np.cos(TIME[:, None] * W)
+A = -(W**2) * X
+
+
+def _record(**channels: np.ndarray) -> Record:
+    """A record of channels given as x_m1=..., "_" for ":"."""
+    names = tuple(name.replace("_", ":") for name in channels)
+    return Record(0.5, RATE, names, np.column_stack(list(channels.values())))
+
+
+def _share(found: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize("derivative", [1, 2])
+def test_differences_have_their_declared_order_up_to_both_ends(order: int, derivative: int) -> None:
+    errors = []
+    for count in (30, 60):
+        time = np.linspace(0.0, 1.0, count + 1)
+        exact = (np.exp(2 * time) * 2**derivative)[:, None]
+        errors.append(
+            np.max(
+                np.abs(finite_differences(np.exp(2 * time)[:, None], count, derivative, order=order) - exact)
+            )
+        )
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3)
+
+
+def test_differences_are_exact_for_polynomials_of_their_order() -> None:
+    polynomial = np.polynomial.Polynomial([1.0, 2.0, -1.0, 0.5, 0.3])
+    time = np.linspace(0, 1, 40)
+    for derivative in (1, 2):
+        found = finite_differences(polynomial(time), 39.0, derivative, order=4)
+        np.testing.assert_allclose(found, polynomial.deriv(derivative)(time), atol=1e-12 * 39**derivative)
+
+
+def test_another_order_is_refused() -> None:
+    with pytest.raises(RecordError, match="order 2, 4 and 6 for derivatives 1 and 2; got order 3 for 1"):
+        finite_differences(X, RATE, 1, order=3)
+    with pytest.raises(RecordError, match="5 samples are too few for differences of order 6"):
+        finite_differences(X[:5], RATE, 2, order=6)
+
+
+def test_measured_motion_is_taken_as_it_is() -> None:
+    states = differentiate(_record(x_m1=X[:, 0], v_m1=V[:, 0] + 1e-3, a_m1=A[:, 0] - 1e-3))
+    np.testing.assert_array_equal(states.x[:, 0], X[:, 0])
+    np.testing.assert_array_equal(states.v[:, 0], V[:, 0] + 1e-3)
+    np.testing.assert_array_equal(states.a[:, 0], A[:, 0] - 1e-3)
+    assert len(states) == len(TIME)
+    assert states.time[0] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("method", "v_limit", "a_limit"),
+    [
+        ("differences", 2e-4, 2e-4),  # (2 pi 31 Hz / kHz)^4 / 30 and / 90
+        ("spline", 1e-5, 2e-4),  # (2 pi 31 Hz / kHz)^4 / 720 for a of a quintic spline, with room
+        ("savgol", 1e-4, 2e-3),  # the window is cut at 1.4 bandwidths, and a loses first
+    ],
+)
+def test_all_methods_derive_what_was_not_measured(method: str, v_limit: float, a_limit: float) -> None:
+    states = differentiate(_record(x_m1=X[:, 0], x_m2=X[:, 1]), method)
+    inner = np.isin(TIME + 0.5, states.time)
+    assert states.masses == ("m1", "m2")
+    for mass in range(2):
+        assert _share(states.v[:, mass], V[inner, mass]) < v_limit
+        assert _share(states.a[:, mass], A[inner, mass]) < a_limit
+
+
+def test_a_measured_velocity_gives_the_better_acceleration() -> None:
+    random = np.random.default_rng(0)
+    x = X[:, 0] + 1e-2 * random.normal(size=len(X))
+    v = V[:, 0] + 1e-2 * W[0] * random.normal(size=len(X))
+    alone, both = differentiate(_record(x_m1=x)), differentiate(_record(x_m1=x, v_m1=v))
+    assert len(alone) == len(TIME[np.isin(TIME + 0.5, alone.time)]) < len(TIME)
+    errors = [_share(s.a[:, 0], A[np.isin(TIME + 0.5, s.time), 0]) for s in (alone, both)]
+    assert errors[1] < 0.7 * errors[0]
+    np.testing.assert_array_equal(both.x[:, 0], x[np.isin(TIME + 0.5, both.time)])
+    assert _share(alone.x[:, 0], X[np.isin(TIME + 0.5, alone.time), 0]) < 0.5 * 1e-2 * np.sqrt(2)
+
+
+def test_forces_and_base_motion_come_along() -> None:
+    push, base = np.cos(TIME), 1e-3 * np.sin(2 * np.pi * 5 * TIME)
+    record = _record(x_m1=X[:, 0], x_m2=X[:, 1], force_m2=push, x_base=base)
+    states = differentiate(record, "differences")
+    assert states.driven == ("m2",)
+    np.testing.assert_array_equal(states.forces, np.column_stack([np.zeros(3000), push]))
+    np.testing.assert_array_equal(states.base, base)
+    assert _share(states.base_velocity, 1e-3 * 2 * np.pi * 5 * np.cos(2 * np.pi * 5 * TIME)) < 1e-6
+    assert differentiate(_record(x_m1=X[:, 0]), "differences").base is None
+
+
+def test_missing_samples_are_refused_with_the_longest_complete_piece() -> None:
+    x = X.copy()
+    x[[100, 2000], 0] = np.nan
+    with pytest.raises(
+        RecordError,
+        match=r"channel x:m1: 2 samples are missing, the first at 0\.6 s.*record\.between\(0\.601, 2\.499\)",
+    ):
+        differentiate(_record(x_m1=x[:, 0], x_m2=x[:, 1]))
+    with pytest.raises(RecordError, match="no row is complete"):
+        differentiate(_record(x_m1=X[:, 0], x_m2=np.full(3000, np.nan)))
+
+
+def test_a_mass_without_displacement_is_refused() -> None:
+    with pytest.raises(
+        RecordError, match="m1 has a:m1 but no displacement x:m1, and integrating a record drifts"
+    ):
+        differentiate(_record(a_m1=A[:, 0]))
+    with pytest.raises(RecordError, match="base has a:base but no displacement x:base"):
+        differentiate(_record(x_m1=X[:, 0], a_base=A[:, 1]))
+    with pytest.raises(RecordError, match="no response channel to differentiate, only force:m1"):
+        differentiate(_record(force_m1=X[:, 0]))
+
+
+def test_an_unknown_method_is_refused_with_those_there_are() -> None:
+    with pytest.raises(
+        RecordError,
+        match=r"'kalman' is no way to differentiate; there are \"spline\" .* \"savgol\" .* \"differences\"",
+    ):
+        differentiate(_record(x_m1=X[:, 0]), "kalman")
+
+
+def test_a_record_shorter_than_its_ends_is_refused() -> None:
+    slow = Record(
+        0.0, RATE, ("x:m1",), np.cos(TIME[:64, None]) + 0.01 * np.random.default_rng(1).normal(size=(64, 1))
+    )
+    with pytest.raises(
+        RecordError, match=r"64 samples are too few: \d+ at each end have only one-sided derivatives"
+    ):
+        differentiate(slow, "spline")

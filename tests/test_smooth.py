@@ -1,0 +1,142 @@
+"""Savitzky-Golay and the smoothing spline: exact where they must be, of their order elsewhere, and better than the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from linkwise.errors import RecordError
+from linkwise.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
+
+RATE = 500.0
+TIME = np.arange(1500) / RATE
+
+
+def _motion(frequency: float = 11.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, first and second derivative of two channels (N, 2)."""
+    w = 2 * np.pi * np.array([frequency, 0.3 * frequency])
+    phase = TIME[:, None] * w + 0.4
+    return np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
+
+
+@pytest.mark.parametrize(("half", "degree"), [(3, 2), (6, 3), (10, 5)])
+def test_savitzky_golay_reproduces_polynomials_of_its_degree_up_to_both_ends(half: int, degree: int) -> None:
+    polynomial = np.polynomial.Polynomial(np.random.default_rng(0).normal(size=degree + 1))
+    found = savitzky_golay(polynomial(TIME), RATE, half=half, degree=degree)
+    for order, values in enumerate(found):
+        exact = polynomial.deriv(order)(TIME) if order else polynomial(TIME)
+        # Identity; each derivative multiplies rounding by the rate over the half window.
+        np.testing.assert_allclose(values[:, 0], exact, atol=1e-11 * RATE**order)
+
+
+def test_savitzky_golay_converges_with_its_declared_order() -> None:
+    # Degree 5, symmetric window: value and slope are off by half^6, the second derivative by half^4.
+    exact = _motion(2.0)
+    errors = []
+    for half in (16, 32):
+        found = savitzky_golay(exact[0], RATE, half=half, degree=5)
+        inner = slice(half, -half)
+        errors.append([np.max(np.abs(a[inner, 0] - b[inner, 0])) for a, b in zip(found, exact, strict=True)])
+    orders = np.log2(np.array(errors[1]) / np.array(errors[0]))
+    np.testing.assert_allclose(orders, [6, 6, 4], atol=0.3)
+
+
+def test_the_window_follows_the_bandwidth() -> None:
+    halves = [savitzky_golay_half(f, 1000.0) for f in (10.0, 20.0, 40.0, 499.0)]
+    assert halves == sorted(halves, reverse=True)
+    # Eq. (12) of Schafer: the cut-off of that window is 1.4 times the bandwidth, checked on its own frequency response.
+    half = savitzky_golay_half(30.0, 1000.0)
+    impulse = np.zeros(4001)
+    impulse[2000] = 1.0
+    response = np.abs(np.fft.rfft(savitzky_golay(impulse, 1000.0, half=half)[0][:, 0]))
+    cut = np.fft.rfftfreq(4001, 1e-3)[np.argmax(response < np.sqrt(0.5))]
+    assert cut == pytest.approx(
+        1.4 * 30.0, rel=0.08
+    )  # one sample of the window is 4 %, the formula good to a few
+
+
+@pytest.mark.parametrize(("half", "degree"), [(2, 5), (800, 5)])
+def test_a_window_that_cannot_be_is_refused(half: int, degree: int) -> None:
+    with pytest.raises(
+        RecordError, match=f"window of {2 * half + 1} samples cannot carry .* degree {degree} .* 1500 samples"
+    ):
+        savitzky_golay(TIME, RATE, half=half, degree=degree)
+
+
+def test_the_spline_reproduces_cubics_at_any_smoothing() -> None:
+    # The penalty is on fourth differences, so cubics cost nothing.
+    cubic = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0])
+    for smoothing in (1e-8, 1.0, 1e6, 1e12):
+        spline = smoothing_spline(cubic(TIME), RATE, smoothing=smoothing)
+        np.testing.assert_allclose(spline.value()[:, 0], cubic(TIME), atol=1e-8)
+        np.testing.assert_allclose(spline.first()[:, 0], cubic.deriv()(TIME), atol=1e-8 * RATE)
+        np.testing.assert_allclose(spline.second()[:, 0], cubic.deriv(2)(TIME), atol=1e-8 * RATE**2)
+
+
+def test_without_noise_the_spline_interpolates_with_its_order() -> None:
+    # A quintic spline's second derivative is of fourth order in the step, its slope of fifth or better.
+    errors = []
+    for frequency in (20.0, 10.0):
+        exact = _motion(frequency)
+        spline = smoothing_spline(exact[0], RATE, smoothing=1e-8)
+        inner = slice(20, -20)
+        scale = (2 * np.pi * frequency) ** 2
+        errors.append(np.max(np.abs(spline.second() - exact[2])[inner, 0]) / scale)
+    assert np.log2(errors[0] / errors[1]) > 3.7
+
+
+@pytest.mark.parametrize("decibel", [20.0, 40.0])
+def test_cross_validation_finds_a_smoothing_near_the_best(decibel: float) -> None:
+    value, first, _ = _motion()
+    sigma = np.sqrt(np.mean(value**2, axis=0) * 10 ** (-decibel / 10))
+    noisy = value + np.random.default_rng(3).normal(size=value.shape) * sigma
+    chosen = smoothing_spline(noisy, RATE)
+    others = [smoothing_spline(noisy, RATE, smoothing=weight) for weight in np.logspace(-8, 12, 41)]
+    best = np.min([np.mean((other.value() - value) ** 2, axis=0) for other in others], axis=0)
+    # Cross-validation is efficient but not exact; a factor 2 in mean square is its usual loss on single channels.
+    assert np.all(np.mean((chosen.value() - value) ** 2, axis=0) < 2 * best)
+    assert chosen.smoothing[1] > chosen.smoothing[0]  # the slower channel is smoothed more
+    assert np.all(np.std(chosen.value() - value, axis=0) < 0.5 * sigma)
+    inner = slice(chosen.reach, -chosen.reach)
+    crude = np.gradient(noisy, 1 / RATE, axis=0)
+    assert np.all(
+        np.std((chosen.first() - first)[inner], axis=0) < 0.2 * np.std((crude - first)[inner], axis=0)
+    )
+
+
+def test_the_trace_that_cross_validation_uses_is_that_of_the_smoother() -> None:
+    # Measured column by column on a short record; its two ends are worth about one degree of freedom.
+    count, weight = 60, 10.0
+    matrix = np.column_stack(
+        [smoothing_spline(row, 1.0, smoothing=weight).value()[:, 0] for row in np.eye(count)]
+    )
+    angle = (np.arange(4096) + 0.5) * np.pi / 4096
+    gain = ((66 + 52 * np.cos(angle) + 2 * np.cos(2 * angle)) / 120) ** 2
+    passed = np.mean(gain / (gain + weight * (2 * np.sin(angle / 2)) ** 8))
+    assert np.trace(matrix) == pytest.approx(4 + (count - 4) * passed, abs=1.5)
+
+
+def test_the_ends_lose_their_influence_within_reach() -> None:
+    value = _motion()[0]
+    noisy = value + 0.1 * np.random.default_rng(5).normal(size=value.shape)
+    whole = smoothing_spline(noisy, RATE, smoothing=1e4)
+    half = smoothing_spline(noisy[:750], RATE, smoothing=1e4)
+    apart = np.abs(half.first() - whole.first()[:750])[:, 0]
+    assert np.max(apart[: -whole.reach]) < 0.2 * np.max(apart)
+
+
+def test_smoothers_refuse_gaps_and_short_records() -> None:
+    holed = np.sin(TIME)
+    holed[[30, 31]] = np.nan
+    with pytest.raises(
+        RecordError, match="2 samples are missing, the first is number 30; no smoother bridges a gap"
+    ):
+        smoothing_spline(holed, RATE)
+    with pytest.raises(RecordError, match="2 samples are missing"):
+        savitzky_golay(holed, RATE, half=5)
+    with pytest.raises(RecordError, match="10 samples are too few for a smoothing spline; it needs 16"):
+        smoothing_spline(np.arange(10.0), RATE)
+    with pytest.raises(
+        RecordError, match=r"a smoothing of 0\.0 was given; it must lie between 1e-8 and 1e12"
+    ):
+        smoothing_spline(TIME, RATE, smoothing=0.0)
