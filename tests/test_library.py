@@ -1,0 +1,243 @@
+"""Columns over states: monomials named, counted and evaluated in blocks; links with both masses sharing."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from linkwise.chains import bnes_chain
+from linkwise.coefficient import Coefficient
+from linkwise.derive import States
+from linkwise.errors import IdentificationError, RecordError
+from linkwise.law import Law
+from linkwise.library import Monomials, link_columns, monomial_equations
+from linkwise.link import Link, Mass
+from linkwise.sparse.least_squares import LeastSquares
+from linkwise.structure import Structure
+
+COUNT = 400
+
+
+def _states(structure: Structure, *, forces: bool = False, base: bool = False, seed: int = 0) -> States:
+    """Arbitrary motion, and the accelerations that the structure has in it: Eq. 1 holds point by point, whatever the orbit."""
+    random = np.random.default_rng(seed)
+    x = 0.02 * random.normal(size=(COUNT, structure.size))
+    v = random.normal(size=x.shape)
+    push = random.normal(size=x.shape) if forces else np.zeros_like(x)
+    ground = 0.01 * random.normal(size=COUNT) if base else None
+    rate = random.normal(size=COUNT) if base else None
+    d, d_rate = structure.elongations(x, ground), structure.elongations(v, rate)
+    force = np.column_stack([one.force(d[:, k], d_rate[:, k]) for k, one in enumerate(structure.links)])
+    a = (push - (structure.incidence @ force.T).T) / structure.mass_values
+    driven = structure.mass_names if forces else ()
+    return States(np.arange(COUNT) / 1000, structure.mass_names, x, v, a, push, driven, ground, rate)
+
+
+def _oscillator(law: str, values: dict[str, float], second: str = "ground") -> Structure:
+    coefficients = {name: Coefficient.number(value) for name, value in values.items()}
+    link = Link("spring", ("m1", second), Law.parse(law), coefficients)
+    return Structure("oscillator", (Mass("m1", Coefficient.number(0.5)),), (link,))
+
+
+def test_the_paper_counts_thirty_five_cubic_columns_for_two_masses() -> None:
+    # C(2n + 3, 3) for n = 2, 4, 6, 8, 10 masses: METHODS section 3.
+    counts = [len(Monomials(tuple(f"y{j}" for j in range(2 * n)), 3)) for n in (2, 4, 6, 8, 10, 50)]
+    assert counts == [35, 165, 455, 969, 1771, 176851]
+
+
+def test_monomials_are_named_and_evaluated_in_the_same_order() -> None:
+    library = Monomials(("x1", "v1", "x2"), 3)
+    assert library.names[:6] == ("1", "x1", "v1", "x2", "x1**2", "x1*v1")
+    assert "x1**2*x2" in library.names and "x1*v1*x2" in library.names and library.names[-1] == "x2**3"
+    assert len(library.names) == len(library) == len(set(library.names))
+    values = np.random.default_rng(0).normal(size=(50, 3))
+    columns = library.evaluate(values)
+    assert columns.flags.f_contiguous
+    for column, name in enumerate(library.names[1:], start=1):
+        expected = np.ones(50)
+        for factor in name.replace("**", "^").split("*"):
+            variable, _, power = factor.partition("^")
+            expected = expected * values[:, library.variables.index(variable)] ** int(power or 1)
+        np.testing.assert_allclose(columns[:, column], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 4])
+def test_every_monomial_is_the_product_of_its_variables(order: int) -> None:
+    values = np.random.default_rng(1).normal(size=(20, 4))
+    columns = Monomials(tuple("abcd"), order).evaluate(values)
+    chosen = [c for k in range(order + 1) for c in itertools.combinations_with_replacement(range(4), k)]
+    expected = np.column_stack([np.prod(values[:, list(c)], axis=1) for c in chosen])
+    np.testing.assert_allclose(columns, expected, rtol=1e-12)
+
+
+def test_a_library_that_cannot_be_is_refused() -> None:
+    with pytest.raises(
+        IdentificationError, match="no monomials of order -1 in a, b: the order must be 0 or more"
+    ):
+        Monomials(("a", "b"), -1)
+    with pytest.raises(IdentificationError, match="names must differ"):
+        Monomials(("a", "a"), 2)
+
+
+def test_equations_of_all_states_come_in_blocks_that_agree_with_the_whole() -> None:
+    states = _states(bnes_chain(2))
+    equations = monomial_equations(states, 3)
+    assert equations.targets == ("x1'", "x1''", "x2'", "x2''")
+    assert len(equations.names) == 35 and equations.rows == COUNT
+    whole, target = equations.rows_of(slice(0, COUNT))
+    part, part_target = equations.rows_of(slice(100, 140))
+    np.testing.assert_array_equal(part, whole[100:140])
+    np.testing.assert_array_equal(part_target, target[100:140])
+    np.testing.assert_array_equal(
+        target, np.column_stack([states.v[:, 0], states.a[:, 0], states.v[:, 1], states.a[:, 1]])
+    )
+    np.testing.assert_allclose(
+        whole[:, equations.names.index("x1*v2")], states.x[:, 0] * states.v[:, 1], rtol=1e-12
+    )
+
+
+def test_masses_of_other_names_and_inputs_have_columns_of_their_own() -> None:
+    states = replace(
+        _states(bnes_chain(2), forces=True),
+        masses=("frame", "sink"),
+        driven=("sink",),
+        base=np.arange(COUNT) / COUNT,
+    )
+    equations = monomial_equations(states, 1)
+    assert equations.names == ("1", "x_frame", "v_frame", "x_sink", "v_sink", "f_sink", "xb")
+    assert equations.targets == ("x_frame'", "x_frame''", "x_sink'", "x_sink''")
+    rows, _ = equations.rows_of(slice(0, COUNT))
+    np.testing.assert_array_equal(rows[:, 5], states.forces[:, 1])
+    np.testing.assert_array_equal(rows[:, 6], states.base)
+
+
+def test_a_library_beyond_any_memory_says_how_large_it_is() -> None:
+    flat = np.zeros((40, 50))
+    states = States(np.arange(40.0), tuple(f"m{k + 1}" for k in range(50)), flat, flat, flat, flat)
+    with pytest.raises(
+        IdentificationError, match=r"100 states of 50 masses are 176851 columns; .* takes 250 GB"
+    ):
+        monomial_equations(states, 3)
+
+
+@pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])
+def test_the_links_of_the_chain_come_back_exactly(which: tuple[str, ...]) -> None:
+    chain = bnes_chain(4)
+    unknown = chain.unknown(*which)
+    equations = link_columns(_states(chain), unknown)
+    assert equations.names == tuple(parameter.name for parameter in unknown.parameters)
+    assert equations.units == tuple(parameter.unit for parameter in unknown.parameters)
+    assert equations.rows == 4 * COUNT
+    fit = LeastSquares().fit(equations)
+    for name, value in zip(fit.names, fit.coefficients[:, 0], strict=True):
+        truth = chain.coefficient(name).value
+        assert value == pytest.approx(truth, rel=1e-9), name
+    assert fit.residual[0] < 1e-11
+
+
+def test_both_masses_of_a_link_share_its_coefficients() -> None:
+    chain = bnes_chain(2)
+    states = _states(chain)
+    equations = link_columns(states, chain.unknown("nes1.alpha"))
+    d = states.x[:, 1] - states.x[:, 0]
+    np.testing.assert_allclose(equations.matrix[:COUNT, 0], -d, rtol=1e-12)  # m1 is the second end
+    np.testing.assert_allclose(equations.matrix[COUNT:, 0], d, rtol=1e-12)
+
+
+def test_a_wrong_law_does_not_fit() -> None:
+    chain = bnes_chain(2)
+    linear = Link(
+        "nes1", ("m2", "m1"), Law.parse("alpha*d + c*v"), dict.fromkeys(("alpha", "c"), Coefficient.unknown())
+    )
+    wrong = Structure("wrong", chain.masses, (chain.links[0], linear))
+    fit = LeastSquares().fit(link_columns(_states(chain), wrong))
+    with pytest.raises(IdentificationError, match=r"more than 0\.01 of these equations unexplained: force"):
+        fit.require_explained(0.01)
+
+
+def test_shared_coefficients_are_one_column() -> None:
+    chain = bnes_chain(4)
+    links = list(chain.unknown("nes").links)
+    index = [link.name for link in links].index("nes2")
+    links[index] = replace(
+        links[index], coefficients={**links[index].coefficients, "alpha": Coefficient.shared("nes1.alpha")}
+    )
+    shared = Structure("shared", chain.masses, tuple(links))
+    equations = link_columns(_states(chain), shared)
+    assert "nes1.alpha" in equations.names and "nes2.alpha" not in equations.names
+    fit = LeastSquares().fit(equations)
+    assert fit.terms("force")["nes1.alpha"] == pytest.approx(-100.0, rel=1e-9)
+
+
+def test_forces_base_motion_and_an_unknown_mass_take_their_places() -> None:
+    truth = _oscillator("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 4e5, "c": 0.3}, "base")
+    states = _states(truth, forces=True, base=True)
+    fit = LeastSquares().fit(link_columns(states, truth.unknown("all", "mass:m1")))
+    found = fit.terms("force")
+    for name, value in {"spring.k": 900.0, "spring.k3": 4e5, "spring.c": 0.3, "m1.mass": 0.5}.items():
+        assert found[name] == pytest.approx(value, rel=1e-9)
+
+
+def test_a_known_nonlinear_coefficient_is_no_obstacle_and_an_unknown_one_is() -> None:
+    friction = _oscillator("k*d + F*tanh(v/s)", {"k": 900.0, "F": 0.2, "s": 0.05})
+    states = _states(friction)
+    fit = LeastSquares().fit(link_columns(states, friction.unknown("spring.k", "spring.F")))
+    assert fit.terms("force")["spring.F"] == pytest.approx(0.2, rel=1e-9)
+    with pytest.raises(
+        IdentificationError, match=r"k\*d \+ F\*tanh\(v/s\) of link spring is not linear in its unknown .*ml"
+    ):
+        link_columns(states, friction.unknown("all"))
+
+
+def test_rows_are_weighted_so_that_a_light_mass_counts() -> None:
+    chain = bnes_chain(2)
+    states = _states(chain)
+    equations = link_columns(states, chain.unknown("all"))
+    for mass, value in enumerate(chain.mass_values):
+        rows = slice(mass * COUNT, (mass + 1) * COUNT)
+        weighted = equations.weights[rows] * value * states.a[:, mass]
+        assert np.sqrt(np.mean(weighted**2)) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_masses_are_matched_by_name() -> None:
+    chain = bnes_chain(2)
+    states = _states(chain)
+    turned = replace(
+        states,
+        masses=("m2", "m1"),
+        x=states.x[:, ::-1],
+        v=states.v[:, ::-1],
+        a=states.a[:, ::-1],
+        forces=states.forces[:, ::-1],
+    )
+    unknown = chain.unknown("all")
+    np.testing.assert_array_equal(link_columns(turned, unknown).matrix, link_columns(states, unknown).matrix)
+
+
+def test_what_cannot_be_identified_is_refused() -> None:
+    chain = bnes_chain(2)
+    states = _states(chain)
+    with pytest.raises(
+        IdentificationError, match=r"every coefficient of .* is known: there is nothing to identify"
+    ):
+        link_columns(states, chain)
+    with pytest.raises(IdentificationError, match="nothing sets their scale"):
+        link_columns(states, chain.unknown("all", "mass:m1", "mass:m2"))
+    alone = replace(states, masses=("m1", "q"))
+    with pytest.raises(
+        RecordError, match=r"mass m2 of the structure has no channel, .* there are states of m1, q"
+    ):
+        link_columns(alone, chain.unknown("all"))
+
+
+def test_link_columns_beyond_memory_say_how_large_they_are() -> None:
+    long = np.broadcast_to(0.0, (10**8, 2))
+    states = States(long[:, 0], ("m1", "m2"), long, long, long, long)
+    with pytest.raises(
+        IdentificationError,
+        match=r"5 unknowns over 2 masses and 100000000 samples are 8\.0 GB of columns; use the weak form",
+    ):
+        link_columns(states, bnes_chain(2).unknown("all"))
