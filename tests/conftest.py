@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import linkwise as lw
+
 settings.register_profile("linkwise", derandomize=True, deadline=None)
 settings.load_profile("linkwise")
 
@@ -30,3 +32,16 @@ def shared_reference() -> Path:
 def shared_data() -> Path:
     """Folder of the measured records; the test is skipped where it is absent."""
     return _folder("data")
+
+
+@pytest.fixture(scope="session")
+def chain() -> lw.Structure:
+    """The paper's two-mass chain."""
+    return lw.bnes_chain(2)
+
+
+@pytest.fixture(scope="session")
+def fitted(chain: lw.Structure) -> lw.Estimate:
+    """The sink of that chain, identified from three simulated seconds at 30 dB."""
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    return lw.identify(record, chain.unknown("nes"), method="weak")

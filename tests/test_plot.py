@@ -1,0 +1,170 @@
+"""Figures: what they show, in what units, and that they never warn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.plot import force_figure, histories_figure, save
+from linkwise.plot.force_view import force_view
+from linkwise.plot.page import force_page, histories_page
+from linkwise.plot.palette import scale
+from linkwise.plot.thin import envelope, scattered
+
+
+@pytest.fixture
+def measured(fitted: lw.Estimate) -> lw.Estimate:
+    """The same estimate as if its record had been measured: nobody knows the truth."""
+    return replace(fitted, record=replace(fitted.record, simulated=None))
+
+
+def waves(count: int, *, gap: slice | None = None, samples: int = 500) -> lw.Record:
+    """A record of `count` masses that swing, each a little faster than the one before."""
+    time = np.arange(samples) / 100.0
+    channels = {f"x:m{k}": 0.01 * np.sin((k + 1) * time) for k in range(1, count + 1)}
+    if gap is not None:
+        channels["x:m1"][gap] = np.nan
+    return lw.Record.from_arrays(time, channels, source="waves.csv")
+
+
+@pytest.mark.parametrize(
+    ("largest", "expected"),
+    [
+        (0.02, (1e3, "mm")),
+        (1.0, (1.0, "m")),
+        (999.0, (1.0, "m")),
+        (1000.0, (1e-3, "km")),
+        (3e-7, (1e9, "nm")),
+        (1e-15, (1e9, "nm")),
+        (0.0, (1.0, "m")),
+        (float("nan"), (1.0, "m")),
+    ],
+)
+def test_scale_brings_numbers_near_one(largest: float, expected: tuple[float, str]) -> None:
+    factor, unit = scale(largest, "m")
+    assert (factor, unit) == (pytest.approx(expected[0], rel=1e-12), expected[1])
+
+
+def test_envelope_keeps_every_extreme_and_every_gap() -> None:
+    time = np.arange(100_000) / 1000.0
+    values = np.sin(time)
+    values[12_345], values[54_321] = 7.0, -7.0
+    values[70_000:80_000] = np.nan
+    thin_time, thin = envelope(time, values, points=1000)
+    assert len(thin) <= 1000 and np.all(np.diff(thin_time) >= 0)
+    assert np.nanmax(thin) == 7.0 and np.nanmin(thin) == -7.0
+    assert np.isnan(thin[(thin_time > 70.3) & (thin_time < 79.7)]).all()
+    np.testing.assert_array_equal(thin, values[np.searchsorted(time, thin_time)])
+
+
+def test_a_short_trace_is_left_alone() -> None:
+    time = np.arange(100.0)
+    assert envelope(time, time)[0] is time
+
+
+@pytest.mark.parametrize("count", [0, 1, 2999, 3000, 3001, 100_000])
+def test_scattered_bounds_the_number_of_points(count: int) -> None:
+    kept = len(np.arange(count)[scattered(count)])
+    assert min(count, 1500) <= kept <= 3000
+
+
+def test_view_covers_the_visited_range_and_its_band_holds_the_curve(fitted: lw.Estimate) -> None:
+    view = force_view(fitted, "nes1")
+    assert view.d[0] < view.visited[0] < view.visited[1] < view.d[-1]
+    assert np.all(view.lower <= view.force) and np.all(view.force <= view.upper)
+    np.testing.assert_array_equal(view.force, fitted.structure.link("nes1").force(view.d))
+    assert view.frame[0] < view.force.min() and view.force.max() < view.frame[1]
+
+
+def test_view_of_a_simulated_record_shows_the_truth(fitted: lw.Estimate, chain: lw.Structure) -> None:
+    view = force_view(fitted, "nes1")
+    assert view.true is not None and view.cloud_is_true
+    np.testing.assert_array_equal(view.true, chain.link("nes1").force(view.d))
+    # without noise, force less damping lies on the elastic curve but for the error of the identified damping
+    damping = fitted.coefficient("nes1.c").value - 0.02
+    speed = max(abs(end) for end in fitted.link("nes1").v_range)
+    off = np.abs(view.cloud - chain.link("nes1").force(view.cloud_d))
+    assert off.max() <= 1.1 * abs(damping) * speed
+
+
+def test_view_of_a_measured_record_shows_what_was_measured(
+    measured: lw.Estimate, chain: lw.Structure
+) -> None:
+    view = force_view(measured, "nes1")
+    assert view.true is None and not view.cloud_is_true
+    assert len(view.cloud) == len(view.cloud_d) <= 3000
+    assert force_view(measured, "nes1", chain).true is not None
+
+
+def test_view_without_any_force_has_no_cloud(measured: lw.Estimate) -> None:
+    unseen = np.full_like(measured.motion.acceleration, np.nan)
+    blind = replace(measured, motion=replace(measured.motion, acceleration=unseen))
+    assert len(force_view(blind, "nes1").cloud) == 0
+    assert "less damping" not in " ".join(labels(force_figure(blind, "nes1")))
+
+
+def labels(figure: object) -> list[str]:
+    """The words of a figure's first legend."""
+    return [text.get_text() for text in figure.legends[0].get_texts()]  # type: ignore[attr-defined]
+
+
+def test_force_figure_names_axes_units_and_curves(measured: lw.Estimate, chain: lw.Structure) -> None:
+    figure = force_figure(measured, "nes1", truth=chain)
+    wide, near = figure.axes
+    assert wide.get_xlabel() == "elongation d, mm" and wide.get_ylabel() == "force at v = 0, N"
+    assert {"range visited", "true", "95 % band", "identified", "wells"} <= set(labels(figure))
+    assert figure.get_suptitle() == "nes1 (m2 – m1):  alpha*d + beta*d**3 + c*v"
+    low, high = near.get_xlim()
+    assert wide.get_xlim()[0] < low < -10.0 and 10.0 < high < wide.get_xlim()[1]  # wells at 10 mm
+
+
+def test_a_link_without_wells_has_one_panel(fitted: lw.Estimate) -> None:
+    figure = force_figure(fitted, "spring1")
+    assert len(figure.axes) == 1 and "wells" not in labels(figure)
+
+
+def test_histories_have_a_strip_a_channel() -> None:
+    figure = histories_figure(waves(3))
+    assert [axes.get_ylabel() for axes in figure.axes] == [f"x:m{k}\nmm" for k in (1, 2, 3)]
+    assert figure.axes[-1].get_xlabel() == "time, s"
+    assert figure.axes[0].get_title(loc="left") == "waves.csv"
+
+
+def test_histories_of_many_channels_say_what_they_leave_out() -> None:
+    figure = histories_figure(waves(13))
+    assert len(figure.axes) == 10
+    assert "3 more channels not shown" in figure.axes[0].get_title(loc="left")
+
+
+@pytest.mark.parametrize(
+    "record", [waves(1, gap=slice(100, 200)), waves(2, samples=20_000, gap=slice(0, 9_000))]
+)
+def test_gaps_are_drawn_as_gaps(record: lw.Record, tmp_path: Path) -> None:
+    figure = histories_figure(record)
+    assert np.isnan(figure.axes[0].lines[0].get_ydata()).any()
+    save(figure, tmp_path / "histories")
+
+
+def test_saved_figures_are_the_same_every_time(fitted: lw.Estimate, tmp_path: Path) -> None:
+    first = [path.read_bytes() for path in save(force_figure(fitted, "nes1"), tmp_path / "a.b")]
+    again = [path.read_bytes() for path in save(force_figure(fitted, "nes1"), tmp_path / "c.d")]
+    assert first == again
+    assert {path.name for path in tmp_path.iterdir()} == {"a.b.png", "a.b.svg", "c.d.png", "c.d.svg"}
+
+
+def test_page_shows_what_the_paper_shows(fitted: lw.Estimate) -> None:
+    page, view = force_page(force_view(fitted, "nes1")), force_view(fitted, "nes1")
+    traces = {trace.name: trace for trace in page.data}
+    assert {"true", "95 % band", "identified", "wells", "true less damping"} == set(traces)
+    np.testing.assert_allclose(traces["identified"].x, 1e3 * view.d, rtol=1e-12)
+    assert page.layout.xaxis.title.text == "elongation d, mm"
+
+
+def test_page_histories_zoom_together() -> None:
+    page = histories_page(waves(3))
+    assert [trace.name for trace in page.data] == ["x:m1", "x:m2", "x:m3"]
+    assert page.layout.xaxis.matches == page.layout.xaxis2.matches == "x3"
