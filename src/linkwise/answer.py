@@ -1,0 +1,96 @@
+"""The result folder: what `identify` and `discover` hand over (INTERFACE: result.json and what stands beside it)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from linkwise.errors import RecordError
+from linkwise.estimate import Estimate
+from linkwise.output import RESULT, to_json, whole_folder
+from linkwise.plot import force_figure, histories_figure, save
+from linkwise.plot.force_view import GRID
+from linkwise.record import Record
+from linkwise.report import report
+from linkwise.structure import Link, Structure
+from linkwise.structure_file import write_structure
+from linkwise.validate import nmse
+
+PICTURES = 24  # links with a figure; a long chain's others have their numbers and their force file
+
+Progress = Callable[[float, str], None]
+
+
+def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:
+    """What result.json says, as plain data; with a `truth` also "nmse_percent" by link (paper Eq. 8),
+    null where the record does not tell it.
+    """
+    result = {**estimate.to_dict(), "version": version("linkwise")}
+    return result if truth is None else {**result, "nmse_percent": _errors(estimate, truth)}
+
+
+def write_result(
+    estimate: Estimate,
+    folder: str | Path,
+    *,
+    truth: Structure | None = None,
+    progress: Progress = lambda fraction, now: None,
+) -> Path:
+    """Write result.json, structure.toml, force_NAME.csv, figures and report.html into `folder`; all of them or none.
+
+    An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
+    something else. `truth` adds the true forces to the figures and their NMSE; `progress` is told the fraction done.
+    """
+    names = [found.link.name for found in estimate.links]
+    pictured = _pictured(estimate)
+    result = result_of(estimate, truth)
+    errors = result.get("nmse_percent", {})
+    with whole_folder(Path(folder)) as partial:
+        write_structure(estimate.structure, partial / "structure.toml")
+        for name in names:
+            _write_force(estimate, name, partial / f"force_{name}.csv")
+        save(histories_figure(estimate.record), partial / "histories")
+        for number, name in enumerate(pictured):
+            progress(0.7 * number / len(pictured), f"figure of {name}")
+            save(force_figure(estimate, name, truth=truth), partial / f"force_{name}")
+        page = report(
+            estimate, version=result["version"], pictured=pictured, truth=truth, nmse=errors,
+            progress=lambda fraction, now: progress(0.7 + 0.3 * fraction, now),
+        )  # fmt: skip
+        (partial / "report.html").write_text(page, encoding="utf-8")
+        result["files"] = sorted(path.name for path in partial.iterdir())
+        (partial / RESULT).write_text(to_json(result, indent=1) + "\n", encoding="utf-8")
+    return Path(folder)
+
+
+def _pictured(estimate: Estimate) -> tuple[str, ...]:
+    """The links that get a figure: those with something identified first, as many as anyone looks at."""
+    found = sorted(
+        estimate.links, key=lambda each: all(coefficient.known for coefficient in each.coefficients)
+    )
+    return tuple(each.link.name for each in found[:PICTURES])
+
+
+def _write_force(estimate: Estimate, name: str, path: Path) -> None:
+    """The force at v = 0 and its 95 % band over the range that the record visited: columns d in m, the others in N."""
+    d = np.linspace(*estimate.link(name).d_range, GRID)
+    table = np.stack([d, *estimate.force_band(name, d)], axis=1)
+    np.savetxt(path, table, fmt="%.10g", delimiter=",", header="d,force,lower,upper", comments="")
+
+
+def _errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
+    """NMSE in % of each identified force over the motion of the record; None where the record does not tell it."""
+    return {
+        link.name: _error(truth.link(link.name), link, estimate.record) for link in estimate.structure.links
+    }
+
+
+def _error(true: Link, found: Link, record: Record) -> float | None:
+    try:
+        return nmse(true, found, record)
+    except RecordError:  # an end without displacement, or a force that does not vary
+        return None

@@ -1,0 +1,5 @@
+"""The page that a reader opens first: one HTML file that needs nothing else, not even a network."""
+
+from linkwise.report.page import report
+
+__all__ = ["report"]

@@ -1,0 +1,114 @@
+"""The page and the result folder: verdict first, complete in themselves, as INTERFACE promises."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.report import report
+from linkwise.table import number
+
+
+@pytest.fixture(scope="module")
+def folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result folder as `identify --truth` writes it."""
+    return lw.write_result(fitted, tmp_path_factory.mktemp("results") / "answer", truth=chain)
+
+
+def page_of(estimate: lw.Estimate, **options: object) -> str:
+    """The page without its 4 MB of script."""
+    page = report(estimate, **{"version": "1.2.3", "pictured": (), **options})  # type: ignore[arg-type]
+    return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
+
+
+def test_verdict_comes_first(fitted: lw.Estimate) -> None:
+    body = page_of(fitted).partition("<body>")[2]
+    assert fitted.trusted
+    assert 0 < body.index("This answer can be trusted.") < body.index("<table>")
+
+
+def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
+    bad = replace(fitted, status="not converged", message="The cost still falls.")
+    assert not bad.trusted
+    page = page_of(bad)
+    assert "Do not trust this answer." in page and "can be trusted" not in page
+    assert "Not converged. The cost still falls." in page
+
+
+def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) -> None:
+    odd = replace(
+        fitted,
+        remarks=("The sink never left one well.",),
+        motion=replace(fitted.motion, structure=replace(fitted.structure, name="<script>alert(1)</script>")),
+    )
+    page = page_of(odd)
+    assert "<li>The sink never left one well.</li>" in page
+    assert "<script>alert" not in page and "&lt;script&gt;alert" in page
+
+
+def test_numbers_stand_in_the_table(fitted: lw.Estimate, chain: lw.Structure) -> None:
+    page = page_of(fitted, truth=chain, nmse={"nes1": 0.00123})
+    alpha = fitted.coefficient("nes1.alpha")
+    assert f"<td>{number(alpha.value, alpha.standard_error)}</td>" in page and "<td>-100</td>" in page
+    assert "NMSE of the force against the truth (paper Eq. 8): 0.00123 %." in page
+    assert "linkwise 1.2.3" in page and "true</th>" not in page_of(fitted)
+
+
+def test_page_needs_nothing_else(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert re.findall(r"<(?:script|link|img|iframe)[^>]*\b(?:src|href)=", page) == []
+    assert "http" not in markup
+    assert page.count("plotly.js v") == 1
+    assert {f'id="{name}"' in page for name in ("force-nes1", "force-spring1", "histories")} == {True}
+    assert len(page) < 6e6
+
+
+def test_folder_holds_what_the_interface_promises(folder: Path) -> None:
+    forces = {f"force_{name}.{suffix}" for name in ("nes1", "spring1") for suffix in ("csv", "png", "svg")}
+    expected = {"result.json", "structure.toml", "report.html", "histories.png", "histories.svg", *forces}
+    assert {path.name for path in folder.iterdir()} == expected
+
+
+def test_result_json_is_that_of_the_interface(folder: Path, fitted: lw.Estimate) -> None:
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    assert {"method", "status", "message", "seconds", "version", "noise", "fit", "links"} <= set(result)
+    assert result["version"] == lw.__version__ and result["method"] == "weak"
+    assert set(result["noise"]["x:m1"]) >= {"sigma", "unit", "snr_db"}
+    assert set(result["fit"]) >= {"chi_square_per_sample", "samples"}
+    sink = next(link for link in result["links"] if link["name"] == "nes1")
+    assert sink["between"] == ["m2", "m1"] and sink["law"] == "alpha*d + beta*d**3 + c*v"
+    alpha = sink["coefficients"]["alpha"]
+    assert set(alpha) >= {"value", "unit", "known", "standard_error", "interval"}
+    assert alpha["unit"] == "N/m" and alpha["known"] is False
+    assert len(sink["range"]["d"]) == len(sink["range"]["v"]) == 2
+    assert len(sink["wells"]) == 2 and len(sink["wells"][0]["interval"]) == 2
+    assert sink["barrier"]["unit"] == "J"
+    assert set(result["nmse_percent"]) == {"spring1", "nes1"}
+    assert result["files"] == sorted(path.name for path in folder.iterdir() if path.name != "result.json")
+
+
+def test_structure_is_the_identified_one(folder: Path, fitted: lw.Estimate) -> None:
+    found = lw.read_structure(folder / "structure.toml")
+    assert found.parameters == () and found == fitted.structure
+
+
+def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate) -> None:
+    path = folder / "force_nes1.csv"
+    assert path.read_text().splitlines()[0] == "d,force,lower,upper"
+    d, force, lower, upper = np.loadtxt(path, delimiter=",", skiprows=1).T
+    assert (d[0], d[-1]) == pytest.approx(fitted.link("nes1").d_range, rel=1e-9)  # ten printed digits
+    np.testing.assert_allclose(force, fitted.structure.link("nes1").force(d), rtol=1e-8, atol=1e-8)
+    assert np.all(lower <= force) and np.all(force <= upper)
+
+
+def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_path: Path) -> None:
+    told: list[float] = []
+    lw.write_result(fitted, tmp_path / "answer", progress=lambda fraction, now: told.append(fraction))
+    assert told == sorted(told) and told[0] >= 0.0 and 0.8 < told[-1] <= 1.0
