@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Literal
 
 import click
 
@@ -34,7 +35,12 @@ UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
     "--json", "as_json", is_flag=True, help="Print result.json on standard output and nothing else."
 )
 def identify(
-    source: RecordSource, structure: Path, method: str, output: Path | None, truth: Path | None, as_json: bool
+    source: RecordSource,
+    structure: Path,
+    method: Literal["weak", "sindy"],
+    output: Path | None,
+    truth: Path | None,
+    as_json: bool,
 ) -> int:
     """Identify the unknown coefficients of STRUCTURE from RECORD.
 
@@ -56,19 +62,19 @@ def identify(
         estimate = lw.identify(record, subject, method=method)
         if output is not None:
             lw.write_result(estimate, output, truth=true, progress=step)
-    click.echo(to_json(lw.result_of(estimate, true)) if as_json else str(estimate))
+    result = lw.result_of(estimate, true)
+    click.echo(to_json(result) if as_json else str(estimate))
     if not as_json:
-        _compare(estimate, true)
+        _compare(result)
         if output is not None:
-            tell(f"written to {output}{'/'}; open {output / 'report.html'}")
+            tell(f"written to {output}; open {output / 'report.html'}")
     return 0 if estimate.trusted else UNTRUSTED
 
 
-def _compare(estimate: lw.Estimate, true: lw.Structure | None) -> None:
-    """Print how far each identified force is from the true one, over the motion of the record."""
-    if true is None:
+def _compare(result: dict[str, Any]) -> None:
+    """Print how far each identified force is from the true one, where a truth was given."""
+    if "nmse_percent" not in result:
         return
     click.echo("\nagainst the truth: NMSE of the force (paper Eq. 8)")
-    for link in estimate.structure.links:
-        error = lw.nmse(true.link(link.name), link, estimate.record)
-        click.echo(f"  {link.name:10} {error:.3g} %")
+    for name, error in result["nmse_percent"].items():
+        click.echo(f"  {name:10} {'cannot be told' if error is None else f'{error:.3g} %'}")

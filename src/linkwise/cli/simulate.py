@@ -84,45 +84,80 @@ drive_options = grouped(
 )
 
 
+@dataclass(frozen=True)
+class Sampling:
+    """What is recorded, as typed."""
+
+    duration: float
+    rate: float
+    sensors: str
+    noise: float | None
+    seed: int
+
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.simulate`."""
+        sensors = tuple(kind.strip() for kind in self.sensors.split(","))
+        return {"duration": self.duration, "rate": self.rate, "sensors": sensors}
+
+
+sampling_options = grouped(
+    Sampling,
+    "sampling",
+    click.option("--duration", metavar="S", type=POSITIVE, required=True, help="Length of the record in s."),
+    click.option("--rate", metavar="HZ", type=POSITIVE, required=True, help="Samples per second."),
+    click.option(
+        "--sensors",
+        metavar="LIST",
+        default="x",
+        show_default=True,
+        help="Kinds (x,v,a) or channels (x:m1,a:m2).",
+    ),
+    click.option(
+        "--noise", metavar="DB", type=float, help="Add noise to every response: this signal-to-noise ratio."
+    ),
+    click.option(
+        "--seed",
+        metavar="N",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        help="Seed of the noise.",
+    ),
+)
+
+
 @click.command()
 @click.argument("structure", type=FILE)
-@click.option("--duration", metavar="S", type=POSITIVE, required=True, help="Length of the record in s.")
-@click.option("--rate", metavar="HZ", type=POSITIVE, required=True, help="Samples per second.")
+@sampling_options
 @drive_options
-@click.option(
-    "--sensors", metavar="KINDS", default="x", show_default=True, help="Of x,v,a: what is recorded."
-)
-@click.option(
-    "--noise", metavar="DB", type=float, help="Add noise at this signal-to-noise ratio to every response."
-)
-@click.option(
-    "--seed", metavar="N", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
-)
 @click.option(
     "-o", "--output", metavar="RECORD", type=FILE, required=True, help="File to write; its suffix says how."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
-def simulate(
-    structure: Path, drive: Drive, noise: float | None, seed: int, output: Path, as_json: bool, **grid: Any
-) -> None:
+def simulate(structure: Path, sampling: Sampling, drive: Drive, output: Path, as_json: bool) -> None:
     """Simulate STRUCTURE and write the record that its sensors would have made.
 
     \b
     Example:
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
     """
-    sensors = tuple(kind.strip() for kind in grid["sensors"].split(","))
-    with progress("simulating"):
-        subject = lw.read_structure(structure)
-        record = lw.simulate(
-            subject, duration=grid["duration"], rate=grid["rate"], sensors=sensors, **drive.keywords()
-        )
-        noisy = record if noise is None else record.with_noise(noise, seed=seed)
+    subject = lw.read_structure(structure)
+    asked = {**sampling.keywords(), **drive.keywords()}
+    with progress("simulating") as step:
+        try:
+            record = lw.simulate(subject, **asked, progress=lambda fraction: step(fraction, "simulating"))
+        except lw.SimulationError as error:
+            if error.time is None:  # it never began: what was asked for cannot be
+                raise click.UsageError(str(error)) from error
+            raise
+        if sampling.noise is not None:
+            record = record.with_noise(sampling.noise, seed=sampling.seed)
         output.parent.mkdir(parents=True, exist_ok=True)
-        lw.write_record(noisy, output)
-    summary = _summary(noisy, output)
-    if noise is not None:
-        summary["noise"] = {"decibel": noise, "seed": seed}
+        lw.write_record(record, output)
+        step(1.0, "energy and horizon")
+        summary = _summary(record, output)
+    if sampling.noise is not None:
+        summary["noise"] = {"decibel": sampling.noise, "seed": sampling.seed}
     click.echo(to_json(summary) if as_json else _told(subject, summary))
 
 
