@@ -1,0 +1,211 @@
+"""Least squares on weak equations: coefficients, their covariance, and whether noise explains what is left.
+
+The sums of products carry no noise bias (`noisebias`), so the estimate is right on average at any noise level that leaves
+them positive definite. Its covariance is H^-1 J H^-1, H the sums of products and J what noise does to the equations that are
+solved (`weaknoise`), scaled by what the residuals say of that noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+
+from linkwise.errors import IdentificationError
+from linkwise.structure import Structure
+from linkwise.weak import WeakEquations
+from linkwise.weaknoise import Share, Slopes, residual_excess, score_blocks
+
+Floats = NDArray[np.float64]
+
+_DENSE = 300  # parameters up to which matrices are dense
+_ROUNDS = 3  # of weighting the masses: the second changes weights by per cents, the third by next to nothing
+_SINGULAR = 1e-13  # scaled pivot below which columns move together
+_LINKS_AT_ONCE = 100
+
+
+@dataclass(frozen=True, eq=False)
+class WeakFit:
+    """`values` (p,) of the parameters, `covariance` (p, p) (for large structures within links only), `free` (p,) False where a
+    parameter was stopped by its bound.
+
+    `excess` is the power of the residuals over what noise explains, 1 for a law that fits.
+    """
+
+    values: Floats
+    covariance: Floats | csc_array
+    free: NDArray[np.bool_]
+    excess: float
+
+
+def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
+    """The parameters of `structure` from its weak equations.
+
+    Raises IdentificationError where a parameter is in no equation, nothing sets the scale, or columns move together.
+    """
+    shares = [share for share in (Share.of(each, system) for each in system.masses) if share is not None]
+    _require_reached(shares, system, structure)
+    lower = np.array([parameter.lower for parameter in structure.parameters])
+    upper = np.array([parameter.upper for parameter in structure.parameters])
+    after = [_first_weight(share) for share in shares]
+    for _ in range(_ROUNDS):
+        weights = after
+        normal, right = _normal(shares, weights, len(system.parameters))
+        values, free = _bounded(normal, right, lower, upper, system.parameters)
+        after = [1.0 / share.power(values) for share in shares]
+    slopes = Slopes.along(
+        system, structure.with_values(dict(zip(system.parameters, map(float, values), strict=True)))
+    )
+    excess = residual_excess(shares, values, system, slopes)
+    scatter = _assembled(score_blocks(shares, weights, system, slopes), len(values))
+    return WeakFit(values, excess * _covariance(normal, scatter, free, system.parameters), free, excess)
+
+
+def _require_reached(shares: list[Share], system: WeakEquations, structure: Structure) -> None:
+    reached = set(np.concatenate([share.which for share in shares])) if shares else set()
+    lost = [name for number, name in enumerate(system.parameters) if number not in reached]
+    if lost:
+        unseen = [
+            f"x:{name}"
+            for name, seen in zip(structure.mass_names, system.motion.seen, strict=True)
+            if not seen
+        ]
+        raise IdentificationError(
+            f"the record says nothing of {', '.join(lost)}: the weak form needs the displacement of a mass and of all its "
+            f"neighbours; missing {', '.join(unseen) or 'x:base'}"
+        )
+    if not any(share.fixed.any() for share in shares):
+        raise IdentificationError(
+            "nothing sets the scale of the forces: every mass and coefficient is unknown and no force is in the record; give "
+            "one mass or coefficient a number, or a channel force:MASS"
+        )
+
+
+def _first_weight(share: Share) -> float:
+    """Before anything is known: the reciprocal power of the largest term."""
+    return float(1.0 / max(np.max(np.einsum("ij,ij->i", share.matrix, share.matrix)), np.finfo(float).tiny))
+
+
+def _normal(shares: list[Share], weights: list[float], count: int) -> tuple[Floats | csc_array, Floats]:
+    """H (p, p) and g (p,) of the least squares over all masses."""
+    g = np.zeros(count)
+    blocks = []
+    for share, weight in zip(shares, weights, strict=True):
+        half = weight * (share.by_parameter.T @ share.moments)
+        g[share.which] -= half @ share.fixed
+        blocks.append((share.which, half @ share.by_parameter))
+    return _assembled(blocks, count), g
+
+
+def _assembled(blocks: Iterable[tuple[NDArray[np.intp], Floats]], count: int) -> Floats | csc_array:
+    """The sum of square blocks at their places in (count, count); a place may stand in one block twice."""
+    parts = [
+        (np.repeat(which, len(which)), np.tile(which, len(which)), block.ravel()) for which, block in blocks
+    ]
+    rows, columns, data = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if count <= _DENSE:
+        return np.bincount(rows * count + columns, data, count * count).reshape(count, count)
+    return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
+
+
+def _bounded(
+    h: Floats | csc_array, g: Floats, lower: Floats, upper: Floats, names: tuple[str, ...]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """The minimum within bounds: a parameter that leaves them is held at its bound and the others are solved again."""
+    free = np.ones(len(g), dtype=bool)
+    values = np.zeros(len(g))
+    while free.any():
+        rest = g[free] - (0.0 if free.all() else h[free][:, ~free] @ values[~free])
+        values[free] = _solve(_part(h, free), rest, _named(names, free))
+        outside = free & ((values < lower) | (values > upper))
+        if not outside.any():
+            break
+        values[outside] = np.clip(values[outside], lower[outside], upper[outside])
+        free &= ~outside
+    return values, free
+
+
+def _part(h: Floats | csc_array, free: NDArray[np.bool_]) -> Floats | csc_array:
+    return h if free.all() else h[free][:, free]
+
+
+def _named(names: tuple[str, ...], free: NDArray[np.bool_]) -> list[str]:
+    return [name for name, each in zip(names, free, strict=True) if each]
+
+
+def _solve(h: Floats | csc_array, right: Floats, names: list[str]) -> Floats:
+    """h^-1 right, equilibrated; IdentificationError names what moves together where h is not positive definite."""
+    diagonal = h.diagonal()
+    if np.any(diagonal <= 0.0):
+        _raise_together([names[i] for i in np.flatnonzero(diagonal <= 0.0)])
+    scale = 1.0 / np.sqrt(diagonal)
+    scaled_right = (right.T * scale).T
+    if isinstance(h, np.ndarray):
+        scaled = h * np.outer(scale, scale)
+        try:
+            factor = cho_factor(scaled, lower=True)
+        except LinAlgError:
+            _raise_together(_null_names(scaled, names))
+        if np.min(np.diagonal(factor[0])) ** 2 < _SINGULAR:
+            _raise_together(_null_names(scaled, names))
+        return np.asarray((cho_solve(factor, scaled_right).T * scale).T)
+    factor = splu(csc_array(h.multiply(scale[:, None]).multiply(scale[None, :])))
+    pivots = np.abs(factor.U.diagonal())
+    if pivots.min() < _SINGULAR:
+        _raise_together([names[int(np.flatnonzero(factor.perm_c == np.argmin(pivots))[0])]])
+    return np.asarray((factor.solve(scaled_right).T * scale).T)
+
+
+def _null_names(scaled: Floats, names: list[str]) -> list[str]:
+    """The parameters in the direction that the equations see least."""
+    weight = np.abs(np.linalg.eigh(scaled)[1][:, 0])
+    return [names[i] for i in np.argsort(-weight) if weight[i] > 0.2 * weight.max()][:6]
+
+
+def _raise_together(names: list[str]) -> NoReturn:
+    raise IdentificationError(
+        f"the record cannot tell {', '.join(names)}: the terms move together, or not at all above the noise; give one of "
+        "them a number, share it with another, or record a motion that sets them apart"
+    )
+
+
+def _covariance(
+    normal: Floats | csc_array, scatter: Floats | csc_array, free: NDArray[np.bool_], names: tuple[str, ...]
+) -> Floats | csc_array:
+    """H^-1 J H^-1 for the free parameters; for large structures only between parameters of one link."""
+    count, kept = len(free), _named(names, free)
+    inner, middle = _part(normal, free), _part(scatter, free)
+    at = np.flatnonzero(free)
+    if count <= _DENSE:
+        covariance = np.zeros((count, count))
+        if kept:
+            covariance[np.ix_(at, at)] = _solve(inner, _solve(inner, middle, kept).T, kept)
+        return 0.5 * (covariance + covariance.T)
+    blocks = []
+    for chunk in _chunks(kept):
+        members = np.concatenate(chunk)
+        unit = np.zeros((len(kept), len(members)))
+        unit[members, np.arange(len(members))] = 1.0
+        reach = _solve(inner, unit, kept)
+        pushed = middle @ reach
+        first = 0
+        for group in chunk:
+            which = slice(first, first + len(group))
+            first += len(group)
+            blocks.append((at[group], reach[:, which].T @ pushed[:, which]))
+    return _assembled(blocks, count)
+
+
+def _chunks(names: list[str]) -> list[list[NDArray[np.intp]]]:
+    """The parameters link by link, so many links at a time."""
+    members: dict[str, list[int]] = {}
+    for number, name in enumerate(names):
+        members.setdefault(name.rpartition(".")[0], []).append(number)
+    groups = [np.array(group) for group in members.values()]
+    return [groups[first : first + _LINKS_AT_ONCE] for first in range(0, len(groups), _LINKS_AT_ONCE)]
