@@ -1,0 +1,116 @@
+"""The printed answer: one plain table that tells whether to trust it, readable in a terminal, a log or a doctest."""
+
+from __future__ import annotations
+
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from linkwise.estimate import Estimate
+    from linkwise.link_estimate import CoefficientEstimate, Derived, LinkEstimate
+
+_MANY = 12  # channels or links beyond which a table shows the extremes only
+
+
+def text_table(estimate: Estimate) -> str:
+    """The whole answer as text."""
+    blocks = [_verdict(estimate), _noise(estimate)]
+    unknown = [mass for mass in estimate.masses if not mass.known]
+    if unknown:
+        blocks.append("\n".join(_columns([_row(mass, mass.name) for mass in unknown])))
+    shown = [link for link in estimate.links if link.free]
+    blocks += [_link(link) for link in shown[:_MANY]]
+    if len(shown) > _MANY:
+        blocks.append(f"... and {len(shown) - _MANY} more links; every one stands in the result folder")
+    if estimate.findings:
+        blocks.append("\n".join(f"! {finding}" for finding in estimate.findings))
+    return "\n\n".join(blocks)
+
+
+def number(value: float, error: float | None = None) -> str:
+    """`value` to two digits of its `error`, or to six digits."""
+    if not isfinite(value):
+        return str(value)
+    if error is None or not error > 0.0 or not isfinite(error):
+        return f"{value:.6g}"
+    last = floor(log10(error)) - 1
+    if last >= 0 and abs(value) < 1e7:
+        return f"{value:.0f}"
+    if -7 <= last < 0 and abs(value) >= 1e-3:
+        return f"{value:.{-last}f}"
+    digits = floor(log10(abs(value))) - last if value else 0
+    return f"{value:.{max(digits, 1)}e}"
+
+
+def _verdict(estimate: Estimate) -> str:
+    trust = "can be trusted" if estimate.trusted else "NOT to be trusted"
+    chi = (
+        "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
+    )
+    head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
+    return f"{head}\n{estimate.message} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
+
+
+def _noise(estimate: Estimate) -> str:
+    found = list(estimate.noise.items())
+    rows = [
+        (
+            name,
+            f"{each.sigma:.3g} {each.unit}",
+            f"{each.snr_db:.1f} dB" if isfinite(each.snr_db) else "no noise",
+        )
+        for name, each in found[:_MANY]
+    ]
+    lines = _columns([("noise", "deviation", "signal/noise"), *rows])
+    if len(found) > _MANY:
+        lines.append(f"... and {len(found) - _MANY} more channels")
+    return "\n".join(lines)
+
+
+def _link(link: LinkEstimate) -> str:
+    rows = [_row(each, each.name.rpartition(".")[2]) for each in link.coefficients]
+    rows += [_derived(each, f"well {i}") for i, each in enumerate(link.wells, start=1)]
+    if link.barrier is not None:
+        rows.append(_derived(link.barrier, "barrier"))
+    rows += [_derived(each, f"frequency {i}") for i, each in enumerate(link.frequencies, start=1)]
+    head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
+    seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
+    return "\n".join(
+        [head, *_columns([("", "value", "std. error", "95 % interval", "unit"), *rows]), f"  {seen}"]
+    )
+
+
+def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
+    if each.known:
+        return label, number(each.value), "given", "", each.unit
+    if each.standard_error is None:
+        return label, number(each.value), "none", "", each.unit
+    if each.interval is None:
+        return label, number(each.value, each.standard_error), f"{each.standard_error:.2g}", "none", each.unit
+    low, high = (number(end, each.standard_error) for end in each.interval)
+    return (
+        label,
+        number(each.value, each.standard_error),
+        f"{each.standard_error:.2g}",
+        f"{low} to {high}",
+        each.unit,
+    )
+
+
+def _derived(each: Derived, label: str) -> tuple[str, ...]:
+    if each.interval is None:
+        return label, number(each.value), "", "", each.unit
+    error = 0.25 * (each.interval[1] - each.interval[0])
+    low, high = (number(end, error) for end in each.interval)
+    return label, number(each.value, error), "", f"{low} to {high}", each.unit
+
+
+def _columns(rows: list[tuple[str, ...]]) -> list[str]:
+    """Rows in columns: the first and the last to the left, the others to the right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
+        cells[0], cells[-1] = row[0].ljust(widths[0]), row[-1]
+        lines.append(("  " + "  ".join(cells)).rstrip())
+    return lines
