@@ -25,9 +25,7 @@ def force_figure(estimate: Estimate, name: str, *, truth: Structure | None = Non
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
         if near:
-            to_d, _, to_f, _ = force_scales(view)
-            panels[1].set_xlim(near[0][0] * to_d, near[0][1] * to_d)
-            panels[1].set_ylim(near[1][0] * to_f, near[1][1] * to_f)
+            zoom_to_wells(panels[1], view)
             panels[1].set_title("near the wells")
     return figure
 
@@ -37,6 +35,15 @@ def force_scales(view: ForceView) -> tuple[float, str, float, str]:
     return *scale(max(abs(end) for end in view.visited), "m"), *scale(
         max(abs(end) for end in view.frame), "N"
     )
+
+
+def zoom_to_wells(axes: Axes, view: ForceView) -> None:
+    """Narrow axes that show `view` to what lies between its wells, where it has two or more."""
+    near = view.between_wells
+    if near is not None:
+        to_d, _, to_f, _ = force_scales(view)
+        axes.set_xlim(near[0][0] * to_d, near[0][1] * to_d)
+        axes.set_ylim(near[1][0] * to_f, near[1][1] * to_f)
 
 
 def force_title(view: ForceView) -> str:
