@@ -1,0 +1,74 @@
+"""What a start costs: names load on first use, and help pays for nothing that it does not show."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import linkwise as lw
+
+HEAVY = {"numpy", "scipy", "heyoka", "h5py", "matplotlib", "plotly", "jinja2", "pint"}
+LOADED = "; import sys; print(*{name.partition('.')[0] for name in sys.modules})"
+
+
+def run(code: str) -> subprocess.CompletedProcess[str]:
+    """A fresh interpreter running `code`, where any warning is an error."""
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("code", ["import linkwise", "import linkwise.cli"])
+def test_start_loads_nothing_heavy(code: str) -> None:
+    result = run(code + LOADED)
+    assert result.returncode == 0, result.stderr
+    assert HEAVY & set(result.stdout.split()) == set()
+
+
+@pytest.mark.parametrize("arguments", [["-c", "import linkwise"], ["-m", "linkwise.cli", "--help"]])
+def test_start_takes_little_processor_time(arguments: list[str]) -> None:
+    """At most 0.3 s above bare Python; processor time, so that a busy machine is no failure."""
+
+    def cost(command: list[str]) -> float:
+        before = os.times()
+        subprocess.run([sys.executable, *command], check=True, capture_output=True)
+        after = os.times()
+        return (after.children_user - before.children_user) + (after.children_system - before.children_system)
+
+    bare = min(cost(["-c", "pass"]) for _ in range(3))
+    assert min(cost(arguments) for _ in range(3)) - bare < 0.3
+
+
+def test_every_public_name_loads_and_is_listed() -> None:
+    assert set(dir(lw)) == {*lw.__all__, "__version__"}
+    for name in lw.__all__:
+        assert getattr(lw, name) is not None
+
+
+def test_table_of_homes_equals_what_type_checkers_see() -> None:
+    tree = ast.parse(Path(lw.__file__).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        (node.module, alias.name)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == {(f"linkwise.{home}", name) for home, names in lw._HOMES.items() for name in names}
+    assert sorted(lw.__all__) == sorted(name for names in lw._HOMES.values() for name in names)
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'linkwise' has no attribute 'identfy'"):
+        lw.identfy  # noqa: B018
+
+
+@pytest.mark.parametrize("first", ["simulate", "identify", "equilibria"])
+def test_a_function_is_not_hidden_by_the_module_of_its_name(first: str) -> None:
+    result = run(f"import linkwise.{first}, linkwise as lw; print(callable(lw.{first}))")
+    assert result.stdout == "True\n", result.stderr
