@@ -28,7 +28,7 @@ identify: env  ## simulate the paper's two-mass chain at 30 dB, identify its sin
 	$(BIN)/linkwise identify $(RESULTS)/record.csv $(RESULTS)/unknown.toml --truth $(RESULTS)/chain.toml -o $(RESULTS)/answer
 
 test: env  ## run all tests
-	$(BIN)/python -m pytest -q -n auto
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --maxprocesses 8 --dist worksteal
 
 benchmark: env  ## measure speed and accuracy against the figures that they must reach
 	$(BIN)/python -m pytest -q -s -o python_files='bench_*.py' benchmarks
