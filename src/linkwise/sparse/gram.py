@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.linalg.blas import dsyrk
+from scipy.linalg.blas import dgemm, dsymm, dsyrk
 
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
@@ -84,7 +84,7 @@ class Gram:
                 break
             anchor += change
             change = np.zeros_like(moments)
-        pull = raw @ change
+        pull = dsymm(1.0, raw, change, lower=1)
         squares = np.maximum(squares + np.sum(change * (pull - 2 * slope), axis=0), 0.0)
         return cls(
             system.names,
@@ -117,10 +117,10 @@ class Gram:
             if squares > (_CANCELLING * self.norms[target]) ** 2:
                 return scaled, squares
         change = np.where(support, 0.0, -anchor)
-        pull = self.matrix @ change
+        pull = dsymm(1.0, self.matrix, change[:, None], lower=1)[:, 0]
         if factor:
             change[kept] = cho_solve(factor, slope[kept] - pull[kept], check_finite=False)
-            pull += self.matrix[kept].T @ change[kept]
+            pull += self.matrix[:, kept] @ change[kept]
         squares = self.squares[target] + float(change @ (pull - 2 * slope))
         return np.where(support, anchor + change, 0.0), max(squares, 0.0)
 
@@ -155,7 +155,9 @@ class Gram:
         return answer
 
     def _dependent(self, kept: NDArray[np.intp], block: Array) -> IdentificationError:
-        weakest = np.linalg.eigh(block)[1][:, 0]
+        weakest = np.random.default_rng(0).normal(size=kept.size)
+        for _ in range(3):  # inverse iteration: what survives is the combination that vanishes
+            weakest = cho_solve(_factor(block), weakest / np.abs(weakest).max())
         shown = kept[np.flatnonzero(np.abs(weakest) > 0.1 * np.abs(weakest).max())]
         named = ", ".join(self.names[column] for column in shown[:8])
         return IdentificationError(
@@ -176,7 +178,7 @@ def _accumulate(system: LinearSystem) -> tuple[Array, Array, Array]:
             total = dsyrk(1.0, rows.T, beta=1.0, c=total, lower=1, overwrite_c=1)
         else:
             total = dsyrk(1.0, rows, beta=1.0, c=total, trans=1, lower=1, overwrite_c=1)
-        moments += rows.T @ target
+        moments += _times(rows, target, transposed=True)
         squares += np.sum(target**2, axis=0)
     for column in range(columns - 1):
         total[column, column + 1 :] = total[column + 1 :, column]
@@ -187,10 +189,20 @@ def _residual(system: LinearSystem, coefficients: Array) -> tuple[Array, Array]:
     """||b - A c||^2 (T,) and A'(b - A c) (p, T), from the rows themselves."""
     squares, slope = np.zeros(coefficients.shape[1]), np.zeros_like(coefficients)
     for rows, target in system.blocks():
-        residual = target - rows @ coefficients
-        slope += rows.T @ residual
+        residual = target - _times(rows, coefficients)
+        slope += _times(rows, residual, transposed=True)
         squares += np.sum(residual**2, axis=0)
     return squares, slope
+
+
+def _times(rows: Array, right: Array, *, transposed: bool = False) -> Array:
+    """rows @ right, or rows.T @ right, by SciPy's BLAS.
+
+    NumPy brings a BLAS of its own; where each keeps threads, calling both in turn lets them spin in each other's way.
+    """
+    if rows.flags.c_contiguous:
+        return np.asarray(dgemm(1.0, rows.T, right, trans_a=not transposed))
+    return np.asarray(dgemm(1.0, rows, right, trans_a=transposed))
 
 
 def cholesky(block: Array) -> tuple[Array, bool] | None:
