@@ -112,3 +112,9 @@ def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_p
     told: list[float] = []
     lw.write_result(fitted, tmp_path / "answer", progress=lambda fraction, now: told.append(fraction))
     assert told == sorted(told) and told[0] >= 0.0 and 0.8 < told[-1] <= 1.0
+
+
+def test_what_was_found_stands_before_what_was_known(fitted: lw.Estimate) -> None:
+    page = page_of(fitted)
+    assert page.index("<h3>nes1 ") < page.index("<h3>spring1 ")
+    assert "plotly-graph-div" not in page.partition("<h2>Masses")[0]  # no link was to be pictured

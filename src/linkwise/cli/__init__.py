@@ -50,7 +50,7 @@ def run(arguments: Sequence[str]) -> int:
         status = linkwise.main(rest, prog_name="linkwise", standalone_mode=False)
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "linkwise"
-        return _report(error, f"{error.format_message()} Try: {path} --help", USAGE, debug)
+        return _report(error, f"{error.format_message().rstrip('.')}. Try: {path} --help", USAGE, debug)
     except click.ClickException as error:
         return _report(error, error.format_message(), USAGE, debug)
     except LinkwiseError as error:

@@ -11,7 +11,7 @@ from linkwise.estimate import Estimate
 from linkwise.plot.force_view import ForceView, force_view
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, WELL, scale
 from linkwise.plot.paper import sheet
-from linkwise.structure import Structure
+from linkwise.structure import Link, Structure
 
 
 def force_figure(estimate: Estimate, name: str, *, truth: Structure | None = None) -> Figure:
@@ -21,7 +21,7 @@ def force_figure(estimate: Estimate, name: str, *, truth: Structure | None = Non
     with sheet(columns=2 if near else 1) as (figure, panels):
         for axes in panels:
             draw_force(axes, view)
-        figure.suptitle(fill(force_title(view), 84), x=0.01, horizontalalignment="left", fontsize=10)
+        figure.suptitle(fill(force_title(view.link), 84), x=0.01, horizontalalignment="left", fontsize=10)
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
         if near:
@@ -46,10 +46,9 @@ def zoom_to_wells(axes: Axes, view: ForceView) -> None:
         axes.set_ylim(near[1][0] * to_f, near[1][1] * to_f)
 
 
-def force_title(view: ForceView) -> str:
+def force_title(link: Link) -> str:
     """Name, ends and law of the link."""
-    ends = " – ".join(view.link.between)
-    return f"{view.link.name} ({ends}):  {view.link.law.text}"
+    return f"{link.name} ({' – '.join(link.between)}):  {link.law.text}"
 
 
 def draw_force(axes: Axes, view: ForceView) -> None:

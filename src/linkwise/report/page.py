@@ -70,7 +70,7 @@ def report(
     structure; `progress` is told the fraction done.
     """
     sections = []
-    for done, link in enumerate(estimate.links):
+    for done, link in enumerate(sorted(estimate.links, key=lambda each: not each.free)):  # found ones first
         progress(done / len(estimate.links), f"page: {link.link.name}")
         sections.append(_section(estimate, link.link.name, truth, nmse or {}, link.link.name in pictured))
     return _TEMPLATES.get_template("page.html.jinja").render(
@@ -99,16 +99,18 @@ def _section(
     found = estimate.link(name)
     true = {} if truth is None else truth.link(name).values
     derived = [*found.wells, *([found.barrier] if found.barrier else []), *found.frequencies]
-    view = force_view(estimate, name, truth)
+    picture = (
+        _picture(force_page(force_view(estimate, name, truth)), f"force-{name}") if pictured else Markup("")
+    )
     return Section(
-        title=force_title(view),
+        title=force_title(found.link),
         name=name,
         rows=tuple(_row(each, true.get(each.name.rpartition(".")[2])) for each in found.coefficients),
         derived=tuple(_derived(each) for each in derived),
         visited=f"d from {found.d_range[0]:.3g} to {found.d_range[1]:.3g} m, "
         f"v from {found.v_range[0]:.3g} to {found.v_range[1]:.3g} m/s",
         nmse="" if nmse.get(name) is None else f"{nmse[name]:.3g} %",
-        picture=_picture(force_page(view), f"force-{name}") if pictured else Markup(""),
+        picture=picture,
     )
 
 
