@@ -1,0 +1,233 @@
+"""From a structure and an excitation to the record that sensors would have made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from linkwise.balance import energy_balance
+from linkwise.channel import Channel
+from linkwise.course import Course
+from linkwise.errors import RecordError, SimulationError
+from linkwise.excitation import Drive, Excitation, Impulse, Sampled
+from linkwise.forces import Forces
+from linkwise.horizon import horizon
+from linkwise.link import BASE, near_miss
+from linkwise.record import Record
+from linkwise.simulated import EnergyBalance, Simulated
+from linkwise.structure import Structure
+from linkwise.trajectory import Travelled, travel
+
+Floats = NDArray[np.float64]
+
+_TINY = 2.0**-8  # of its scale: a motion that stays below is run again on its own, for its relative accuracy
+
+
+class Drives(TypedDict, total=False):
+    """The keywords of `Excitation.of`."""
+
+    release: Mapping[str, float]
+    impulses: Iterable[Impulse]
+    forces: Mapping[str, Drive | str | float]
+    base: Drive | str | float | None
+
+
+def simulate(
+    structure: Structure,
+    *,
+    duration: float | None = None,
+    rate: float | None = None,
+    times: ArrayLike | None = None,
+    sensors: Iterable[str] = ("x",),
+    progress: Callable[[float], object] | None = None,
+    **excitation: Unpack[Drives],
+) -> Record:
+    """Simulate from t = 0 and return what sensors see, with the truth in `.simulated`.
+
+    Output at k/`rate` up to `duration` in s, or at `times` (N,), evenly spaced and not before 0. What drives the structure,
+    as in `Excitation`: `release` {"x:m1": m, "v:m1": m/s}, `impulses` (Impulse(mass, N s, s), ...), `forces` {mass: expression
+    of t or Sampled}, `base` likewise, its displacement. `sensors` are kinds ("x", "v", "a": on every mass) or channels
+    ("a:m2"); forces and base motion are added as channels. `progress` is called with the part that is done, 0 to 1.
+
+    The motion is integrated by a Taylor method to rounding. Raises SimulationError for what cannot be asked for and where a
+    motion diverges, naming time and mass; StructureError where a mass or coefficient has no number.
+    """
+    grid = _grid(duration, rate, times)
+    drive = Excitation.of(**excitation)
+    _check(structure, drive, float(grid[-1]))
+    channels = _channels(structure, drive, sensors)
+    motion = Motion.of(Course(structure, drive, grid), progress)
+    values = np.empty((len(grid), len(channels)))
+    place = {name: i for i, name in enumerate(structure.mass_names)}
+    arrays = {"x": motion.displacement, "v": motion.velocity}
+    if any(channel.kind == "a" for channel in channels):
+        arrays["a"] = Forces(structure, drive).accelerations(grid, motion.displacement, motion.velocity)
+    for column, channel in enumerate(channels):
+        if channel.is_input:
+            values[:, column] = drive.drives[channel.mass].value(grid)
+        else:
+            values[:, column] = arrays[channel.kind][:, place[channel.mass]]
+    base = None if drive.base is None else drive.base.value(grid)
+    return Record(
+        start=float(grid[0]),
+        rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
+        channels=tuple(str(channel) for channel in channels),
+        values=values,
+        simulated=Simulated(structure, motion.displacement, motion.velocity, base, motion),
+        source=f"simulation of {structure.name}",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A course that was run: displacements and velocities (N, n) at its times, and the account of them when asked."""
+
+    course: Course
+    displacement: Floats
+    velocity: Floats
+    run: Travelled
+    scale: float
+
+    @classmethod
+    def of(cls, course: Course, progress: Callable[[float], object] | None = None) -> Motion:
+        """Run a course. SimulationError where it cannot be run to its end."""
+        size = course.structure.size
+        x, v = np.empty((len(course.times), size)), np.empty((len(course.times), size))
+
+        def receive(first: int, states: Floats) -> None:
+            rows = slice(first, first + len(states))
+            x[rows], v[rows] = states[:, :size], states[:, size:]
+            if progress is not None:
+                progress((first + len(states)) / len(course.times))
+
+        scale = _power_of_two(np.abs(course.start + course.jumps.get(0, 0.0)).max())
+        run = travel(course, course.times, receive, scale=scale)
+        largest = max(np.abs(x).max(), np.abs(v).max())
+        if 0.0 < largest < _TINY * scale:
+            scale = _power_of_two(largest)
+            run = travel(course, course.times, receive, scale=scale)
+        x.flags.writeable = v.flags.writeable = False
+        return cls(course, x, v, run, scale)
+
+    @cached_property
+    def energy(self) -> EnergyBalance:
+        """The energy balance at every output time."""
+        return energy_balance(self.course, self.displacement, self.velocity, self.run, self.scale)
+
+    @cached_property
+    def horizon(self) -> float | None:
+        """The time in s from which the orbit cannot be trusted, None where it can throughout."""
+        return horizon(self.course, self.displacement, self.run, self.scale)
+
+
+def _power_of_two(size: float) -> float:
+    """The power of two nearest to a size, so that scaling rounds nothing; 1 for 0."""
+    return float(2.0 ** np.round(np.log2(size))) if size > 0.0 else 1.0
+
+
+def _grid(duration: float | None, rate: float | None, times: ArrayLike | None) -> Floats:
+    """The output times (N,)."""
+    if times is None:
+        if duration is None or rate is None:
+            raise SimulationError("say how long and how often: duration in s and rate in Hz, or times")
+        for what, value, unit in (("duration", duration, "s"), ("rate", rate, "Hz")):
+            if not (np.isfinite(value) and value > 0.0):
+                raise SimulationError(
+                    f"a {what} of {value!r} {unit} cannot be simulated; it is a number above 0"
+                )
+        count = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
+        if count < 2:
+            raise SimulationError(
+                f"{duration:g} s at {rate:g} Hz is less than one sampling interval; simulate longer or sample faster"
+            )
+        return np.arange(count) / float(rate)
+    if duration is not None or rate is not None:
+        raise SimulationError("times already says when to sample; leave out duration and rate")
+    grid = np.array(times, dtype=float)
+    row = grid.ndim == 1 and grid.size >= 2 and bool(np.all(np.isfinite(grid)))
+    if not row or grid[0] < 0.0 or np.any(np.diff(grid) <= 0.0):
+        raise SimulationError(
+            "times must be one row of at least two increasing numbers, not before the start, 0"
+        )
+    even = np.linspace(grid[0], grid[-1], grid.size)
+    if np.abs(grid - even).max() > 1e-6 * (even[1] - even[0]):
+        raise SimulationError("times must be evenly spaced: a record has one sampling rate")
+    return grid
+
+
+def _check(structure: Structure, drive: Excitation, end: float) -> None:
+    """Refuse an excitation that does not fit the structure, or that ends before the simulation."""
+    names = structure.mass_names
+    for channel in drive.release:
+        kind, colon, mass = channel.partition(":")
+        if kind not in ("x", "v") or not colon:
+            raise SimulationError(
+                f"{channel!r} cannot be released: name a displacement, such as x:{names[0]}, or a velocity, v:{names[0]}"
+            )
+        _check_mass(mass, names, "released")
+    for impulse in drive.impulses:
+        _check_mass(impulse.mass, names, "struck")
+        if impulse.time >= end:
+            raise SimulationError(
+                f"{impulse.mass} is struck at {impulse.time:g} s, when the simulation has ended ({end:g} s)",
+                impulse.time,
+                impulse.mass,
+            )
+    for mass in drive.forces:
+        _check_mass(mass, names, "driven by a force")
+    if drive.base is not None and not structure.base_incidence.any():
+        raise SimulationError(
+            'a motion of the base is given, but no link holds on to it: write "base" for "ground" in `between` of the links '
+            "that do"
+        )
+    if drive.base is None and structure.base_incidence.any():
+        held = structure.links[int(np.flatnonzero(structure.base_incidence)[0])].name
+        raise SimulationError(
+            f"link {held!r} holds on to the base, whose motion is not given: give base=..., its displacement as an expression "
+            'of t or Sampled; "0" is a base at rest'
+        )
+    for name, given in drive.drives.items():
+        if isinstance(given, Sampled) and (given.start > 0.0 or given.end < end - 1e-6 / given.rate):
+            what = "the motion of the base" if name == BASE else f"the force on {name}"
+            raise SimulationError(
+                f"{what} is sampled from {given.start:g} to {given.end:g} s, but the simulation runs from 0 to {end:g} s; "
+                "give more samples or simulate less"
+            )
+
+
+def _check_mass(name: str, names: tuple[str, ...], what: str) -> None:
+    if name not in names:
+        shown = ", ".join(names if len(names) <= 12 else (*names[:10], "...", names[-1]))
+        raise SimulationError(
+            f"there is no mass {name!r} that could be {what}{near_miss(name, names)}; the masses are {shown}",
+            mass=name,
+        )
+
+
+def _channels(structure: Structure, drive: Excitation, sensors: Iterable[str]) -> list[Channel]:
+    """Responses in the order asked for, then the inputs."""
+    wanted = sensors.split() if isinstance(sensors, str) else list(sensors)
+    if not wanted:
+        raise SimulationError(
+            'name at least one sensor: a kind, "x", "v" or "a", or a channel, such as "a:m1"'
+        )
+    found: dict[Channel, None] = {}
+    for name in wanted:
+        if name in ("x", "v", "a"):
+            found.update(dict.fromkeys(Channel(name, mass) for mass in structure.mass_names))
+            continue
+        try:
+            channel = Channel.parse(name)
+        except RecordError as error:
+            raise SimulationError(f"no sensor can be had: {error}") from None
+        if channel.is_input:
+            raise SimulationError(f"{name} is an input; it is in the record whenever it drives the structure")
+        _check_mass(channel.mass, structure.mass_names, "seen by a sensor")
+        found[channel] = None
+    inputs = [Channel("x", BASE) if name == BASE else Channel("force", name) for name in drive.drives]
+    return [*found, *inputs]
