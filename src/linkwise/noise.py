@@ -23,6 +23,7 @@ _CELL_BINS, _CELL_BLOCKS = 6, 4  # one cell of the plane averages so many bins a
 _QUIET = 0.25  # quantile of the cells that is surely free of motion ...
 _QUIET_LEVEL = 0.8  # ... and where it stands when all cells are noise: gamma law, shape about 11
 _LOUD = 2.2  # a cell above twice the level holds motion
+_AT_ONCE = 64  # blocks transformed together: they stay in the cache, and no product is worth a second thread
 
 
 def noise_sigma(samples: ArrayLike) -> Array:
@@ -35,16 +36,15 @@ def noise_sigma(samples: ArrayLike) -> Array:
 
     Noise that is not white (a recorder's filter) is judged by its weakest quarter of cells.
     """
-    columns = _columns(samples)
-    sigma = np.full(columns.shape[1], np.nan)
+    channels = _channels(samples)
+    sigma = np.full(len(channels), np.nan)
     for block in (64, 32, 16):
-        open_ones = np.isnan(sigma)
-        if not open_ones.any():
+        untold = np.isnan(sigma)
+        if not untold.any():
             break
-        power = _block_powers(columns[:, open_ones], block, _LOWEST, _HIGHEST)
-        if power.shape[0] >= 2:
-            enough = 8 if block > 16 else 2
-            sigma[open_ones] = np.sqrt(_shared_level(power, enough))
+        power = _cell_powers(channels[untold], block)
+        if power.shape[1] >= 2:
+            sigma[untold] = np.sqrt(_shared_level(power, enough=8 if block > 16 else 2))
     return sigma
 
 
@@ -57,87 +57,117 @@ def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -
     where nothing stands above the noise. Blocks of 256 samples (shorter where the record is) that miss a sample are
     left out. Raises RecordError where no block is complete.
     """
-    columns = _columns(samples)
-    block = min(256, 2 ** int(np.log2(max(len(columns) // 3, 16))))
-    power = _block_powers(columns, block, 1.0 / block, 0.5)
-    whole = np.asarray(np.isfinite(power).all(axis=2))
-    counts: NDArray[np.intp] = np.sum(whole, axis=0)
+    channels = _channels(samples)
+    block = min(256, 2 ** int(np.log2(max(channels.shape[1] // 3, 16))))
+    mean, counts = _mean_powers(channels, block)
     lost = np.flatnonzero(counts == 0)
     if lost.size:
         raise RecordError(
             f"no {block} samples in a row are complete in column {lost[0]}, so its "
             "bandwidth cannot be told; cut out a longer complete piece with record.between(t0, t1)"
         )
-    mean = np.sum(np.where(whole[:, :, None], power, 0.0), axis=0) / counts[:, None]
     margin = np.maximum(2.0, 1.0 + 4.0 / np.sqrt(counts))
-    level = (noise_sigma(columns) if sigma is None else np.asarray(sigma)) ** 2 * margin
+    level = (noise_sigma(samples) if sigma is None else np.asarray(sigma)) ** 2 * margin
     bins = np.arange(1, mean.shape[1] + 1)
     return np.asarray(np.maximum(np.max(np.where(mean > level[:, None], bins, 0), axis=1), 1) * rate / block)
 
 
-def _columns(samples: ArrayLike) -> Array:
+def _channels(samples: ArrayLike) -> Array:
+    """(C, N), each channel in one piece."""
     values = np.asarray(samples, dtype=np.float64)
-    return values[:, None] if values.ndim == 1 else values
+    return np.ascontiguousarray(np.atleast_2d(values.T))
 
 
 def _shared_level(power: Array, enough: int) -> Array:
-    """Power that the quiet cells of each channel share; power (B, C, K) -> (C,), NaN with fewer than `enough`
+    """Power that the quiet cells of each channel share; power (C, B, G) -> (C,), NaN with fewer than `enough`
     whole blocks.
     """
     whole = np.isfinite(power[:, :, 0])
-    if whole.all() and len(power) >= enough:
+    if whole.all() and power.shape[1] >= enough:
         return _quiet_level(power)
-    level = np.full(power.shape[1], np.nan)
-    for channel in range(power.shape[1]):
-        kept = power[whole[:, channel], channel]
-        if len(kept) >= enough:
-            level[channel] = _quiet_level(kept[:, None])[0]
+    level = np.full(len(power), np.nan)
+    for channel, kept in enumerate(whole):
+        if np.sum(kept) >= enough:
+            level[channel] = _quiet_level(power[channel, kept][None])[0]
     return level
 
 
 def _quiet_level(power: Array) -> Array:
-    """Mean power of the cells that hold noise alone; power (B, C, K), all finite -> (C,)."""
-    blocks, channels, bins = power.shape
+    """Mean power of the cells that hold noise alone; power (C, B, G), all finite -> (C,)."""
+    channels, blocks, groups = power.shape
     deep = min(_CELL_BLOCKS, blocks)
-    groups = max(1, bins // _CELL_BINS)
-    wide = bins // groups
-    whole = power[: blocks // deep * deep, :, : groups * wide]
-    cells = whole.reshape(blocks // deep, deep, channels, groups, wide).mean(axis=(1, 4))
-    cells = cells.transpose(1, 0, 2).reshape(channels, -1)
+    columns = power[:, : blocks // deep * deep].reshape(channels, -1, deep, groups)
+    cells = columns.mean(axis=2).reshape(channels, -1)
     level = np.quantile(cells, _QUIET, axis=1) / _QUIET_LEVEL
+    lowest = cells.min(axis=1)
     for _ in range(5):
-        quiet = cells <= np.maximum(_LOUD * level, cells.min(axis=1))[:, None]
+        quiet = cells <= np.maximum(_LOUD * level, lowest)[:, None]
         level = np.sum(cells * quiet, axis=1) / quiet.sum(axis=1)
     return np.asarray(level)
 
 
-def _block_powers(columns: Array, block: int, lowest: float, highest: float) -> Array:
-    """Power in blocks that overlap by half, in units of the samples' variance: (B, C, K) for white noise of
-    variance 1 has mean 1.
+def _cell_powers(channels: Array, block: int) -> Array:
+    """Mean power (C, B, G) of groups of bins where noise is looked for, in blocks that overlap by half; 1 on average for
+    white noise of variance 1.
 
-    A block that misses a sample is NaN in all its bins.
+    A block that misses a sample is NaN in all its groups.
     """
-    weights, bins = _spectral_rows(block, lowest, highest)
-    long = len(weights)
-    if len(columns) < long:
-        return np.empty((0, columns.shape[1], bins))
-    pieces = np.lib.stride_tricks.sliding_window_view(columns, long, axis=0)[:: block // 2]
-    count, channels, _ = pieces.shape
-    parts = pieces.reshape(count * channels, long) @ weights
-    return np.asarray(parts[:, :bins] ** 2 + parts[:, bins:] ** 2).reshape(count, channels, bins)
+    rows, groups = _spectral_rows(block)
+    if channels.shape[1] < len(rows):
+        return np.empty((len(channels), 0, groups.shape[1]))
+    pieces = np.lib.stride_tricks.sliding_window_view(channels, len(rows), axis=1)[:, :: block // 2]
+    power = np.empty((*pieces.shape[:2], groups.shape[1]))
+    for channel, blocks in zip(power, pieces, strict=True):
+        for first in range(0, len(blocks), _AT_ONCE):
+            waves = blocks[first : first + _AT_ONCE] @ rows
+            waves *= waves
+            np.matmul(waves, groups, out=channel[first : first + _AT_ONCE])
+    return power
+
+
+def _mean_powers(channels: Array, block: int) -> tuple[Array, NDArray[np.intp]]:
+    """Mean power (C, K) in all bins but that of 0 Hz over the whole blocks that overlap by half, and their number (C,)."""
+    hann, unit = _spectrum(block)
+    total, counts = np.zeros((len(channels), len(unit), 2)), np.zeros(len(channels), dtype=int)
+    steep = np.diff(channels, _ORDER, axis=1)
+    if steep.shape[1] < block:
+        return total[:, :, 0], counts
+    pieces = np.lib.stride_tricks.sliding_window_view(steep, block, axis=1)[:, :: block // 2]
+    for channel, blocks in enumerate(pieces):
+        for first in range(0, len(blocks), _AT_ONCE):
+            waves = np.fft.rfft(blocks[first : first + _AT_ONCE] * hann)
+            whole = np.isfinite(waves[:, 0].real)
+            parts = waves[whole, 1:-1].view(np.float64)
+            total[channel] += np.einsum("bk,bk->k", parts, parts).reshape(-1, 2)
+            counts[channel] += len(parts)
+    return total.sum(axis=2) * unit / np.maximum(counts, 1)[:, None], counts
 
 
 @lru_cache(maxsize=32)
-def _spectral_rows(block: int, lowest: float, highest: float) -> tuple[Array, int]:
-    """Difference, Hann window, Fourier bin and unit noise gain folded into one matrix (block + order, 2 K):
-    cosines, then sines.
+def _spectral_rows(block: int) -> tuple[Array, Array]:
+    """Difference, Hann window, Fourier bin and unit noise gain folded into one matrix (block + order, 2 K): cosines, then
+    sines; and what takes their squares to means over groups of bins, (2 K, G).
     """
-    bins = np.arange(int(lowest * block), int(highest * block))
-    inside = np.arange(block)
-    hann = 0.5 - 0.5 * np.cos(2 * np.pi * (inside + 0.5) / block)
-    fourier = hann * np.exp(-2j * np.pi * np.outer(bins, inside) / block)
+    rows = _filters(block, np.arange(int(_LOWEST * block), int(_HIGHEST * block)))
+    rows /= np.sqrt(np.sum(np.abs(rows) ** 2, axis=1))[:, None]
+    groups = np.kron(np.eye(len(rows) // _CELL_BINS), np.full((_CELL_BINS, 1), 1.0 / _CELL_BINS))
+    return np.ascontiguousarray(np.concatenate([rows.real, rows.imag]).T), np.tile(groups, (2, 1))
+
+
+@lru_cache(maxsize=32)
+def _spectrum(block: int) -> tuple[Array, Array]:
+    """The Hann window (block,), and what takes the power of white noise, once differenced, to 1 in each bin (K,)."""
+    return _hann(block), 1.0 / np.sum(np.abs(_filters(block, np.arange(1, block // 2))) ** 2, axis=1)
+
+
+def _filters(block: int, bins: NDArray[np.intp]) -> NDArray[np.complex128]:
+    """(K, block + order) what difference, window and Fourier bin do to samples."""
+    fourier = _hann(block) * np.exp(-2j * np.pi * np.outer(bins, np.arange(block)) / block)
     rows = np.zeros((len(bins), block + _ORDER), dtype=complex)
     for lag in range(_ORDER + 1):
         rows[:, lag : lag + block] += (-1) ** lag * comb(_ORDER, lag) * fourier
-    rows /= np.sqrt(np.sum(np.abs(rows) ** 2, axis=1))[:, None]
-    return np.ascontiguousarray(np.concatenate([rows.real, rows.imag]).T), len(bins)
+    return rows
+
+
+def _hann(block: int) -> Array:
+    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(block) + 0.5) / block))
