@@ -1,0 +1,268 @@
+"""Annealed multiple shooting: Levenberg-Marquardt while the defects tighten from free to (nearly) none.
+
+    minimise  sum loss((y - h(flow)) / sigma)  +  sum |defect / S|^2 / q^2 ,   q from loose to tight
+
+METHODS section 5; Bock 1981; Abarbanel's precision annealing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from linkwise.likelihood.bordered import Factor
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.mechanics import Array, Mask
+from linkwise.likelihood.segments import Linear, Misfit, Point, Scales, Segments, evaluate, linearise
+
+_HOPELESS = 1e8  # damping at which no step is one
+_WILD = -10.0  # gain over promise below which the parabola through a step says nothing
+_ROUNDING = 1e-7  # of the cost: what single-precision tangents leave of a drop that they promise
+
+
+class Status(Enum):
+    CONVERGED = "converged"
+    EXHAUSTED = "not converged: the number of steps ran out"
+    STUCK = "not converged: no step lowers the cost"
+    INTERRUPTED = "not converged: interrupted"
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """q falls from loose to tight by factors between fast and slow, as far as Gauss-Newton can be trusted.
+
+    What a step leaves of its predicted drop grows about as q^-4/3 with the next q; more than `trust` per sample
+    keeps q where it is. The end is reached when less than `tolerance` is left of the whole cost.
+    """
+
+    loose: float = 1.0
+    tight: float = 1e-5
+    fast: float = 0.03
+    slow: float = 0.5
+    trust: float = 3.0
+    tolerance: float = 0.02
+    steps: int = 100
+
+    def factor(self, left: float) -> float:
+        """On q, when the last step left `left` per sample of its predicted drop."""
+        return float(np.clip((left / self.trust) ** 0.75, self.fast, self.slow))
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A step tried at q: cost before, what Gauss-Newton promised to take off it, what came off."""
+
+    step: int
+    q: float
+    cost: float
+    predicted: float
+    gained: float
+    data_per_sample: float
+    damping: float
+
+    @classmethod
+    def of(
+        cls, step: int, control: _Control, misfit: Misfit, trial: Misfit, predicted: float, samples: int
+    ) -> Progress:
+        """From the misfits before and after."""
+        cost = misfit.cost(control.q)
+        gained = cost - trial.cost(control.q)
+        return cls(step, control.q, cost, predicted, gained, trial.data / samples, control.damping)
+
+    @property
+    def left(self) -> float:
+        """About what the next step can still take off."""
+        return abs(self.predicted - self.gained) if self.damping == 0 else max(self.predicted, self.gained)
+
+    @property
+    def best_stride(self) -> float:
+        """Where the parabola through what a full step promised and gave has its minimum, in full steps."""
+        return 1.0 / (2.0 - self.quality)
+
+    @property
+    def quality(self) -> float:
+        return self.gained / self.predicted if self.predicted > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where the annealing ended. covariance (p + o, p + o) of theta and offsets, zero where a bound holds."""
+
+    point: Point
+    misfit: Misfit
+    q: float
+    scales: Scales
+    covariance: Array
+    at_bound: Mask
+    chi_square: float
+    samples: int
+    status: Status
+    path: tuple[Progress, ...]
+
+
+@dataclass(frozen=True)
+class _Control:
+    """Where the search stands: relaxation q, the last q that was `settled`, damping and its growth, length of the step."""
+
+    q: float
+    settled: float
+    damping: float = 0.0
+    growth: float = 2.0
+    stride: float = 1.0
+
+    def firmer(self) -> _Control:
+        """After equations that were not positive definite."""
+        return replace(self, damping=max(10.0 * self.damping, 1e-6))
+
+    def after(self, taken: Progress, schedule: Schedule, samples: int) -> _Control:
+        """What to try next, once a step has been `taken`."""
+        if taken.gained > 0.0:
+            return self._onward(taken, schedule, samples)
+        if self.stride == 1.0 and taken.quality > _WILD:
+            return replace(self, stride=taken.best_stride)
+        if self.q < self.settled:
+            back = float(np.sqrt(self.q * self.settled)) if self.q < 0.9 * self.settled else self.settled
+            return replace(self, q=back, stride=1.0)
+        return replace(
+            self, damping=max(self.growth * self.damping, 0.01), growth=2.0 * self.growth, stride=1.0
+        )
+
+    def _onward(self, taken: Progress, schedule: Schedule, samples: int) -> _Control:
+        """After a step that lowered the cost: less damping (Nielsen 1999), and a tighter q when this one is used up."""
+        damping = self.damping * (
+            max(1 / 3, 1 - (2 * taken.quality - 1) ** 3) if taken.quality < 1.5 else 1 / 3
+        )
+        stride = taken.best_stride if self.stride == 1.0 and taken.quality < 0.5 else 1.0
+        q, settled = self.q, self.settled
+        if taken.left < schedule.trust * samples:
+            settled, q = q, max(schedule.tight, q * schedule.factor(taken.left / samples))
+        elif taken.gained < 0.01 * taken.cost:
+            q = max(schedule.tight, q * schedule.slow)
+        return _Control(q, settled, damping if damping >= 1e-3 else 0.0, 2.0, stride)
+
+
+def anneal(
+    segments: Segments,
+    start: Point,
+    scales: Scales,
+    schedule: Schedule,
+    *,
+    loss: Loss,
+    executor: Executor | None = None,
+    report: Callable[[Progress], None] | None = None,
+) -> Fit:
+    """Fit nodes, theta and offsets to the records. An interrupt from the keyboard ends it with the best so far."""
+    path: list[Progress] = []
+    control, status = _Control(schedule.loose, schedule.loose), Status.EXHAUSTED
+    samples = int(segments.seen.sum())
+    misfit = evaluate(segments, start, scales, loss)
+    linear = linearise(segments, misfit, scales, loss, executor)
+    try:
+        while len(path) < schedule.steps:
+            if control.damping > _HOPELESS:
+                status = Status.STUCK
+                break
+            attempt = _step(segments, linear, misfit, scales, control)
+            if attempt is None:
+                control = control.firmer()
+                continue
+            trial = evaluate(segments, attempt[0], scales, loss)
+            taken = Progress.of(len(path), control, misfit, trial, attempt[1], samples)
+            path.append(taken)
+            if report is not None:
+                report(taken)
+            if taken.gained > 0.0:
+                misfit = trial
+            if control.q <= schedule.tight and taken.left < schedule.tolerance + _ROUNDING * taken.cost:
+                status = Status.CONVERGED
+                break
+            control = control.after(taken, schedule, samples)
+            if taken.gained > 0.0:
+                linear = linearise(segments, misfit, scales, loss, executor)
+    except KeyboardInterrupt:
+        status = Status.INTERRUPTED
+    return _fit(segments, linear, misfit, scales, control.q, status, tuple(path))
+
+
+def _fit(
+    segments: Segments,
+    linear: Linear,
+    misfit: Misfit,
+    scales: Scales,
+    q: float,
+    status: Status,
+    path: tuple[Progress, ...],
+) -> Fit:
+    theta = np.concatenate([misfit.point.theta, misfit.point.offsets])
+    lower, upper = _bounds(segments)
+    free = (theta > lower) & (theta < upper)
+    samples = int(segments.seen.sum())
+    return Fit(
+        misfit.point,
+        misfit,
+        q,
+        scales,
+        covariance(linear.equations(q).factor(), scales, free),
+        ~free,
+        misfit.cost(q) / (samples * _freedom(segments)),
+        samples,
+        status,
+        path,
+    )
+
+
+def _step(
+    segments: Segments, linear: Linear, misfit: Misfit, scales: Scales, control: _Control
+) -> tuple[Point, float] | None:
+    """A damped Gauss-Newton step that stops at the bounds: the new point and the predicted drop of the cost."""
+    equations = linear.equations(control.q)
+    factor = equations.factor(linear.damping(control.damping))
+    if factor is None:
+        return None
+    lower, upper = _bounds(segments)
+    old = np.concatenate([misfit.point.theta, misfit.point.offsets])
+    free = np.ones(segments.parameters, bool)
+    while True:
+        solved = factor.solve(free)
+        if solved is None:
+            return None
+        nodes, border = control.stride * solved[0], control.stride * solved[1]
+        new = old + border * scales.theta
+        outside = free & ((new < lower) | (new > upper))
+        if not outside.any():
+            break
+        free &= ~outside
+    new = np.clip(new, lower, upper)
+    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
+    moved = (nodes * scales.state).T.reshape(2, n, -1)
+    point = Point(misfit.point.nodes + moved, new[:p], new[p:])
+    return point, (2.0 - control.stride) * equations.drop(nodes, border)
+
+
+def _bounds(segments: Segments) -> tuple[Array, Array]:
+    """Of theta and offsets; the latter have none."""
+    open_ = np.full(segments.sensors.offsets, np.inf)
+    parameters = segments.system.parameters
+    return np.concatenate([parameters.lower, -open_]), np.concatenate([parameters.upper, open_])
+
+
+def _freedom(segments: Segments) -> float:
+    """Share of the samples that is left when each chain has one free state and all share theta."""
+    chains = 1 + int((~segments.linked).sum())
+    samples = int(segments.seen.sum())
+    return 1.0 - float(chains * 2 * segments.system.incidence.shape[0] + segments.parameters) / samples
+
+
+def covariance(factor: Factor | None, scales: Scales, free: Mask) -> Array:
+    """Of theta and offsets in their own units, zero where not free; infinite without a factor."""
+    size = len(scales.theta)
+    if factor is None:
+        return np.full((size, size), np.inf)
+    chosen = np.ix_(free, free)
+    out = np.zeros((size, size))
+    out[chosen] = np.linalg.inv(factor.schur[chosen]) * np.outer(scales.theta[free], scales.theta[free])
+    return out

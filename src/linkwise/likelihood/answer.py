@@ -1,0 +1,139 @@
+"""From records to an Estimate by maximum likelihood: the start, the fit, and what may be said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.errors import IdentificationError
+from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
+from linkwise.likelihood.anneal import Progress, Status
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.loss import Loss
+from linkwise.linkmotion import LinkMotion
+from linkwise.motion import read_motion
+from linkwise.record import Record
+from linkwise.structure import Structure
+from linkwise.weak import weak_equations
+from linkwise.weakfit import weak_fit
+
+Array = NDArray[np.float64]
+
+_LITTLE = 0.2  # of the forces on a mass: a model error beyond it is no small one
+
+
+def likelihood_estimate(
+    records: Sequence[Record],
+    structure: Structure,
+    *,
+    starts: Mapping[str, float] | None = None,
+    offsets: Sequence[str] = (),
+    loss: Loss | None = None,
+    report: Callable[[Progress], None] | None = None,
+) -> Estimate:
+    """The most likely unknowns of `structure` given `records` (METHODS section 5).
+
+    The search starts from `starts` by name, else from the weak fit of the first record, else from the starts of the structure.
+    `offsets` names channels with an unknown constant error. Raises IdentificationError where there is no start.
+    """
+    theta, spread = _start(records, structure, dict(starts or {}))
+    fit = likelihood_fit(records, structure, theta, spread=spread, offsets=offsets, loss=loss, report=report)
+    found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
+    identified = structure.with_values(found)
+    status, message = _judged(fit, identified)
+    return Estimate(
+        method="ml",
+        status=status,
+        message=message,
+        seconds=0.0,
+        asked=structure,
+        parameters=structure.parameters,
+        values=fit.values,
+        covariance=fit.covariance,
+        free=fit.free,
+        noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
+        chi_square_per_sample=fit.chi_square,
+        samples=fit.samples,
+        motion=_motion(fit, identified, records[0]),
+        record=records[0],
+        remarks=_remarks(fit),
+    )
+
+
+def _start(
+    records: Sequence[Record], structure: Structure, starts: dict[str, float]
+) -> tuple[Array, Array | None]:
+    """theta (p,) and, where the weak form gave it, its deviations."""
+    parameters = structure.parameters
+    given = {p.name: p.start for p in parameters if p.start is not None} | starts
+    if all(p.name in starts for p in parameters):
+        return np.array([starts[p.name] for p in parameters]), None
+    try:
+        motion = read_motion(records[0], structure)
+        fit = weak_fit(weak_equations(records[0], structure, motion, values=given), structure)
+    except IdentificationError as error:
+        lost = [p.name for p in parameters if p.name not in given]
+        if lost:
+            raise IdentificationError(
+                f"maximum likelihood needs a start for {', '.join(lost)}, and the weak form, which would give "
+                f"one, cannot: {error}. Write {{ start = ... }} for it in the structure file"
+            ) from None
+        return np.array([given[p.name] for p in parameters]), None
+    values = np.array([starts.get(p.name, value) for p, value in zip(parameters, fit.values, strict=True)])
+    return values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+
+
+def _judged(fit: LikelihoodFit, identified: Structure) -> tuple[str, str]:
+    if fit.status is not Status.CONVERGED:
+        told = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
+        return NOT_CONVERGED, told
+    if fit.chi_square_off:
+        return CHI_SQUARE_OFF, (
+            f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise, so no interval is given: the noise is not what "
+            "was stated or found, a term is missing from a law, or a link from the structure. The values are the best of "
+            "these laws."
+        )
+    if fit.model_error > 0.0:
+        share = _share(fit, identified)
+        told = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
+        if share > _LITTLE:
+            return CHI_SQUARE_OFF, f"{told}; that is too much for intervals: a term or a link is missing."
+        return CONVERGED, f"{told}, a model error that all intervals count in."
+    return CONVERGED, "The laws explain the record to within its noise."
+
+
+def _share(fit: LikelihoodFit, identified: Structure) -> float:
+    """Root mean square of the model's force error over that of the forces, the worst mass counting."""
+    n = identified.size
+    acceleration = fit.misfit.orbit.accelerations.reshape(-1, n, fit.segments.count)
+    forces = identified.mass_values * np.sqrt(np.mean(acceleration**2, axis=(0, 2)))
+    return float(np.max(fit.force_error / np.maximum(forces, np.finfo(float).tiny)))
+
+
+def _motion(fit: LikelihoodFit, identified: Structure, record: Record) -> LinkMotion:
+    """The links along the fitted orbit, at the samples of the first record."""
+    refine, steps = fit.segments.refine, fit.segments.steps
+    states = fit.misfit.orbit.states[:steps:refine]
+    step = fit.segments.step
+    x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
+    v = (states[:, 1] / step).transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
+    base = record.channel("x:base") if "x:base" in record.channels else None
+    rate = None if base is None else np.gradient(base, record.step)
+    unseen = np.full(x.shape, np.nan)
+    return LinkMotion(
+        identified,
+        record.time,
+        identified.elongations(x, base),
+        identified.elongations(v, rate),
+        unseen,
+        None,
+    )
+
+
+def _remarks(fit: LikelihoodFit) -> tuple[str, ...]:
+    return tuple(
+        f"{name} is off by {value:.4g} throughout (found with the rest)."
+        for name, value in fit.offsets.items()
+    )

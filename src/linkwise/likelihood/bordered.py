@@ -1,0 +1,89 @@
+"""Block tridiagonal normal equations with a border, by LAPACK's banded Cholesky.
+
+    | H  E | |s|   |g|      H: an (m, m) block per node and one per neighbouring pair of nodes
+    | E' C | |t| = |c|      E: (K m, p) border, C: (p, p) corner
+
+Flops and memory are linear in K.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, lapack
+
+from linkwise.likelihood.mechanics import Array, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Damping:
+    """What Levenberg and Marquardt add to the diagonal: nodes (K, m), border (p,)."""
+
+    nodes: Array
+    border: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bordered:
+    """The equations. right holds the border's columns and, last, the gradient, each as (K, m)."""
+
+    diagonal: Array  # (K, m, m) symmetric
+    coupling: Array  # (K - 1, m, m), rows: the later node
+    right: Array  # (p + 1, K, m)
+    corner: Array  # (p, p)
+    corner_gradient: Array  # (p,)
+
+    def factor(self, damping: Damping | None = None) -> Factor | None:
+        """Cholesky factor of the equations, damped if so wanted, or None where they are not positive."""
+        K, m, _ = self.diagonal.shape
+        p = len(self.corner)
+        band = np.empty((K, m, 2 * m))
+        for column in range(m):
+            band[:, column, : m - column] = self.diagonal[:, column:, column]
+            band[:-1, column, m - column : 2 * m - column] = self.coupling[:, :, column]
+            band[-1, column, m - column :] = 0.0
+            band[:, column, 2 * m - column :] = 0.0
+        if damping is not None:
+            band[:, :, 0] += damping.nodes
+        chol, bad = lapack.dpbtrf(band.reshape(K * m, 2 * m).T, lower=1, overwrite_ab=1)
+        if bad:
+            return None
+        forward, _ = lapack.dtbtrs(chol, self.right.reshape(p + 1, K * m).T, uplo="L")
+        forward = forward.T
+        moment = forward @ forward.T
+        corner = self.corner if damping is None else self.corner + np.diag(damping.border)
+        return Factor(chol, forward, corner - moment[:p, :p], self.corner_gradient - moment[p, :p], (K, m))
+
+    def drop(self, nodes: Array, border: Array) -> float:
+        """g's: what a full Gauss-Newton step (nodes, border) takes off the cost."""
+        return float(np.vdot(self.right[-1], nodes) + self.corner_gradient @ border)
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """chol: band of the nodes' factor; forward (p + 1, K m); schur (p, p), reduced (p,): the border's equations."""
+
+    chol: Array
+    forward: Array
+    schur: Array
+    reduced: Array
+    shape: tuple[int, int]
+
+    def solve(self, free: Mask) -> tuple[Array, Array] | None:
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at zero; None where not positive."""
+        border = np.zeros(len(self.reduced))
+        if free.any():
+            try:
+                root = cholesky(self.schur[np.ix_(free, free)], lower=True)
+            except np.linalg.LinAlgError:
+                return None
+            border[free] = cho_solve((root, True), self.reduced[free])
+        right = self.forward[-1] - border @ self.forward[:-1]
+        nodes, _ = lapack.dtbtrs(self.chol, right[:, None], uplo="L", trans="T")
+        return nodes.reshape(self.shape), border
+
+    def log_determinant(self, free: Mask) -> float:
+        """Of the whole matrix, border restricted to `free`."""
+        _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
+        return 2.0 * float(np.log(self.chol[0]).sum()) + float(border)

@@ -1,0 +1,273 @@
+"""One call from records to a maximum-likelihood fit: cut, start, anneal, and say how far to believe it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status, anneal
+from linkwise.likelihood.cut import cut
+from linkwise.likelihood.loss import Gaussian, Loss
+from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evaluate, linearise
+from linkwise.likelihood.start import channel_noise, nodes, start_states
+from linkwise.record import Record
+from linkwise.structure import Structure
+
+Array = NDArray[np.float64]
+
+SAMPLES = 5  # in a segment: shorter ones cost unknowns, longer ones make a chaotic flow steep
+_FLOW_ERROR = 0.02  # of a noise deviation: what the steps of the flow may be wrong by
+_FINEST = 8
+_TRIED = 150  # segments that tell how fine the steps must be
+_CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
+_SIGMAS = 5.0  # and its own scatter
+_WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
+_LOOSENING = 3.0  # from rung to rung of the ladder of model errors
+_LOOSEST = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodFit:
+    """`values` (p,) with `covariance` (p, p), `free` (p,) False at a bound; `offsets` and `noise` by channel.
+
+    `chi_square` compares what is left to the noise that was stated or found beforehand; `model_error` is the relaxation q of
+    the flow where the laws alone leave residuals that are no noise, else 0, and `force_error` (n,) in N on each mass what
+    that means.
+    """
+
+    values: Array
+    covariance: Array
+    free: NDArray[np.bool_]
+    offsets: dict[str, float]
+    noise: dict[str, float]
+    chi_square: float
+    chi_square_off: bool
+    model_error: float
+    force_error: Array
+    samples: int
+    status: Status
+    path: tuple[Progress, ...]
+    segments: Segments
+    misfit: Misfit
+
+
+@dataclass(frozen=True)
+class Annealer:
+    """How annealing runs here: on which threads, and whom it tells."""
+
+    executor: Executor
+    report: Callable[[Progress], None] | None
+
+    def __call__(
+        self, segments: Segments, start: Point, scales: Scales, schedule: Schedule, loss: Loss
+    ) -> Fit:
+        return anneal(
+            segments, start, scales, schedule, loss=loss, executor=self.executor, report=self.report
+        )
+
+
+@lru_cache(maxsize=1)
+def _pools() -> ThreadpoolController:
+    """The BLAS libraries of this process; finding them costs milliseconds."""
+    return ThreadpoolController()
+
+
+def _one_thread_each() -> AbstractContextManager[object]:
+    """Small products run on our own threads, chunk by chunk; a BLAS that splits each of them would only wait."""
+    limited: AbstractContextManager[object] = _pools().limit(limits=1, user_api="blas")
+    return limited
+
+
+def _workers() -> int:
+    return max(
+        1, min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 8)
+    )
+
+
+def likelihood_fit(
+    records: Sequence[Record],
+    structure: Structure,
+    theta: Array,
+    *,
+    spread: Array | None = None,
+    offsets: Sequence[str] = (),
+    loss: Loss | None = None,
+    report: Callable[[Progress], None] | None = None,
+) -> LikelihoodFit:
+    """The most likely parameters of `structure` given `records`, from a start `theta` (p,) with deviations `spread` (p,).
+
+    `offsets` names channels with an unknown constant error. Raises IdentificationError for records that do not fit together.
+    """
+    with _one_thread_each(), ThreadPoolExecutor(_workers()) as executor:
+        return _fitted(
+            records, structure, theta, spread, offsets, loss or Gaussian(), Annealer(executor, report)
+        )
+
+
+def _fitted(
+    records: Sequence[Record],
+    structure: Structure,
+    theta: Array,
+    spread: Array | None,
+    offsets: Sequence[str],
+    loss: Loss,
+    annealer: Annealer,
+) -> LikelihoodFit:
+    system = System.of(structure)
+    noise = _shared_noise(records)
+    starts = [start_states(record, structure, noise, SAMPLES) for record in records]
+    channels = records[0].responses
+    unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
+    unit = np.where(unit > 0.0, unit, 1.0)
+    scales = Scales(
+        np.array([noise[name] for name in channels]),
+        np.sqrt(np.mean([each.scale**2 for each in starts], axis=0)),
+        np.concatenate([unit, [noise[name] for name in offsets]]),
+    )
+    point = Point(
+        nodes(starts, SAMPLES),
+        np.clip(theta, system.parameters.lower, system.parameters.upper),
+        np.zeros(len(offsets)),
+    )
+    segments = _fine_enough(records, structure, system, point, scales, offsets)
+    fit = annealer(segments, point, scales, Schedule(), loss)
+    limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
+    model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
+    off = bool(abs(chi_square - 1.0) > limit)
+    if off and fit.status is Status.CONVERGED and chi_square > 1.0 and _colour(fit.misfit) > _WHITE:
+        fit, model_error, factor = _with_model_error(segments, fit, loss, annealer)
+        chi_square = factor**2
+        off = (
+            any(name in record.noise for record in records for name in channels)
+            and abs(chi_square - 1.0) > limit
+        )
+    p = system.parameters.size
+    return LikelihoodFit(
+        values=fit.point.theta,
+        covariance=factor**2 * fit.covariance[:p, :p],
+        free=~fit.at_bound[:p],
+        offsets=dict(zip(offsets, map(float, fit.point.offsets), strict=True)),
+        noise=_found_noise(fit, channels),
+        chi_square=chi_square,
+        chi_square_off=off,
+        model_error=model_error,
+        force_error=_force_error(fit, system, segments),
+        samples=fit.samples,
+        status=fit.status,
+        path=fit.path,
+        segments=segments,
+        misfit=fit.misfit,
+    )
+
+
+def _shared_noise(records: Sequence[Record]) -> dict[str, float]:
+    """Noise by channel, root mean square over the records."""
+    each = [channel_noise(record) for record in records]
+    return {name: float(np.sqrt(np.mean([noise[name] ** 2 for noise in each]))) for name in each[0]}
+
+
+def _fine_enough(
+    records: Sequence[Record],
+    structure: Structure,
+    system: System,
+    point: Point,
+    scales: Scales,
+    offsets: Sequence[str],
+) -> Segments:
+    """Segments whose flow is exact to a small part of the noise: the steps are halved until nothing changes."""
+    refine = 1
+    segments = cut(records, structure, system, samples=SAMPLES, refine=refine, offsets=offsets)
+    every = max(1, segments.count // _TRIED)
+    residuals = _predicted(segments, point, scales, every)
+    while refine < _FINEST:
+        finer = cut(records, structure, system, samples=SAMPLES, refine=2 * refine, offsets=offsets)
+        exact = _predicted(finer, point, scales, every)
+        change = exact - residuals
+        if np.isfinite(exact).all() and np.sqrt(np.mean(change[np.isfinite(change)] ** 2)) < _FLOW_ERROR:
+            return segments
+        refine, segments, residuals = 2 * refine, finer, exact
+    return segments
+
+
+def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> Array:
+    """The residuals of some of the segments."""
+    which = slice(None, None, every)
+    some = replace(
+        segments,
+        samples=segments.samples[..., which],
+        seen=segments.seen[..., which],
+        step=segments.step[which],
+        linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
+        inputs=segments.inputs.part(which),
+    )
+    return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
+
+
+def _with_model_error(
+    segments: Segments, fit: Fit, loss: Loss, annealer: Annealer
+) -> tuple[Fit, float, float]:
+    """The most likely split of what the laws leave into noise of the sensors and errors of the flow.
+
+    For every relaxation q on a ladder the orbit is fitted again and the noise profiled out; the marginal likelihood, Gaussian
+    in nodes and theta about their optimum (Laplace), chooses q. Returns the fit there, q, and the factor on the noise.
+    """
+    best, best_cost, worse = None, np.inf, 0
+    q, current = fit.q, fit
+    while q < _LOOSEST and worse < 2:
+        current = annealer(segments, current.point, current.scales, Schedule(loose=q, tight=q), loss)
+        noise, cost = _evidence(segments, current, q, loss)
+        if cost < best_cost:
+            best, best_cost, best_q, best_noise, worse = current, cost, q, noise, 0
+        else:
+            worse += 1
+        q *= _LOOSENING
+    if best is None:
+        return fit, 0.0, 1.0
+    return best, best_q, best_noise
+
+
+def _evidence(segments: Segments, fit: Fit, q: float, loss: Loss) -> tuple[float, float]:
+    """The factor on the noise (and on q) that this orbit asks for, and -2 log of the marginal likelihood with it."""
+    linear = linearise(segments, fit.misfit, fit.scales, loss)
+    factor = linear.equations(q).factor()
+    if factor is None:
+        return 1.0, np.inf
+    defects = 2 * segments.system.incidence.shape[0] * int(segments.linked.sum())
+    nodes = 2 * segments.system.incidence.shape[0] * segments.count
+    free = ~fit.at_bound
+    freedom = fit.samples + defects - nodes - int(free.sum())
+    noise = np.sqrt(fit.misfit.cost(q) / freedom)
+    return float(noise), float(
+        2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(free)
+    )
+
+
+def _colour(misfit: Misfit) -> float:
+    """Largest autocorrelation at one sample among the channels' residuals."""
+    r = misfit.residuals
+    before, after = r[:-1], r[1:]
+    power = np.maximum(np.sum(r**2, axis=(0, 2)) * (1.0 - 1.0 / len(r)), np.finfo(float).tiny)
+    return float(np.max(np.sum(before * after, axis=(0, 2)) / power))
+
+
+def _found_noise(fit: Fit, channels: Sequence[str]) -> dict[str, float]:
+    squares = np.sum(fit.misfit.residuals**2, axis=(0, 2))
+    counts = np.maximum(np.sum(fit.misfit.residuals != 0.0, axis=(0, 2)), 1)
+    return dict(zip(channels, map(float, fit.scales.sigma * np.sqrt(squares / counts)), strict=True))
+
+
+def _force_error(fit: Fit, system: System, segments: Segments) -> Array:
+    """(n,) root mean square in N of the force that the velocity defects stand for."""
+    n = len(fit.scales.state) // 2
+    duration = np.mean(segments.step) * segments.steps
+    jumps = np.sqrt(np.mean(fit.misfit.defects[1] ** 2, axis=1)) * fit.scales.state[n:]
+    return np.asarray(system.at(fit.point.theta).masses * jumps / duration)
