@@ -1,7 +1,8 @@
-"""How the links moved, as an estimator saw it: elongations, rates, and the force that accelerations alone tell."""
+"""How the links moved, as an estimator saw it: elongations, rates, and the force that was measured."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.structure import Structure
+from linkwise.weak import WeakEquations
+from linkwise.weakform import PHI
 
 Floats = NDArray[np.float64]
 
@@ -20,33 +23,58 @@ _DETERMINED = 1e-9  # smallest singular value of the incidence, relative, that s
 class LinkMotion:
     """`time` (R,) s, elongations `d` (R, L) m and rates `v` (R, L) m/s of the links of `structure`, identified.
 
-    `acceleration` (R, n) m/s^2 is NaN for masses that were not seen; `push` (R, n) N the applied forces, or None.
+    `leave` gives, when asked, what the identified laws leave of the equation of motion of every mass, m a + B f - w, (R, n)
+    in N; NaN where it is not seen, None where no mass is.
     """
 
     structure: Structure
     time: Floats
     d: Floats
     v: Floats
-    acceleration: Floats
-    push: Floats | None
+    leave: Callable[[], Floats | None]
 
     @cached_property
     def force(self) -> Floats | None:
-        """(R, L) force of every link in N from B f = w - M a, no law assumed; NaN where masses cannot tell it.
+        """(R, L) measured force of every link in N: the identified one and its share of the residuals.
 
-        None where they tell no link's: links that close circles, or masses without a sensor.
+        What is seen of a force is smoothed; the residual is that of smoothed equations, so their sum is not bent by it. NaN
+        where masses do not tell a force, None where they tell none: links that close circles, masses without a sensor.
         """
-        masses = self.structure.mass_values
-        right = (0.0 if self.push is None else self.push) - self.acceleration * masses
+        residual = self.leave()
+        if residual is None:
+            return None
         incidence = self.structure.incidence
-        force = np.full(self.d.shape, np.nan)
-        if len(masses) <= _DENSE and not np.isnan(right).any():
-            dense = incidence.toarray()
-            singular = np.linalg.svd(dense, compute_uv=False)
-            if dense.shape[1] <= dense.shape[0] and singular[-1] > _DETERMINED * singular[0]:
-                return np.asarray(np.linalg.lstsq(dense, right.T)[0].T)
-        rows = incidence.tocsr()
-        for mass in np.flatnonzero(np.diff(rows.indptr) == 1):
-            place = rows.indptr[mass]
-            force[:, rows.indices[place]] = rows.data[place] * right[:, mass]
-        return None if np.isnan(force).all() else force
+        share = np.full(self.d.shape, np.nan)
+        if (
+            self.structure.size <= _DENSE
+            and not np.isnan(residual).any()
+            and _told_apart(incidence.toarray())
+        ):
+            share = np.linalg.lstsq(incidence.toarray(), residual.T)[0].T
+        else:
+            rows = incidence.tocsr()
+            for mass in np.flatnonzero(np.diff(rows.indptr) == 1):
+                place = rows.indptr[mass]
+                share[:, rows.indices[place]] = rows.data[place] * residual[:, mass]
+        if np.isnan(share).all():
+            return None
+        links = self.structure.links
+        identified = [link.force(self.d[:, i], self.v[:, i]) for i, link in enumerate(links)]
+        return np.asarray(np.stack(identified, axis=1) - share)
+
+
+def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
+    """(R, n) N: what the laws with the parameters `values` (p,) leave of the weak equations, NaN for masses without one."""
+    numbers = equations.fixed + np.append(values, 0.0)[equations.parameter]  # -1: no parameter
+    residual = np.full(equations.acceleration.T.shape, np.nan)
+    area = equations.window.kernels[PHI].sum()
+    for each in equations.masses:
+        total = (numbers[each.terms] * each.signs) @ equations.rows[each.terms] / area
+        residual[:, each.mass] = total if each.valid is None else np.where(each.valid > 0.0, total, np.nan)
+    return residual
+
+
+def _told_apart(incidence: Floats) -> bool:
+    """Whether forces of the links follow from forces on the masses."""
+    singular = np.linalg.svd(incidence, compute_uv=False)
+    return bool(incidence.shape[1] <= incidence.shape[0] and singular[-1] > _DETERMINED * singular[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.loss import Loss
-from linkwise.linkmotion import LinkMotion
+from linkwise.linkmotion import LinkMotion, weak_residual
 from linkwise.motion import read_motion
 from linkwise.record import Record
 from linkwise.structure import Structure
@@ -113,23 +114,30 @@ def _share(fit: LikelihoodFit, identified: Structure) -> float:
 
 
 def _motion(fit: LikelihoodFit, identified: Structure, record: Record) -> LinkMotion:
-    """The links along the fitted orbit, at the samples of the first record."""
+    """The links along the fitted orbit, at the samples of the first record; residuals as the weak form sees them."""
     refine, steps = fit.segments.refine, fit.segments.steps
     states = fit.misfit.orbit.states[:steps:refine]
-    step = fit.segments.step
     x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
-    v = (states[:, 1] / step).transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
+    v = (states[:, 1] / fit.segments.step).transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
     base = record.channel("x:base") if "x:base" in record.channels else None
     rate = None if base is None else np.gradient(base, record.step)
-    unseen = np.full(x.shape, np.nan)
     return LinkMotion(
         identified,
         record.time,
         identified.elongations(x, base),
         identified.elongations(v, rate),
-        unseen,
-        None,
+        partial(_residual, identified, record),
     )
+
+
+def _residual(identified: Structure, record: Record) -> Array | None:
+    """(N, n) of the weak equations at the samples, where the record has the displacements that they need."""
+    try:
+        equations = weak_equations(record, identified, read_motion(record, identified))
+    except IdentificationError:
+        return None
+    windows = weak_residual(equations, np.zeros(0))
+    return np.stack([np.interp(record.time, equations.time, column) for column in windows.T], axis=1)
 
 
 def _remarks(fit: LikelihoodFit) -> tuple[str, ...]:
