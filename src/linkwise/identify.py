@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 from typing import Literal
 
@@ -15,7 +16,10 @@ from linkwise.derive import differentiate
 from linkwise.errors import IdentificationError
 from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.library import link_columns
-from linkwise.linkmotion import LinkMotion
+from linkwise.likelihood.anneal import Progress
+from linkwise.likelihood.answer import likelihood_estimate
+from linkwise.likelihood.loss import Loss
+from linkwise.linkmotion import LinkMotion, weak_residual
 from linkwise.motion import SeenMotion, noise_variance, read_motion
 from linkwise.record import Record
 from linkwise.sparse.l1 import L1
@@ -27,7 +31,8 @@ from linkwise.weak import WeakEquations, weak_equations
 from linkwise.weakfit import WeakFit, weak_fit
 
 Floats = NDArray[np.float64]
-Method = Literal["weak", "sindy"]
+Method = Literal["ml", "weak", "sindy"]
+_METHODS = ("ml", "weak", "sindy")
 
 _LARGEST_EXCESS = 2.0  # residual power over what noise explains; wrong laws and wrong noise leave far more
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
@@ -35,34 +40,69 @@ _SMALL = 1e-3  # of a standard error: a step below it changes nothing that anybo
 _REGRESSORS: dict[str, type[Regressor]] = {"stlsq": Stlsq, "l1": L1, "least-squares": LeastSquares}
 
 
+@dataclass(frozen=True)
+class Classical:
+    """How the paper's method is run: `derivative` "spline", "savgol" or "differences", then `regressor` "least-squares",
+    "stlsq" or "l1".
+    """
+
+    derivative: Derivative = "spline"
+    regressor: str = "stlsq"
+
+    def __post_init__(self) -> None:
+        if self.regressor not in _REGRESSORS:
+            raise IdentificationError(
+                f'"{self.regressor}" is no regressor; there are {", ".join(_REGRESSORS)}'
+            )
+
+
 def identify(
-    record: Record,
+    record: Record | Sequence[Record],
     structure: Structure,
     *,
-    method: Method = "weak",
-    derivative: Derivative = "spline",
-    regressor: str = "stlsq",
+    method: Method = "ml",
+    starts: Mapping[str, float] | None = None,
+    offsets: Sequence[str] = (),
+    loss: Loss | None = None,
+    classical: Classical | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Estimate:
-    """The unknown coefficients and masses of `structure` from `record`.
+    """The unknown coefficients and masses of `structure` from `record`, or from several records of it together ("ml").
 
-    `method` "weak" (METHODS section 4: no signal is differentiated, noise bias removed) or "sindy" (the paper's
-    physics-informed SINDy: states by `derivative` "spline", "savgol" or "differences", then `regressor` "stlsq", "l1" or
-    "least-squares"; both options serve only there). Raises IdentificationError where the record cannot tell an unknown at all.
+    `method` "ml" (default, METHODS section 5: maximum likelihood on the raw samples), "weak" (section 4: no signal is
+    differentiated, noise bias removed; milliseconds) or "sindy" (the paper's physics-informed SINDy, run as `classical` says).
+    For "ml" only: `starts` of parameters by name (else the weak fit's), `offsets` names channels with an unknown constant
+    error,
+    `loss` is Gaussian() or, against outliers, Huber() or Student(), and `progress` is told every step.
+
+    Raises IdentificationError where the records cannot tell an unknown at all.
     """
+    records = [record] if isinstance(record, Record) else list(record)
     if method not in _METHODS:
         raise IdentificationError(f'"{method}" is no method; there are {", ".join(_METHODS)}')
+    if not records:
+        raise IdentificationError("there is no record to identify from")
     if not structure.parameters:
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
         )
-    if regressor not in _REGRESSORS:
-        raise IdentificationError(f'"{regressor}" is no regressor; there are {", ".join(_REGRESSORS)}')
+    if method != "ml" and (len(records) > 1 or starts or offsets or loss is not None):
+        raise IdentificationError(
+            f'several records, starts, offsets and a loss are for method "ml", not for "{method}"'
+        )
     started = perf_counter()
-    estimate = _METHODS[method](record, structure, derivative, _REGRESSORS[regressor]())
+    if method == "ml":
+        estimate = likelihood_estimate(
+            records, structure, starts=starts, offsets=offsets, loss=loss, report=progress
+        )
+    elif method == "weak":
+        estimate = _weak(records[0], structure)
+    else:
+        estimate = _sindy(records[0], structure, classical or Classical())
     return replace(estimate, seconds=perf_counter() - started)
 
 
-def _weak(record: Record, structure: Structure, derivative: Derivative, regressor: Regressor) -> Estimate:
+def _weak(record: Record, structure: Structure) -> Estimate:
     motion = read_motion(record, structure)
     equations, fit, settled = _settled(record, structure, motion)
     status, message = _judged(fit.excess, settled)
@@ -80,7 +120,7 @@ def _weak(record: Record, structure: Structure, derivative: Derivative, regresso
         noise=_noise(record, structure, motion),
         chi_square_per_sample=fit.excess,
         samples=motion.samples,
-        motion=_link_motion(structure.with_values(found), equations),
+        motion=_link_motion(structure.with_values(found), equations, fit.values),
         record=record,
         remarks=_remarks(record),
     )
@@ -142,9 +182,10 @@ def _noise(record: Record, structure: Structure, motion: SeenMotion) -> dict[str
     }
 
 
-def _link_motion(identified: Structure, equations: WeakEquations) -> LinkMotion:
-    acceleration = np.where(equations.motion.seen[:, None], equations.acceleration, np.nan).T
-    return LinkMotion(identified, equations.time, equations.d.T, equations.v.T, acceleration, equations.push)
+def _link_motion(identified: Structure, equations: WeakEquations, values: Floats) -> LinkMotion:
+    return LinkMotion(
+        identified, equations.time, equations.d.T, equations.v.T, partial(weak_residual, equations, values)
+    )
 
 
 def _remarks(record: Record) -> tuple[str, ...]:
@@ -152,10 +193,10 @@ def _remarks(record: Record) -> tuple[str, ...]:
     return (f"{lost} samples are missing; equations that need them are left out.",) if lost else ()
 
 
-def _sindy(record: Record, structure: Structure, derivative: Derivative, regressor: Regressor) -> Estimate:
-    states = differentiate(record, derivative)
+def _sindy(record: Record, structure: Structure, classical: Classical) -> Estimate:
+    states = differentiate(record, classical.derivative)
     system = link_columns(states, structure)
-    fit = regressor.fit(system)
+    fit = _REGRESSORS[classical.regressor]().fit(system)
     values = fit.coefficients[:, 0]
     dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
     identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
@@ -165,15 +206,11 @@ def _sindy(record: Record, structure: Structure, derivative: Derivative, regress
         states.time,
         identified.elongations(states.x[:, order], states.base),
         identified.elongations(states.v[:, order], states.base_velocity),
-        states.a[:, order],
-        states.forces[:, order],
+        lambda: (system.matrix @ values - system.target[:, 0]).reshape(structure.size, len(states)).T,
     )
     named = [name for name in record.responses if name.startswith("x:")]
-    sigma = (
-        np.sqrt(noise_variance(record, named, np.stack([record.channel(name) for name in named])))
-        if named
-        else []
-    )
+    samples = np.stack([record.channel(name) for name in named]) if named else np.empty((0, len(record)))
+    sigma = np.sqrt(noise_variance(record, named, samples)) if named else np.empty(0)
     unexplained = float(fit.residual[0])
     return Estimate(
         method="sindy",
@@ -196,9 +233,3 @@ def _sindy(record: Record, structure: Structure, derivative: Derivative, regress
         record=record,
         remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),
     )
-
-
-_METHODS: dict[str, Callable[[Record, Structure, Derivative, Regressor], Estimate]] = {
-    "weak": _weak,
-    "sindy": _sindy,
-}
