@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, RecordError
 from linkwise.noise import bandwidth, noise_sigma
 from linkwise.record import Record
 from linkwise.structure import Structure
@@ -60,7 +60,7 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
     missing = np.isnan(values)
     gaps = bool(missing.any())
     variance = noise_variance(record, [*present, *(["x:base"] if base else [])], values)
-    highest = float(np.max(bandwidth(values[:count].T, record.rate, np.sqrt(variance[:count]))))
+    highest = _highest(values[:count], record.rate, np.sqrt(variance[:count]))
     if gaps:
         values = np.where(missing, 0.0, values)
     seen = np.array([name in record.channels for name in names])
@@ -81,6 +81,19 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
         highest=highest,
         quiet=bool(np.all(variance[:count] < _QUIET**2 * power)),
     )
+
+
+def _highest(values: Floats, rate: float, sigma: Floats) -> float:
+    """The frequency in Hz up to which some channel (C, N) stands above its noise; gaps are bridged where no long piece is
+    whole.
+    """
+    try:
+        return float(np.max(bandwidth(values.T, rate, sigma)))
+    except RecordError:
+        at = np.arange(values.shape[1])
+        seen = np.isfinite(values)
+        whole = [np.interp(at, at[here], row[here]) for row, here in zip(values, seen, strict=True) if here.any()]
+        return float(np.max(bandwidth(np.stack(whole, axis=1), rate, sigma[seen.any(axis=1)])))
 
 
 def noise_variance(record: Record, names: list[str], values: Floats) -> Floats:

@@ -28,6 +28,7 @@ from linkwise.window import Window
 Floats = NDArray[np.float64]
 
 _FEWEST = 8  # windows
+_RESOLVED = 1e-5  # of the motion: what the sums that stand for integrals tell of a smooth motion
 _GROUND_END, _BASE_END, _NO_END = -1, -2, -3
 
 
@@ -56,9 +57,9 @@ class WeakEquations:
     """All weak equations of one record.
 
     Row a of `rows` (A, R) is multiplied by theta[parameter[a]] (nothing for -1) plus fixed[a]. Beside them what the windows
-    saw: `atoms` made the first rows, `ends` (L, 2) are the mass indices of the links' ends (-1 ground, -2 base), `d`, `v` (L, R)
-    smoothed elongations in m and rates in m/s, `acceleration` (n, R) in m/s2, `push` (R, n) in N (None: no force), `time` (R,)
-    in s.
+    saw: `atoms` made the first rows, `ends` (L, 2) are the mass indices of the links' ends (-1 ground, -2 base), `d`, `v`
+    (L, R) smoothed elongations in m and rates in m/s, `acceleration` (n, R) in m/s2, `push` (R, n) in N (None: no force),
+    `time` (R,) in s.
     """
 
     window: Window
@@ -78,8 +79,15 @@ class WeakEquations:
 
     @cached_property
     def variances(self) -> Floats:
-        """Noise variance in m^2 by end: masses, then at -2 the base and at -1 the ground."""
-        return np.append(self.motion.variance, [self.motion.base_variance, 0.0])
+        """Noise variance in m^2 by end: masses, then at -2 the base and at -1 the ground.
+
+        Not below what sums over samples resolve of the integrals, so that a record without noise is not held to its rounding.
+        """
+        motion = self.motion
+        power = np.einsum("ij,ij->i", motion.x, motion.x) / motion.x.shape[1]
+        base = 0.0 if motion.base is None else float(np.mean(motion.base**2))
+        found = np.append(motion.variance, motion.base_variance)
+        return np.append(np.maximum(found, _RESOLVED**2 * np.append(power, base)), 0.0)
 
     @cached_property
     def _links_at(self) -> list[NDArray[np.intp]]:
@@ -142,6 +150,8 @@ def weak_equations(
         rows.append(-window.filter(np.nan_to_num(pushes), window.kernels[:1])[0])
     parameter, fixed = _numbers(structure, atoms, unknowns, len(forced))
     area = window.kernels[PHI].sum()
+    masses = _mass_equations(structure, atoms, ends, spread, motion, window, forced, pushes)
+    _require_whole_windows(masses, window)
     return WeakEquations(
         window=window,
         motion=motion,
@@ -149,7 +159,7 @@ def weak_equations(
         ends=ends,
         parameters=unknowns.names,
         rows=np.concatenate(rows),
-        masses=_mass_equations(structure, atoms, ends, spread, motion, window, forced, pushes),
+        masses=masses,
         parameter=parameter,
         fixed=fixed,
         d=_sharpened(smooth, window),
@@ -158,6 +168,15 @@ def weak_equations(
         push=None if pushes is None else _placed(-rows[-1] / area, forced, structure.size),
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
+
+
+def _require_whole_windows(masses: tuple[MassEquations, ...], window: Window) -> None:
+    whole = [equations.valid.sum() for equations in masses if equations.valid is not None]
+    if len(whole) == len(masses) and whole and max(whole) < _FEWEST:
+        raise IdentificationError(
+            f"too many samples are missing: no mass has {_FEWEST} windows of {window.length} samples without one; fill single "
+            "gaps before, or record again"
+        )
 
 
 def _ends(structure: Structure) -> NDArray[np.intp]:
@@ -169,9 +188,9 @@ def _ends(structure: Structure) -> NDArray[np.intp]:
 
 
 def _rates(d: Floats, window: Window) -> Floats:
-    """(L, N) v from d (L, N) by the derivative of the window, held at the edges."""
+    """(L, N) v from d (L, N), held at the edges."""
     single = Window(window.half, 1, window.step)
-    inner = -single.filter(d, single.kernels[PHI_1 : PHI_1 + 1])[0] / single.kernels[PHI].sum()
+    inner = single.filter(d, single.slope)[0]
     return np.pad(inner, ((0, 0), (window.half, window.half)), mode="edge")
 
 

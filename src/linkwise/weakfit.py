@@ -64,7 +64,7 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     )
     excess = residual_excess(shares, values, system, slopes)
     scatter = _assembled(score_blocks(shares, weights, system, slopes), len(values))
-    return WeakFit(values, excess * _covariance(normal, scatter, free, system.parameters), free, excess)
+    return WeakFit(values, max(excess, 1.0) * _covariance(normal, scatter, free, system.parameters), free, excess)
 
 
 def _require_reached(shares: list[Share], system: WeakEquations, structure: Structure) -> None:

@@ -103,6 +103,12 @@ class Slopes:
         own = np.stack([holds @ mean[0], holds @ mean[1]])
         return cls(identified.mass_values, mean[0], mean[1], square, own, thin)
 
+    def extended(self, half: int) -> tuple[Floats, Floats, Floats]:
+        """`own`, `stiffness` and `damping`, then as at the first place and as at the last `half` times each."""
+        last = self.stiffness.shape[1] - 1
+        at = np.concatenate([np.arange(last + 1), np.zeros(half, dtype=int), np.full(half, last)])
+        return self.own[:, :, at], self.stiffness[:, at], self.damping[:, at]
+
 
 def residual_excess(shares: list[Share], values: Floats, system: WeakEquations, slopes: Slopes) -> float:
     """Power of the residuals over the power that the noise gives them."""
@@ -140,24 +146,27 @@ def score_blocks(
     columns = [
         weight * (share.by_parameter.T @ share.matrix) for share, weight in zip(shares, weights, strict=True)
     ]
-    spread = system.window.spread(np.concatenate(columns), slopes.thin)
+    gathered = np.concatenate(columns)
+    inside = system.window.spread(gathered, slopes.thin)
+    step = slopes.thin * system.window.stride  # samples for which a place inside stands; at the edges it is one
+    spread = np.concatenate([np.sqrt(step) * inside, system.window.edges(gathered)], axis=2)
+    own, stiffness, damping = slopes.extended(system.window.half)
     seen_by: dict[int, list[tuple[NDArray[np.intp], Floats]]] = {}
     first = 0
     for share, weight in zip(shares, weights, strict=True):
         i = share.equations.mass
         phi, phi_1, phi_2 = spread[:, first : first + len(share.which)]
         first += len(share.which)
-        near = slopes.own[0, i] * phi - slopes.own[1, i] * phi_1 + slopes.masses[i] * phi_2
+        near = own[0, i] * phi - own[1, i] * phi_1 + slopes.masses[i] * phi_2
         seen_by.setdefault(i, []).append((share.which, near))
         for link, other in zip(*system.neighbours(i), strict=True):
             if system.variances[other] > 0.0:
-                far = slopes.damping[link] * phi_1 - slopes.stiffness[link] * phi
+                far = damping[link] * phi_1 - stiffness[link] * phi
                 seen_by.setdefault(int(other), []).append((share.which, far))
         yield share.which, (weight * system.variances[i]) ** 2 * _twice_noisy(share, system, slopes)
     for channel, parts in seen_by.items():
-        gathered = np.concatenate([part for _, part in parts])
-        amount = slopes.thin * system.window.stride * system.variances[channel]
-        yield np.concatenate([which for which, _ in parts]), amount * (gathered @ gathered.T)
+        seen = np.concatenate([part for _, part in parts])
+        yield np.concatenate([which for which, _ in parts]), system.variances[channel] * (seen @ seen.T)
 
 
 def _twice_noisy(share: Share, system: WeakEquations, slopes: Slopes) -> Floats:
