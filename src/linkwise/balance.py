@@ -4,8 +4,8 @@
 
 Powers are integrated along the very orbit that was simulated, by Gauss-Legendre quadrature over panels that end at output
 times and at the integrator's own steps (with them at impulses, at knots of sampled inputs and where a law bends). A step is a
-seventh of the radius of convergence, so 5 nodes leave an error of 1e-14 of the power; polynomials of order 5 that drive a mass
-make the power one of order 11, for which 6 nodes are exact.
+seventh of the radius of convergence, so 6 nodes leave an error below rounding; polynomials of order 5 that drive a mass make
+the power one of order 11, for which they are exact.
 """
 
 from __future__ import annotations
@@ -34,14 +34,12 @@ class Rule(NamedTuple):
     sample: NDArray[np.int64]
 
 
-def energy_balance(
-    course: Course, displacement: Floats, velocity: Floats, run: Travelled, scale: float
-) -> EnergyBalance:
-    """The balance at the course's output times, of the motion (N, n) that `run` gave there on `scale`."""
+def energy_balance(course: Course, displacement: Floats, velocity: Floats, run: Travelled) -> EnergyBalance:
+    """The balance at the course's output times, of the motion (N, n) that `run` gave there."""
     structure, base = course.structure, course.excitation.base
     steps: list[float] = []
     manner = Manner(repeated=run, log=steps)
-    travel(course, course.times[-1:], lambda first, states: None, scale=scale, manner=manner)
+    travel(course, course.times[-1:], lambda first, states: None, manner)
     rule = _rule(course, steps)
     forces = Forces(structure, course.excitation)
     size, links = structure.size, len(structure.links)
@@ -60,7 +58,7 @@ def energy_balance(
                 lift = structure.mass_values * jump[size:] * (states[row, size:] - 0.5 * jump[size:])
                 gained[sample[row], links] += lift.sum()
 
-    travel(course, rule.times, receive, scale=scale, manner=Manner(repeated=run))
+    travel(course, rule.times, receive, Manner(repeated=run))
     where = None if base is None else base.value(course.times)
     potential = potential_energy(structure, displacement, where)
     x, v = course.start[None, :size], course.start[None, size:]
@@ -80,7 +78,7 @@ def _rule(course: Course, steps: list[float]) -> Rule:
     width = np.diff(edges)
     real = width > _NOTHING * course.end
     middle, width = 0.5 * (edges[1:] + edges[:-1])[real], width[real]
-    nodes, node_weights = np.polynomial.legendre.leggauss(6 if course.pieces.shape[1] else 5)
+    nodes, node_weights = np.polynomial.legendre.leggauss(6)
     times = (middle[:, None] + 0.5 * width[:, None] * nodes).ravel()
     weights = (0.5 * width[:, None] * node_weights).ravel()
     struck = course.stops[sorted(course.jumps)]

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.engine import Layout, Shape
+from linkwise.engine import SCALE, Layout, Shape
 from linkwise.excitation import Excitation, Sampled
 from linkwise.expression import Expression
 from linkwise.link import BASE
@@ -23,7 +23,7 @@ BLOCK = 4096  # output samples between two stops, for progress and to look wheth
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A structure and what drives it, from 0 to `end` in s, ready to run: the numbers that do not depend on the scale.
+    """A structure and what drives it, from 0 to `end` in s, ready to run.
 
     `times` (N,) are the output times that cut the run into blocks.
     """
@@ -95,7 +95,7 @@ class Course:
             columns += [edges[piece, None], coefficients[piece]]
         return np.hstack(columns)
 
-    def parameters(self, layout: Layout, scale: float, kind: type = np.float64) -> NDArray[Any]:
+    def parameters(self, layout: Layout, kind: type = np.float64) -> NDArray[Any]:
         """Every parameter but branches and pieces. In extended precision a number is what its decimals say."""
         double = kind is np.float64
         exact: Callable[[float], Any] = float if double else lambda value: kind(repr(float(value)))
@@ -103,8 +103,7 @@ class Course:
         laws = zip(self.structure.links, layout.coefficients, strict=True)
         coefficients = [exact(link.values[name]) for link, names in laws for name in names]
         masses: NDArray[Any] = np.array([exact(mass) for mass in self.structure.mass_values], dtype=kind)
-        values[: layout.scale] = coefficients
-        values[layout.inverse_masses] = 1.0 / (masses * kind(scale))
-        values[layout.scale] = scale
+        values[layout.values] = coefficients
+        values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
         values[layout.branches] = 1.0
         return values

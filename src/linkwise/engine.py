@@ -5,10 +5,11 @@ structures of one shape share what was compiled for the first (`equations`, cach
 
     m s y'' = -B f(d, d'),  d = s B'y + e x_base(t),  x = s y       (METHODS section 1)
 
-The scale s, a power of two, is chosen by the caller so that y is of order one: the step control of the method is absolute
-below one. A law with kinks (abs, sign, max, min) is compiled on its smooth branches: each kink g has a parameter
-sigma = sign(g), abs(g) is written sigma*g, and an event ends the step where g changes sign, so that the method keeps its
-order.
+The scale s makes every y large: heyoka's step control is relative where a state exceeds one and absolute below, and a
+motion of micrometres deserves the same digits as one of metres.
+
+A law with kinks (abs, sign, max, min) is compiled on its smooth branches: each kink g has a parameter sigma = sign(g), abs(g)
+is written sigma*g, and an event ends the step where g changes sign, so that the method keeps its order.
 """
 
 from __future__ import annotations
@@ -42,8 +43,11 @@ from linkwise.expression import (
 Floats = NDArray[np.float64]
 Formula = Any  # heyoka.expression: the library ships no types
 
-TOLERANCE = 1e-13  # truncation per step: order 16, whose remainder is 1e-15 of the state; a higher order only costs time
-EXTENDED_TOLERANCE = 1e-16  # order 20 in 80-bit arithmetic: remainder 1e-18
+SCALE = 2.0**-40  # m, a power of two so that scaling rounds nothing
+TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
+EXTENDED_TOLERANCE = (
+    1e-16  # order 20, enough for 80-bit arithmetic since the method stays far below its tolerance
+)
 FLAT = 15.0  # argument of tanh up to which its slope, computed as 1 - tanh^2, still has digits; tanh is 1 - 2e-13 there
 FADED = -40.0  # argument of exp below which it is nothing beside rounding
 UNROLLED = 12  # masses up to which the step is compiled without loops: twice as fast, compiles longer
@@ -67,15 +71,15 @@ class Shape(NamedTuple):
 class Layout:
     """Where each run-time parameter of a shape stands in the vector of parameters.
 
-    Coefficients link by link in the order of the law, s, sigma of every kink, what is added to every kink that shall not be
+    Coefficients link by link in the order of the law, sigma of every kink, what is added to every kink that shall not be
     watched, of every piecewise input its start and its coefficients, lowest power first, and 1/(m s) of every mass (which
     every integrator uses: heyoka wants the last parameter to be used).
     """
 
     def __init__(self, shape: Shape, kinks: int) -> None:
         self.coefficients = [_coefficients(law) for _, _, law in shape.links]
-        self.scale = sum(len(names) for names in self.coefficients)
-        self.branches = slice(self.scale + 1, self.scale + 1 + kinks)
+        self.values = slice(0, sum(len(names) for names in self.coefficients))
+        self.branches = slice(self.values.stop, self.values.stop + kinks)
         self.muted = slice(self.branches.stop, self.branches.stop + kinks)
         self.inputs: list[slice] = []
         end = self.muted.stop
@@ -160,7 +164,7 @@ class Equations:
         for name, of, at in zip(("d", "v"), self._symbols, (0, 1), strict=True):
             ends = [(sign, of[end]) for sign, end in ((1.0, first), (-1.0, second)) if end >= 0]
             moving = ends[0][1] - ends[1][1] if len(ends) == 2 else ends[0][0] * ends[0][1]
-            names[name] = moving * heyoka.par[self.layout.scale]
+            names[name] = SCALE * moving
             if -2 in (first, second):
                 names[name] = names[name] + (1.0 if first == -2 else -1.0) * base[0][at]
         return names

@@ -20,9 +20,9 @@ DEPARTURE = 1e-3  # of the largest displacement
 _PART = 0.6  # of the mean step of the first run
 
 
-def horizon(course: Course, displacement: Floats, run: Travelled, scale: float) -> float | None:
+def horizon(course: Course, displacement: Floats, run: Travelled) -> float | None:
     """The first output time in s at which a second run is away from `displacement` (N, n) by `DEPARTURE` of its largest
-    value, or None where it never is. The second run starts in double precision; the first ran as `run` on `scale`.
+    value, or None where it never is. The second run starts in double precision; the first went as `run`.
     """
     size = course.structure.size
     allowed = DEPARTURE * np.abs(displacement).max()
@@ -35,5 +35,5 @@ def horizon(course: Course, displacement: Floats, run: Travelled, scale: float) 
         return bool(found)
 
     longest = _PART * course.end / max(run.steps, 1)
-    travel(course, course.times, receive, scale=scale, manner=Manner(longest, extended=False))
+    travel(course, course.times, receive, Manner(longest, extended=False))
     return found[0] if found else None

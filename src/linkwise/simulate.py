@@ -25,8 +25,6 @@ from linkwise.trajectory import Travelled, travel
 
 Floats = NDArray[np.float64]
 
-_TINY = 2.0**-8  # of its scale: a motion that stays below is run again on its own, for its relative accuracy
-
 
 class Drives(TypedDict, total=False):
     """The keywords of `Excitation.of`."""
@@ -91,7 +89,6 @@ class Motion:
     displacement: Floats
     velocity: Floats
     run: Travelled
-    scale: float
 
     @classmethod
     def of(cls, course: Course, progress: Callable[[float], object] | None = None) -> Motion:
@@ -105,29 +102,19 @@ class Motion:
             if progress is not None:
                 progress((first + len(states)) / len(course.times))
 
-        scale = _power_of_two(np.abs(course.start + course.jumps.get(0, 0.0)).max())
-        run = travel(course, course.times, receive, scale=scale)
-        largest = max(np.abs(x).max(), np.abs(v).max())
-        if 0.0 < largest < _TINY * scale:
-            scale = _power_of_two(largest)
-            run = travel(course, course.times, receive, scale=scale)
+        run = travel(course, course.times, receive)
         x.flags.writeable = v.flags.writeable = False
-        return cls(course, x, v, run, scale)
+        return cls(course, x, v, run)
 
     @cached_property
     def energy(self) -> EnergyBalance:
         """The energy balance at every output time."""
-        return energy_balance(self.course, self.displacement, self.velocity, self.run, self.scale)
+        return energy_balance(self.course, self.displacement, self.velocity, self.run)
 
     @cached_property
     def horizon(self) -> float | None:
         """The time in s from which the orbit cannot be trusted, None where it can throughout."""
-        return horizon(self.course, self.displacement, self.run, self.scale)
-
-
-def _power_of_two(size: float) -> float:
-    """The power of two nearest to a size, so that scaling rounds nothing; 1 for 0."""
-    return float(2.0 ** np.round(np.log2(size))) if size > 0.0 else 1.0
+        return horizon(self.course, self.displacement, self.run)
 
 
 def _grid(duration: float | None, rate: float | None, times: ArrayLike | None) -> Floats:

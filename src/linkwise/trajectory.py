@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from linkwise.course import BLOCK, Course
-from linkwise.engine import advance, equations, last_finite
+from linkwise.engine import SCALE, advance, equations, last_finite
 from linkwise.errors import SimulationError
 from linkwise.kinks import settle
 
@@ -47,7 +47,7 @@ class Travelled:
 @dataclass(frozen=True)
 class Manner:
     """How to run a course: the `longest_step` in s, whether to start in `extended` precision, an earlier run of the same
-    course, scale and manner to be `repeated` step by step, and a `log` that takes the time after every step.
+    course and manner to be `repeated` step by step, and a `log` that takes the time after every step.
     """
 
     longest_step: float = np.inf
@@ -56,25 +56,21 @@ class Manner:
     log: list[float] | None = None
 
 
-def travel(
-    course: Course, times: Floats, receive: Receiver, *, scale: float, manner: Manner = Manner()
-) -> Travelled:
+def travel(course: Course, times: Floats, receive: Receiver, manner: Manner = Manner()) -> Travelled:
     """Run the course and hand over the states (M, 2n) at `times` (increasing, within the course), block by block.
 
     `receive(first, states)` takes the states at times[first], times[first + 1], ... in SI units, in an array that is used
-    again, and returns True to end the run. At an impulse the state is the one after it. `scale` is the size of the motion.
+    again, and returns True to end the run. At an impulse the state is the one after it.
     Raises SimulationError where the motion diverges, a law is not finite, or a link sticks.
     """
-    return _Run(course, times, receive, scale, manner).run()
+    return _Run(course, times, receive, manner).run()
 
 
 class _Run:
     """Where a run stands, and the output that waits to be handed over."""
 
-    def __init__(
-        self, course: Course, times: Floats, receive: Receiver, scale: float, manner: Manner
-    ) -> None:
-        self.course, self.times, self.receive, self.scale = course, times, receive, scale
+    def __init__(self, course: Course, times: Floats, receive: Receiver, manner: Manner) -> None:
+        self.course, self.times, self.receive = course, times, receive
         self.manner = manner
         self.repeated = () if manner.repeated is None else manner.repeated.waypoints
         self.equations = equations(course.shape)
@@ -82,7 +78,7 @@ class _Run:
         self.integrator = (self.equations.extended if smooth else None) or self.equations.double
         self.early = self.integrator is not self.equations.double
         self.extended_steps = max(EXTENDED_STEPS, EXTENDED_WORK // course.structure.size)
-        self.place(self.integrator, 0.0, course.start / scale)
+        self.place(self.integrator, 0.0, course.start / SCALE)
         self.steps = 0
         self.kinks: list[float] = []
         self.waypoints: list[float] = []
@@ -94,7 +90,7 @@ class _Run:
     def place(self, integrator: Any, time: float, state: NDArray[Any]) -> None:
         """Put an integrator where the run stands."""
         kind = integrator.state.dtype.type
-        integrator.pars[:] = self.course.parameters(self.equations.layout, self.scale, kind)
+        integrator.pars[:] = self.course.parameters(self.equations.layout, kind)
         integrator.state[:] = state
         integrator.time = kind(time)
 
@@ -104,7 +100,7 @@ class _Run:
         limits = np.searchsorted(self.times, stops, side="left").tolist()
         for number, stop in enumerate(stops):
             if number in course.jumps:
-                self.integrator.state[:] += course.jumps[number] / self.scale
+                self.integrator.state[:] += course.jumps[number] / SCALE
             if self.next < len(self.times) and self.times[self.next] == stop:
                 self.keep(self.integrator.state[None])
             if self.over or number == len(stops) - 1:
@@ -147,8 +143,8 @@ class _Run:
             if self.early:
                 early, self.integrator, self.early = self.integrator, self.equations.double, False
                 self.place(self.integrator, float(early.time), early.state)
-            here = np.asarray(self.integrator.state * self.scale, dtype=float)
-            self.look(float(self.integrator.time), here[None])
+            seen = np.vstack([gone.states, self.integrator.state]).astype(float) * SCALE
+            self.look(np.full(len(seen), float(self.integrator.time)), seen)
             if fruitless > _PATIENCE // self.course.structure.size + 2 * CHUNK:
                 self.refuse_hopeless(fruitless)
 
@@ -166,7 +162,7 @@ class _Run:
             if self.count + len(block) > len(self.held):
                 self.hand_over()
             place = self.held[self.count : self.count + len(block)]
-            np.multiply(block, self.scale, out=place, casting="same_kind")
+            np.multiply(block, SCALE, out=place, casting="same_kind")
             self.count += len(block)
             self.next += len(block)
 
@@ -180,12 +176,12 @@ class _Run:
         self.look(self.times[first : first + len(block)], block)
         self.over = bool(self.receive(first, block))
 
-    def look(self, times: ArrayLike, states: Floats) -> None:
+    def look(self, times: Floats, states: Floats) -> None:
         """Refuse a motion that has gone too far."""
         far = np.abs(states[:, : self.course.structure.size]).max(axis=1) > FARTHEST
         if far.any():
             row = int(np.argmax(far))
-            self.refuse_far(float(np.atleast_1d(times)[row]), states[row])
+            self.refuse_far(float(times[row]), states[row])
 
     def settle(self, end: float) -> None:
         """Choose the branches on which the motion goes on and leave the kinks behind; refuse a structure that sticks."""
@@ -200,7 +196,8 @@ class _Run:
         self.keep(gone.states[1 : 1 + len(passed)])
         self.integrator.pars[:], self.integrator.state[:] = blind.pars, blind.state
         self.integrator.time = settled.moment
-        self.integrator.reset_cooldowns()
+        if self.integrator.with_events:
+            self.integrator.reset_cooldowns()
 
     def bend(self, end: float) -> None:
         """Pass a kink: go on on the other branch."""
@@ -242,9 +239,9 @@ class _Run:
     def refuse_not_finite(self, began: float, state: NDArray[Any]) -> NoReturn:
         """Stop where no number is finite any more: find the last moment before."""
         if self.count and self.times[self.next - 1] > began:
-            began, state = float(self.times[self.next - 1]), self.held[self.count - 1] / self.scale
+            began, state = float(self.times[self.next - 1]), self.held[self.count - 1] / SCALE
         time, state = last_finite(self.integrator, began, state)
-        state = np.asarray(state * self.scale, dtype=float)
+        state = np.asarray(state * SCALE, dtype=float)
         if np.abs(state).max() > FARTHEST:
             self.refuse_far(time, state)
         names, links = self.course.structure.mass_names, self.course.structure.links
