@@ -1,0 +1,264 @@
+"""The compiled equations against SciPy's integrators and exact solutions, and what becomes of kinks."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from linkwise import engine
+from linkwise.chains import bnes_chain
+from linkwise.course import Course
+from linkwise.errors import SimulationError
+from linkwise.excitation import Excitation, Sampled
+from linkwise.forces import Forces
+from linkwise.law import Law
+from linkwise.simulate import simulate
+from linkwise.structure import Coefficient, Link, Mass, Structure
+from linkwise.trajectory import Manner, travel
+
+
+def oscillator(law, *, mass=1.0, to="ground", **values):
+    """One mass on one link."""
+    coefficients = {name: Coefficient.number(value) for name, value in values.items()}
+    link = Link("link", ("m1", to), Law.parse(law), coefficients)
+    return Structure("oscillator", (Mass("m1", Coefficient.number(mass)),), (link,))
+
+
+def by_scipy(structure, excitation, times, method="DOP853"):
+    """(N, 2n) states from the laws as NumPy evaluates them."""
+    forces, n = Forces(structure, excitation), structure.size
+
+    def slope(t, state):
+        x, v = state[None, :n], state[None, n:]
+        return np.concatenate([v[0], forces.accelerations(np.array([t]), x, v)[0]])
+
+    start = Course(structure, excitation, times).start
+    answer = solve_ivp(slope, (0.0, times[-1]), start, method, times, rtol=1e-11, atol=1e-13, max_step=0.02)
+    return answer.y.T
+
+
+LAWS = [
+    ("k*d + c*v + k3*d**3 - k5*d**5", {"k": 90.0, "c": 0.3, "k3": 500.0, "k5": 20.0}),
+    ("k*d/(1 + (d/s)**2)", {"k": 90.0, "s": 0.05}),
+    ("k*d*(e**2 + d**2)**0.25", {"k": 90.0, "e": 0.01}),
+    ("k*s*sin(d/s) + c*v*cos(d/s)", {"k": 90.0, "s": 0.05, "c": 0.1}),
+    ("k*d*exp(-d**2/s**2) + k1*d", {"k": 90.0, "s": 0.05, "k1": 30.0}),
+    ("k*d + F*tanh(v/s)", {"k": 90.0, "F": 1.0, "s": 0.3}),
+    ("k*d*sqrt(1 + d**2/s**2)", {"k": 90.0, "s": 0.05}),
+    ("k*d*(e**2 + d**2)**p", {"k": 90.0, "e": 0.01, "p": 0.3}),
+    ("k*d - q*d**2 + c*v**2*v", {"k": 90.0, "q": 100.0, "c": 0.2}),
+]
+
+
+@pytest.mark.parametrize(("law", "values"), LAWS, ids=[law for law, _ in LAWS])
+def test_every_law_moves_as_scipy_moves_it(law, values):
+    structure = oscillator(law, mass=0.7, **values)
+    excitation = Excitation.of({"v:m1": 0.8, "x:m1": 0.01}, forces={"m1": "2*cos(5*t)"})
+    record = simulate(
+        structure, release=excitation.release, forces=excitation.forces, duration=2.0, rate=50.0
+    )
+    expected = by_scipy(structure, excitation, record.time)
+    # 1e-9: what DOP853 reaches over 200 of its steps at rtol 1e-11
+    assert record.simulated.displacement[:, 0] == pytest.approx(expected[:, 0], abs=1e-9)
+    assert record.simulated.velocity[:, 0] == pytest.approx(expected[:, 1], abs=1e-8)
+
+
+def test_integer_powers_have_a_taylor_series_at_zero():
+    record = simulate(
+        oscillator("k*d**3 + a*d**2 + q*d**7", k=1.0, a=0.0, q=1.0),
+        release={"v:m1": 1.0},
+        duration=1.0,
+        rate=10.0,
+    )
+    assert np.all(np.isfinite(record.values)) and record.values[-1, 0] > 0.5
+
+
+def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it():
+    law = Law.parse("k*d + c*v + k3*d**3")
+    numbers = {name: Coefficient.number(value) for name, value in {"k": 50.0, "c": 0.2, "k3": 300.0}.items()}
+    masses = tuple(Mass(f"m{i}", Coefficient.number(1.0 + 0.1 * i)) for i in range(1, 4))
+    ends = [("base", "m1"), ("m2", "m1"), ("m3", "m2"), ("m3", "ground")]
+    structure = Structure(
+        "frame", masses, tuple(Link(f"l{i}", end, law, numbers) for i, end in enumerate(ends))
+    )
+    rng = np.random.default_rng(0)
+    force = Sampled(-0.1, 40.0, rng.standard_normal(100))
+    excitation = Excitation.of({"x:m2": 0.1}, forces={"m2": force}, base="0.1*sin(6*t)**2")
+    record = simulate(
+        structure,
+        release={"x:m2": 0.1},
+        forces={"m2": force},
+        base="0.1*sin(6*t)**2",
+        duration=1.0,
+        rate=30.0,
+    )
+    expected = by_scipy(structure, excitation, record.time)
+    assert record.simulated.displacement == pytest.approx(expected[:, :3], abs=1e-9)
+
+
+def test_compact_code_for_many_masses_is_the_same_as_unrolled_code(monkeypatch):
+    chain = bnes_chain(4)
+    unrolled = simulate(chain, release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
+    monkeypatch.setattr(engine, "UNROLLED", 2)
+    engine.forget()
+    compact = simulate(chain, release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
+    engine.forget()
+    assert compact.values == pytest.approx(unrolled.values, abs=1e-13)
+
+
+def test_a_thousand_structures_of_one_shape_compile_once():
+    before = engine.compilations()
+    last = [
+        simulate(
+            oscillator("k*d + c*v", mass=1.0 + i, k=100.0 + i, c=0.1),
+            release={"x:m1": 1.0},
+            duration=0.1,
+            rate=20.0,
+        ).values[-1, 0]
+        for i in range(1000)
+    ]
+    assert engine.compilations() - before <= 1
+    assert len(set(last)) == 1000
+
+
+def test_each_thread_has_its_own_integrator():
+    chain, answers = bnes_chain(2), {}
+
+    def run(k):
+        answers[k] = simulate(
+            bnes_chain(2, k=30000.0 + k), release={"v:m1": 1.0}, duration=2.0, rate=1000.0
+        ).values
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    alone = simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).values
+    assert np.array_equal(answers[0], alone)
+    assert not np.array_equal(answers[1], alone)
+
+
+def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it():
+    course = Course(bnes_chain(10), Excitation.of({"v:m1": 3.0}), np.arange(6001) / 1000.0)
+    coarse, fine = [], []
+    run = travel(course, course.times, lambda first, states: coarse.append(states.copy()))
+    more = np.sort(np.append(course.times, np.random.default_rng(0).uniform(0.0, 6.0, 20000)))
+    again = travel(course, more, lambda first, states: fine.append(states.copy()), Manner(repeated=run))
+    assert again.steps == run.steps and run.waypoints
+    same = np.isin(more, course.times)
+    assert np.array_equal(np.concatenate(fine)[same], np.concatenate(coarse))  # 6 s: chaos would show one bit
+
+
+def contact(time, speed, gap, frequency):
+    """A free mass that flies at `speed`, meets a spring of that circular frequency at `gap` and comes back."""
+    since, lasts = time - gap / speed, np.pi / frequency
+    inside = gap + speed / frequency * np.sin(frequency * since)
+    return np.where(since < 0, speed * time, np.where(since < lasts, inside, gap - speed * (since - lasts)))
+
+
+CONTACTS = [
+    "kc*max(d - g, 0)",
+    "kc*(abs(d - g) + d - g)/2",
+    "kc*(d - min(d, g))",
+    "kc*(d - g)*(1 + sign(d - g))/2",
+]
+
+
+@pytest.mark.parametrize("law", CONTACTS)
+def test_a_gap_is_met_exactly(law):
+    structure = oscillator(law, kc=4e4, g=0.1)
+    record = simulate(structure, release={"v:m1": 2.0}, duration=0.2, rate=1000.0)
+    assert record.values[:, 0] == pytest.approx(contact(record.time, 2.0, 0.1, 200.0), abs=1e-13)
+    assert len(record.simulated.account.run.kinks) == 2
+    energy = record.simulated.energy
+    assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()
+
+
+def test_two_gaps_that_are_met_at_once():
+    """Two equal masses on equal gaps: the second kink is not lost behind the first."""
+    law = Law.parse("kc*max(d - g, 0)")
+    numbers = {"kc": Coefficient.number(4e4), "g": Coefficient.number(0.1)}
+    masses = tuple(Mass(name, Coefficient.number(1.0)) for name in ("m1", "m2"))
+    links = tuple(Link(f"l{m.name}", (m.name, "ground"), law, numbers) for m in masses)
+    record = simulate(
+        Structure("pair", masses, links), release={"v:m1": 2.0, "v:m2": 2.0}, duration=0.2, rate=1000.0
+    )
+    expected = contact(record.time, 2.0, 0.1, 200.0)
+    assert record.values == pytest.approx(np.column_stack([expected, expected]), abs=1e-13)
+
+
+def sliding(time, start, shift, frequency):
+    """Dry friction, before it sticks: half waves about centres at +shift and -shift in turn."""
+    half = np.floor(time * frequency / np.pi)
+    amplitude = start - shift * (2 * half + 1)
+    return shift * (-1.0) ** half + amplitude * np.cos(frequency * time)
+
+
+def test_dry_friction_slides_exactly():
+    structure = oscillator("k*d + F*sign(v)", k=100.0, F=1.0)
+    record = simulate(structure, release={"x:m1": 1.0}, duration=10.0, rate=100.0)
+    assert record.values[:, 0] == pytest.approx(sliding(record.time, 1.0, 0.01, 10.0), abs=1e-12)
+
+
+def test_dry_friction_that_sticks_is_refused_with_advice():
+    structure = oscillator("k*d + F*sign(v)", k=100.0, F=1.0)
+    with pytest.raises(SimulationError) as caught:
+        simulate(structure, release={"x:m1": 0.055}, duration=10.0, rate=100.0)
+    assert caught.value.time == pytest.approx(
+        3 * np.pi / 10.0, rel=1e-9
+    )  # 0.055, -0.035, 0.015, 0.005: F holds 0.01
+    assert caught.value.mass == "m1"
+    assert "link 'link' (law k*d + F*sign(v)) sticks" in str(caught.value)
+    assert "write a jump as a steep slope, such as F*tanh(v/s)" in str(caught.value)
+    with pytest.raises(SimulationError, match=r"at 0 s .* sticks"):
+        simulate(structure, duration=1.0, rate=100.0)
+
+
+def test_the_advice_is_good():
+    """The steep slope is seen before it comes, and it stays close to dry friction while that slides."""
+    structure = oscillator("k*d + F*tanh(v/s)", k=100.0, F=1.0, s=1e-5)
+    record = simulate(structure, release={"x:m1": 0.055}, duration=3.0, rate=100.0)
+    before = record.time < 0.9
+    slides = sliding(record.time[before], 0.055, 0.01, 10.0)
+    assert record.values[before, 0] == pytest.approx(slides, abs=1e-6)  # s/omega, the width of the slope in d
+    creep = 1e-5 * np.arctanh(100.0 * 0.005 / 1.0)  # m/s, where friction would hold the mass
+    assert record.values[-1, 0] == pytest.approx(0.005 - creep * (3.0 - 0.3 * np.pi), abs=1e-6)
+    energy = record.simulated.energy
+    assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()
+
+
+def test_a_jump_that_is_crossed_ever_faster_does_not_hang():
+    """A mass on a jump of the force comes to rest after infinitely many crossings in finite time."""
+    structure = oscillator("F*sign(d) + G*sign(v)", F=1.0, G=0.5)
+    with pytest.raises(SimulationError, match="sticks"):
+        simulate(structure, release={"v:m1": 1.0}, duration=100.0, rate=10.0)
+
+
+@pytest.mark.parametrize(
+    "pulse",
+    [
+        "exp(-((t - 1)/0.01)**2)",
+        "(tanh((t - 1)/0.001) - tanh((t - 1.02)/0.001))/2",
+        "max(0, 1 - abs(t - 1)/0.01)",
+    ],
+)
+def test_a_short_pulse_on_a_resting_structure_is_not_stepped_over(pulse):
+    structure = oscillator("k*d", k=100.0)
+    record = simulate(structure, forces={"m1": pulse}, duration=3.0, rate=1000.0)
+    excitation = Excitation.of(forces={"m1": pulse})
+    momentum = np.trapezoid(excitation.forces["m1"].value(t := np.linspace(0.9, 1.1, 200_001)), t)
+    assert np.abs(record.simulated.velocity[:, 0]).max() == pytest.approx(
+        momentum, rel=0.02
+    )  # less what the spring does meanwhile
+    energy = record.simulated.energy
+    assert np.abs(energy.residual).max() < 1e-11 * energy.put_in.max()
+
+
+def test_a_kink_in_the_coefficients_alone_is_none():
+    structure = oscillator("abs(k)*d", k=-100.0)
+    record = simulate(structure, release={"x:m1": 1.0}, duration=1.0, rate=100.0)
+    assert record.values[:, 0] == pytest.approx(np.cos(10.0 * record.time), abs=1e-12)

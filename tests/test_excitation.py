@@ -1,0 +1,132 @@
+"""Excitations: expressions of t, splines of samples, and what is refused."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from linkwise.errors import LawError, SimulationError
+from linkwise.excitation import Excitation, Impulse, Sampled, TimeFunction
+
+FREQUENCY = 7.0
+
+
+def wave(rate, *, order=5, band_limited=False, frequency=FREQUENCY, count=None):
+    time = np.arange(count or int(2 * rate) + 1) / rate
+    return Sampled(0.0, rate, np.sin(2 * np.pi * frequency * time), order, band_limited)
+
+
+def error(sampled, frequency=FREQUENCY):
+    """Largest error away from the ends, where a spline has neighbours on both sides."""
+    time = np.linspace(0.6, 1.4, 5001)
+    return np.abs(sampled.value(time) - np.sin(2 * np.pi * frequency * time)).max()
+
+
+def test_a_time_function_has_values_and_a_derivative():
+    function = TimeFunction("2*sin(3*t) + t**2")
+    time = np.linspace(0.0, 2.0, 7)
+    assert function.value(time) == pytest.approx(2 * np.sin(3 * time) + time**2, rel=1e-12)
+    assert function.derivative(time) == pytest.approx(6 * np.cos(3 * time) + 2 * time, rel=1e-12)
+
+
+def test_a_time_function_knows_only_t():
+    with pytest.raises(LawError) as caught:
+        TimeFunction("A*sin(3*t)")
+    assert str(caught.value) == (
+        "'A' is not known to a function of time.\n  A*sin(3*t)\n  ^\nWrite numbers for everything but the time t, in s."
+    )
+
+
+@pytest.mark.parametrize("order", [1, 3, 5, 7])
+def test_the_error_of_a_spline_has_the_stated_order(order):
+    coarse, fine = error(wave(100.0, order=order)), error(wave(200.0, order=order))
+    assert np.log2(coarse / fine) == pytest.approx(order + 1, abs=0.5)
+
+
+@pytest.mark.parametrize("order", [0, 1, 3, 5, 7])
+def test_pieces_are_the_interpolant(order):
+    sampled = wave(100.0, order=order)
+    edges, coefficients = sampled.pieces
+    time = np.linspace(0.0, 2.0, 777)[1:-1] + 1e-5
+    piece = np.searchsorted(edges, time, side="right") - 1
+    value = sum(coefficients[piece, k] * (time - edges[piece]) ** k for k in range(order + 1))
+    assert value == pytest.approx(sampled.value(time), abs=1e-12)
+    assert edges[0] == sampled.start and edges[-1] == sampled.end
+
+
+def test_a_spline_passes_through_its_samples_and_order_0_holds_them():
+    sampled, held = wave(100.0), wave(100.0, order=0)
+    time = np.arange(201) / 100.0
+    assert sampled.value(time) == pytest.approx(sampled.values, abs=1e-12)
+    assert held.value(time[:-1] + 0.009) == pytest.approx(held.values[:-1], abs=1e-12)
+
+
+def test_derivative_and_integral_are_those_of_the_interpolant():
+    sampled = wave(1000.0)
+    time = np.linspace(0.6, 1.4, 11)
+    omega = 2 * np.pi * FREQUENCY
+    # both lose or gain one order against the value, 1e-10 here
+    assert sampled.derivative(time) == pytest.approx(omega * np.cos(omega * time), abs=1e-5)
+    assert sampled.integral(time) == pytest.approx((1 - np.cos(omega * time)) / omega, abs=1e-9)
+
+
+def test_band_limited_samples_reach_close_to_half_the_rate():
+    """At 0.3 of the rate the quintic through the samples is off by 1 %, the band-limited signal by 1e-5."""
+    plain, limited = (wave(100.0, frequency=30.0, band_limited=b) for b in (False, True))
+    assert error(plain, 30.0) > 5e-3
+    assert error(limited, 30.0) < 3e-5
+    time = np.arange(201) / 100.0
+    assert limited.value(time) == pytest.approx(limited.values, abs=1e-12)
+
+
+def test_band_limited_samples_need_not_be_many():
+    few = Sampled(0.0, 10.0, np.arange(7.0), band_limited=True)
+    assert few.value([0.25, 0.31]) == pytest.approx([2.5, 3.1], abs=1e-2)  # a sinc cut off at 6 samples
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: wave(100.0).value(2.5), "an input is sampled from 0 to 2 s and is asked for at 2.5 s"),
+        (
+            lambda: Sampled(0.0, 10.0, np.ones(5)),
+            "needs one row of at least 6 samples; a lower order needs fewer",
+        ),
+        (lambda: Sampled(0.0, 10.0, np.ones((9, 2))), "an input of shape (9, 2) cannot be interpolated"),
+        (
+            lambda: Sampled(0.0, 10.0, np.ones(9), order=4),
+            "a spline of order 4 cannot be had; the orders are 0, 1, 3, 5, 7",
+        ),
+        (lambda: Sampled(0.0, -1.0, np.ones(9)), "sampled at -1.0 Hz"),
+        (lambda: Sampled(0.0, 10.0, [1, 2, np.nan, 4, 5, 6]), "sample 2 of an input, at 0.2 s, is nan"),
+        (lambda: Sampled(0.0, 10.0, ["a", "b"]), "the samples of an input must be numbers"),
+        (lambda: Impulse("m1", np.inf), "an impulse of inf N s at 0.0 s cannot be"),
+        (lambda: Impulse("m1", 1.0, -1.0), "the time is not before the start, 0"),
+        (lambda: Excitation.of(release={"x:m1": "far"}), "the release x:m1 is 'far', which is no number"),
+        (lambda: Excitation.of(release={"x:m1": np.nan}), "a structure starts from finite numbers"),
+        (
+            lambda: Excitation.of(forces={"m1": [1.0]}),
+            "the force on m1 is given as list; give an expression of t",
+        ),
+        (lambda: Excitation.of(base=True), "the motion of the base is given as bool"),
+    ],
+)
+def test_what_cannot_be_is_refused(make, message):
+    with pytest.raises(SimulationError) as caught:
+        make()
+    assert message in str(caught.value)
+
+
+def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle():
+    sampled = wave(100.0)
+    given = Excitation.of(
+        {"v:m1": 1}, [Impulse("m1", 1.0, 2.0), Impulse("m2", 1.0)], {"m1": "sin(t)", "m2": 3}, sampled
+    )
+    assert [impulse.mass for impulse in given.impulses] == ["m2", "m1"]
+    assert given.forces == {"m1": TimeFunction("sin(t)"), "m2": TimeFunction("3")}
+    assert list(given.drives) == ["m1", "m2", "base"]
+    again = pickle.loads(pickle.dumps(given))
+    assert again.forces == given.forces and again.release == given.release
+    assert np.array_equal(again.base.values, sampled.values)
