@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 CONVERGED = "converged"
 NOT_CONVERGED = "not converged"
 CHI_SQUARE_OFF = "chi-square off"
+UNEXPLAINED = "forces unexplained"
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class NoiseEstimate:
 class Estimate:
     """Values `values` (p,) of the unknowns `parameters` of `asked`, with their `covariance` (p, p), from `record`.
 
-    `status` is "converged", "not converged" or "chi-square off" and `message` says what that means here; without
+    `status` is "converged", "not converged", "chi-square off" or, of a method that knows no noise, "forces unexplained", and `message` says what that means here; without
     convergence, or with residuals that noise does not explain (`chi_square_per_sample` far from 1), no interval is given.
     `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals` is False
     for methods whose covariance tells no more than the size of the residuals.
@@ -188,7 +189,7 @@ class Estimate:
                 )
                 for name in link.coefficients
             ),
-            d_range=_range(self.motion.d[:, index]),
+            d_range=(float(self.motion.visited[index, 0]), float(self.motion.visited[index, 1])),
             v_range=_range(self.motion.v[:, index]),
             free=tuple(numbers),
             covariance=np.asarray(dense) if self.trusted and self.intervals else None,

@@ -23,6 +23,8 @@ _DETERMINED = 1e-9  # smallest singular value of the incidence, relative, that s
 class LinkMotion:
     """`time` (R,) s, elongations `d` (R, L) m and rates `v` (R, L) m/s of the links of `structure`, identified.
 
+    `visited` (L, 2) m is the range of every elongation; it may be wider than that of a smoothed `d`.
+
     `leave` gives, when asked, what the identified laws leave of the equation of motion of every mass, m a + B f - w, (R, n)
     in N; NaN where it is not seen, None where no mass is.
     """
@@ -31,6 +33,7 @@ class LinkMotion:
     time: Floats
     d: Floats
     v: Floats
+    visited: Floats
     leave: Callable[[], Floats | None]
 
     @cached_property
@@ -61,6 +64,13 @@ class LinkMotion:
         links = self.structure.links
         identified = [link.force(self.d[:, i], self.v[:, i]) for i, link in enumerate(links)]
         return np.asarray(np.stack(identified, axis=1) - share)
+
+
+def extremes(d: Floats, deviation: Floats | float = 0.0) -> Floats:
+    """(L, 2) smallest and largest of elongations (N, L), less two deviations (L,) of the noise that stretches them."""
+    low, high = np.nanmin(d, axis=0), np.nanmax(d, axis=0)
+    inward = np.minimum(2.0 * np.asarray(deviation), 0.5 * (high - low))
+    return np.stack([low + inward, high - inward], axis=1)
 
 
 def weak_residual(equations: WeakEquations, values: Floats) -> Floats:

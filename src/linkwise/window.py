@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 ORDER = 8
 _NARROWEST = 1.8  # samples of deviation: the alias of a narrower phi shows above noise of 40 dB
-_NARROWEST_EXACT = 3.0  # the same for a record without noise
+_NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
 _BLOCK_SAMPLES = 64  # about so many samples make one row of the blocked product in `strided_filter`
 
@@ -41,8 +41,8 @@ class Window:
         """The window for motion up to `highest` Hz at `rate` Hz: phi passes it and no more.
 
         Where the noise bias is removed the accuracy hardly depends on the width while phi stays shorter than the fastest
-        motion; its cut at 2 pi f deviation = 1 is safe on that side. `quiet` records (no noise to speak of) get at least the
-        width at which the alias of phi is at rounding.
+        motion; its cut at 2 pi f deviation = 1 is safe on that side. `quiet` records (no noise to speak of) get at least a
+        width at which the alias of phi is small.
         """
         narrowest = _NARROWEST_EXACT if quiet else _NARROWEST
         return cls.of_deviation(min(max(rate / (2.0 * pi * highest), narrowest), _WIDEST), 1.0 / rate)

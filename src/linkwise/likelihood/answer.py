@@ -13,7 +13,7 @@ from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.loss import Loss
-from linkwise.linkmotion import LinkMotion, weak_residual
+from linkwise.linkmotion import LinkMotion, extremes, weak_residual
 from linkwise.motion import read_motion
 from linkwise.record import Record
 from linkwise.structure import Structure
@@ -121,12 +121,14 @@ def _motion(fit: LikelihoodFit, identified: Structure, record: Record) -> LinkMo
     v = (states[:, 1] / fit.segments.step).transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
     base = record.channel("x:base") if "x:base" in record.channels else None
     rate = None if base is None else np.gradient(base, record.step)
+    d = identified.elongations(x, base)
     return LinkMotion(
-        identified,
-        record.time,
-        identified.elongations(x, base),
-        identified.elongations(v, rate),
-        partial(_residual, identified, record),
+        structure=identified,
+        time=record.time,
+        d=d,
+        v=identified.elongations(v, rate),
+        visited=extremes(d),
+        leave=partial(_residual, identified, record),
     )
 
 

@@ -1,0 +1,63 @@
+"""The measured force of a link: what residuals about the identified one make of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+
+@pytest.fixture(scope="module")
+def quiet() -> lw.Record:
+    return lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+
+
+def test_measured_force_is_the_true_one_even_where_the_law_is_wrong(quiet: lw.Record) -> None:
+    chain = lw.bnes_chain(2)
+    sink = chain.link("nes1")
+    wrong = lw.Structure(
+        "no cubic term",
+        chain.masses,
+        (
+            chain.link("spring1"),
+            lw.Link(
+                "nes1",
+                sink.between,
+                lw.Law.parse("k*d + c*v"),
+                {name: lw.Coefficient.unknown() for name in ("k", "c")},
+            ),
+        ),
+    )
+    motion = lw.identify(quiet, wrong, method="weak").motion
+    assert motion.force is not None
+    true = sink.force(motion.d[:, 1], motion.v[:, 1])
+    found = motion.structure.link("nes1").force(motion.d[:, 1], motion.v[:, 1])
+    missed = np.sqrt(np.mean((found - true) ** 2) / np.var(true))
+    left = np.sqrt(np.mean((motion.force[:, 1] - true) ** 2) / np.var(true))
+    assert missed > 0.3  # a straight line through a cubic
+    assert left < 0.5 * missed  # the curvature of both laws within one window is all that is lost
+
+
+def test_links_that_close_a_circle_have_no_measured_force() -> None:
+    parallel = lw.parse_structure(
+        """
+        [[mass]]
+        name = "m1"
+        mass = 1.0
+        [[link]]
+        name = "one"
+        between = ["m1", "ground"]
+        law = "k*d"
+        coefficients = { k = "unknown" }
+        [[link]]
+        name = "two"
+        between = ["m1", "ground"]
+        law = "k3*d**3"
+        coefficients = { k3 = 1e6 }
+        """,
+        "test",
+    )
+    true = parallel.with_values({"one.k": 900.0})
+    record = lw.simulate(true, release={"x:m1": 0.01}, duration=1.0, rate=1000.0).with_noise(60.0, seed=0)
+    assert lw.identify(record, parallel, method="weak").motion.force is None
