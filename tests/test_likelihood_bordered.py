@@ -1,0 +1,128 @@
+"""Bordered block-tridiagonal equations against dense matrices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from linkwise.likelihood.anneal import covariance
+from linkwise.likelihood.bordered import Bordered, Damping
+from linkwise.likelihood.segments import Scales
+
+M, P = 4, 3
+
+
+def dense(equations: Bordered) -> tuple[np.ndarray, np.ndarray]:
+    """The whole matrix, nodes first, and the gradient."""
+    nodes, m = equations.diagonal.shape[:2]
+    size = nodes * m
+    matrix = np.zeros((size + P, size + P))
+    for k in range(nodes):
+        here = slice(m * k, m * (k + 1))
+        matrix[here, here] = equations.diagonal[k]
+        if k + 1 < nodes:
+            after = slice(m * (k + 1), m * (k + 2))
+            matrix[after, here] = equations.coupling[k]
+            matrix[here, after] = equations.coupling[k].T
+    matrix[size:, :size] = equations.right[:-1].reshape(P, size)
+    matrix[:size, size:] = matrix[size:, :size].T
+    matrix[size:, size:] = equations.corner
+    return matrix, np.concatenate([equations.right[-1].ravel(), equations.corner_gradient])
+
+
+@pytest.fixture(params=[1, 2, 7], ids="{} nodes".format)
+def equations(request) -> Bordered:
+    """Normal equations J'J of a Jacobian whose rows touch two neighbouring nodes and the border."""
+    random, nodes = np.random.default_rng(5), request.param
+    size = nodes * M
+    rows = []
+    for k in range(nodes):
+        block = np.zeros((3 * M, size + P))
+        reach = min(M * (k + 2), size)
+        block[:, M * k : reach] = random.normal(size=(3 * M, reach - M * k))
+        block[:, size:] = random.normal(size=(3 * M, P))
+        rows.append(block)
+    jacobian = np.concatenate(rows)
+    matrix, gradient = jacobian.T @ jacobian, jacobian.T @ random.normal(size=len(jacobian))
+    cut = matrix[:size, :size].reshape(nodes, M, nodes, M)
+    return Bordered(
+        diagonal=np.stack([cut[k, :, k] for k in range(nodes)]),
+        coupling=np.stack([cut[k + 1, :, k] for k in range(nodes - 1)]) if nodes > 1 else np.empty((0, M, M)),
+        right=np.concatenate([matrix[size:, :size], gradient[None, :size]]).reshape(P + 1, nodes, M),
+        corner=matrix[size:, size:],
+        corner_gradient=gradient[size:],
+    )
+
+
+def test_solves_as_a_dense_matrix_does(equations):
+    matrix, gradient = dense(equations)
+    nodes, border = equations.factor().solve(np.ones(P, bool))
+    expected = np.linalg.solve(matrix, gradient)
+    # same numerics: condition 1e3 at most
+    assert np.concatenate([nodes.ravel(), border]) == pytest.approx(expected, rel=1e-8, abs=1e-10)
+    assert equations.drop(nodes, border) == pytest.approx(gradient @ expected, rel=1e-8)
+
+
+def test_damping_stands_on_the_diagonal(equations):
+    matrix, gradient = dense(equations)
+    random = np.random.default_rng(6)
+    added = random.uniform(1.0, 2.0, len(gradient))
+    damping = Damping(added[:-P].reshape(equations.diagonal.shape[:2]), added[-P:])
+    nodes, border = equations.factor(damping).solve(np.ones(P, bool))
+    expected = np.linalg.solve(matrix + np.diag(added), gradient)
+    assert np.concatenate([nodes.ravel(), border]) == pytest.approx(expected, rel=1e-8, abs=1e-10)
+
+
+def test_what_is_held_does_not_move(equations):
+    matrix, gradient = dense(equations)
+    free = np.array([True, False, True])
+    nodes, border = equations.factor().solve(free)
+    moving = np.concatenate([np.ones(len(gradient) - P, bool), free])
+    expected = np.zeros_like(gradient)
+    expected[moving] = np.linalg.solve(matrix[np.ix_(moving, moving)], gradient[moving])
+    assert border[1] == 0.0
+    assert np.concatenate([nodes.ravel(), border]) == pytest.approx(expected, rel=1e-8, abs=1e-10)
+    nodes, border = equations.factor().solve(np.zeros(P, bool))
+    assert not border.any()
+    assert nodes.ravel() == pytest.approx(np.linalg.solve(matrix[:-P, :-P], gradient[:-P]), rel=1e-8)
+
+
+def test_covariance_is_the_corner_of_the_inverse(equations):
+    matrix, _ = dense(equations)
+    unit = np.array([30.0, 1e6, 0.02])
+    scales = Scales(np.ones(1), np.ones(M), unit)
+    found = covariance(equations.factor(), scales, np.ones(P, bool))
+    assert found == pytest.approx(np.linalg.inv(matrix)[-P:, -P:] * np.outer(unit, unit), rel=1e-8)
+    held = covariance(equations.factor(), scales, np.array([True, True, False]))
+    expected = np.linalg.inv(matrix[:-1, :-1])[-2:, -2:] * np.outer(unit[:2], unit[:2])
+    assert held[:2, :2] == pytest.approx(expected, rel=1e-8)
+    assert not held[2].any() and not held[:, 2].any()
+
+
+def test_log_determinant_is_that_of_the_whole(equations):
+    matrix, _ = dense(equations)
+    factor = equations.factor()
+    assert factor.log_determinant(np.ones(P, bool)) == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
+    free = np.array([False, True, True])
+    moving = np.concatenate([np.ones(len(matrix) - P, bool), free])
+    expected = np.linalg.slogdet(matrix[np.ix_(moving, moving)])[1]
+    assert factor.log_determinant(free) == pytest.approx(expected, rel=1e-10)
+
+
+def test_what_is_not_positive_has_no_factor(equations):
+    negative = equations.diagonal.copy()
+    negative[-1] -= 1e3 * np.eye(M)
+    bad = replace(equations, diagonal=negative)
+    assert bad.factor() is None
+    assert np.isinf(covariance(None, Scales(np.ones(1), np.ones(M), np.ones(P)), np.ones(P, bool))).all()
+    enough = Damping(np.full(negative.shape[:2], 1e4), np.full(P, 1e4))
+    assert bad.factor(enough) is not None
+
+
+def test_a_border_that_the_nodes_explain_has_no_solution(equations):
+    # the corner less what the nodes take from it is negative: nothing determines the border
+    bad = replace(equations, corner=equations.corner - 1e4 * np.eye(P))
+    assert bad.factor().solve(np.ones(P, bool)) is None
+    assert bad.factor().solve(np.zeros(P, bool)) is not None
