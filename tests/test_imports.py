@@ -18,7 +18,8 @@ FLOORS = {  # from the ground up; a module may import from its own floor and tho
         excitation channel timeline resampling decimation simulated record files""",
     "motion": "forces course kinks trajectory balance horizon engine simulate",
     "views": "noise smooth derive library equations window weakform atoms noisebias weaknoise motion weak",
-    "estimators": "sparse weakfit likelihood linkmotion link_estimate findings table estimate",
+    "estimators": """sparse weakfit likelihood linkmotion link_estimate findings table estimate
+        weakestimate classical""",
     "questions": "identify discover validate absorb",
     "campaigns": "study",
     "pictures": "plot report answer",

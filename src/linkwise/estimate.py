@@ -53,8 +53,9 @@ class NoiseEstimate:
 class Estimate:
     """Values `values` (p,) of the unknowns `parameters` of `asked`, with their `covariance` (p, p), from `record`.
 
-    `status` is "converged", "not converged", "chi-square off" or, of a method that knows no noise, "forces unexplained", and `message` says what that means here; without
-    convergence, or with residuals that noise does not explain (`chi_square_per_sample` far from 1), no interval is given.
+    `status` is "converged", "not converged", "chi-square off" or, from a method that knows no noise, "forces unexplained", and
+    `message` says what that means here; without convergence, or with residuals that noise does not explain
+    (`chi_square_per_sample` far from 1), no interval is given.
     `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals` is False
     for methods whose covariance tells no more than the size of the residuals.
     """

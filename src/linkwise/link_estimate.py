@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,7 +87,7 @@ class LinkEstimate:
         if len(places) < 2:
             return ()
         return tuple(
-            self._derived("well", "m", value, lambda link, i=i: self._near(link, len(places))[i])
+            self._derived("well", "m", value, partial(self._well, i, len(places)))
             for i, value in enumerate(places)
         )
 
@@ -105,18 +105,10 @@ class LinkEstimate:
     @cached_property
     def frequencies(self) -> tuple[Derived, ...]:
         """In-well frequencies in Hz: small free swings of its two ends against each other in each well."""
-
-        def frequency(link: Link, place: float) -> float:
-            return float(np.sqrt(link.stiffness(place) / self.moving_mass) / (2.0 * np.pi))
-
+        count = len(self.wells)
         return tuple(
-            self._derived(
-                "frequency",
-                "Hz",
-                frequency(self.link, well.value),
-                lambda link, i=i: frequency(link, self._near(link, len(self.wells))[i]),
-            )
-            for i, well in enumerate(self.wells)
+            self._derived("frequency", "Hz", self._swing(i, count, self.link), partial(self._swing, i, count))
+            for i in range(count)
         )
 
     @property
@@ -136,17 +128,26 @@ class LinkEstimate:
         places = self._places(link)
         return places if len(places) == count else (np.nan,) * count
 
+    def _well(self, number: int, count: int, link: Link) -> float:
+        return self._near(link, count)[number]
+
+    def _swing(self, number: int, count: int, link: Link) -> float:
+        """Frequency in Hz of small swings in one well of a link with coefficients a little aside."""
+        stiffness = float(link.stiffness(self._well(number, count, link)))
+        return float(np.sqrt(max(stiffness, 0.0) / self.moving_mass) / (2.0 * np.pi))
+
     def _derived(self, name: str, unit: str, value: float, of: Callable[[Link], float]) -> Derived:
         """The delta method: the gradient by central differences of a small part of each standard error."""
         if self.covariance is None or not self.free:
             return Derived(name, value, unit, None if self.free else (value, value))
-        steps = _STEP * np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
+        steps: Floats = _STEP * np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         gradient = np.zeros(len(self.free))
         for i, coefficient in enumerate(self.free):
             if steps[i] > 0.0:
                 sides = [of(self._moved(coefficient, sign * steps[i])) for sign in (1.0, -1.0)]
                 gradient[i] = (sides[0] - sides[1]) / (2.0 * steps[i])
-        half = NORMAL_95 * float(np.sqrt(max(gradient @ self.covariance @ gradient, 0.0)))
+        variance = float(gradient @ self.covariance @ gradient)
+        half = NORMAL_95 * float(np.sqrt(max(variance, 0.0)))
         return Derived(name, value, unit, (value - half, value + half) if np.isfinite(half) else None)
 
     def _moved(self, coefficient: str, step: float) -> Link:

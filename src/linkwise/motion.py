@@ -93,6 +93,8 @@ def _highest(values: Floats, rate: float, sigma: Floats) -> float:
         at = np.arange(values.shape[1])
         seen = np.isfinite(values)
         whole = [np.interp(at, at[here], row[here]) for row, here in zip(values, seen, strict=True) if here.any()]
+        if not whole:
+            return 0.5 * rate
         return float(np.max(bandwidth(np.stack(whole, axis=1), rate, sigma[seen.any(axis=1)])))
 
 

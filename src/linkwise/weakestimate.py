@@ -1,0 +1,191 @@
+"""The answer of the weak form (METHODS section 4): the search, and the verdict on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv
+
+from linkwise.errors import IdentificationError
+from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
+from linkwise.linkmotion import LinkMotion, extremes, weak_residual
+from linkwise.motion import SeenMotion, read_motion
+from linkwise.record import Record
+from linkwise.structure import Structure
+from linkwise.weak import WeakEquations, weak_equations
+from linkwise.weakfit import WeakFit, weak_fit
+from linkwise.weakform import weak_law
+
+Floats = NDArray[np.float64]
+
+_LARGEST_EXCESS = 2.0  # residual power over what noise explains; wrong laws and wrong noise leave far more
+_NOTED_EXCESS = 1.3  # right laws stay below it from 10 dB on
+_CHANCE = 1e-5  # with which a record of few windows leaves the limits though its laws are right
+_STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
+_SMALL = 1e-3  # of a standard error: a step below it changes nothing that anybody can see
+
+
+def weak_estimate(record: Record, structure: Structure) -> Estimate:
+    """The unknowns of `structure` from `record`; IdentificationError where the record cannot tell one at all."""
+    motion = read_motion(record, structure)
+    equations, fit, settled = weak_search(record, structure, motion)
+    found = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    identified = structure.with_values(found)
+    status, message = _judged(record, identified, equations, fit) if settled else (NOT_CONVERGED, _UNSETTLED)
+    return Estimate(
+        method="weak",
+        status=status,
+        message=message,
+        seconds=0.0,
+        asked=structure,
+        parameters=structure.parameters,
+        values=fit.values,
+        covariance=fit.covariance,
+        free=fit.free,
+        noise=_noise(record, structure, motion),
+        chi_square_per_sample=fit.excess,
+        samples=motion.samples,
+        motion=LinkMotion(
+            structure=identified,
+            time=equations.time,
+            d=equations.d.T,
+            v=equations.v.T,
+            visited=_visited(identified, motion, equations),
+            leave=partial(weak_residual, equations, fit.values),
+        ),
+        record=record,
+        remarks=tuple(_remarks(record, structure, fit.excess)),
+    )
+
+
+def weak_search(
+    record: Record, structure: Structure, motion: SeenMotion
+) -> tuple[WeakEquations, WeakFit, bool]:
+    """One regression; Gauss-Newton around it while coefficients enter a law nonlinearly. True where it settled.
+
+    Raises IdentificationError as `weak_equations` and `weak_fit` do.
+    """
+    curved = _nonlinear(structure)
+    if not curved:
+        equations = weak_equations(record, structure, motion)
+        return equations, weak_fit(equations, structure), True
+    starts = {p.name: p.start for p in structure.parameters if p.name in curved and p.start is not None}
+    held, values = structure.with_values(starts), dict(starts)
+    try:
+        if held.parameters:
+            equations = weak_equations(record, held, motion)
+            values.update(zip(equations.parameters, map(float, weak_fit(equations, held).values), strict=True))
+        for _ in range(_STEPS):
+            equations = weak_equations(record, structure, motion, values=values)
+            fit = weak_fit(equations, structure)
+            step = np.array([fit.values[i] - values[name] for i, name in enumerate(equations.parameters)])
+            deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
+            if np.all(np.abs(step) <= np.maximum(_SMALL * deviations, 1e-9 * np.abs(fit.values))):
+                return equations, fit, True
+            values = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    except IdentificationError as error:
+        if not starts:
+            raise
+        stood = ", ".join(f"{name} = {values[name]:.4g}" for name in starts)
+        raise IdentificationError(f"{error}. The search stood at {stood}: start it nearer, or bound it") from None
+    return equations, fit, False
+
+
+_UNSETTLED = (
+    f"The search for the coefficients that enter a law nonlinearly did not settle in {_STEPS} steps; start it nearer, or bound "
+    "them."
+)
+
+
+def _nonlinear(structure: Structure) -> set[str]:
+    """The parameters that enter a law nonlinearly."""
+    return {
+        parameter.name
+        for parameter in structure.parameters
+        if any(index >= 0 and key in structure.links[index].law.nonlinear for index, key in parameter.members)
+    }
+
+
+def _judged(
+    record: Record, identified: Structure, equations: WeakEquations, fit: WeakFit
+) -> tuple[str, str]:
+    lowest, highest = _limits(sum(_windows(equations)))
+    times = f"{np.sqrt(fit.excess):.3g} times"
+    if not fit.excess < highest:
+        larger = ", or larger than stated" if record.noise else ""
+        share = _model_error(identified, equations, fit)
+        return CHI_SQUARE_OFF, (
+            f"The laws explain the record to within {100.0 * share:.2g} % of its forces, which is {times} what noise "
+            "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
+            f"record, or the noise is not white{larger}. The values are the best of these laws."
+        )
+    if fit.excess < lowest and record.noise and not equations.motion.quiet:
+        return CHI_SQUARE_OFF, (
+            f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
+            "stated, and taking out its bias has bent the values. State it right, or not at all."
+        )
+    return CONVERGED, "The laws explain the record to within its noise."
+
+
+def _limits(windows: float) -> tuple[float, float]:
+    """Between which the excess of right laws lies; neighbouring windows share their noise, so two count as one."""
+    freedom = 0.5 * max(windows, 2.0)
+    low, high = (float(gammaincinv(0.5 * freedom, chance)) * 2.0 / freedom for chance in (_CHANCE, 1.0 - _CHANCE))
+    return min(low, 1.0 / _LARGEST_EXCESS), max(high, _LARGEST_EXCESS)
+
+
+def _windows(equations: WeakEquations) -> Iterator[float]:
+    for each in equations.masses:
+        yield float(len(equations.time) if each.valid is None else each.valid.sum())
+
+
+def _model_error(identified: Structure, equations: WeakEquations, fit: WeakFit) -> float:
+    """Root mean square of the residuals less their noise, over that of the force on the mass; of the worst mass."""
+    residual = weak_residual(equations, fit.values)
+    forces = equations.acceleration.T * identified.mass_values
+    shares = [
+        np.sqrt(np.nanmean(residual[:, each.mass] ** 2) / np.mean(forces[:, each.mass] ** 2))
+        for each in equations.masses
+    ]
+    return float(max(shares) * np.sqrt(1.0 - 1.0 / fit.excess))
+
+
+def _visited(identified: Structure, motion: SeenMotion, equations: WeakEquations) -> Floats:
+    """(L, 2) m, from the samples: windows would cut the peaks."""
+    x = motion.x if motion.missing is None else np.where(motion.missing, np.nan, motion.x)
+    deviation = np.sqrt(equations.variances[equations.ends].sum(axis=1))
+    return extremes(identified.elongations(x.T, motion.base), deviation)
+
+
+def _noise(record: Record, structure: Structure, motion: SeenMotion) -> dict[str, NoiseEstimate]:
+    variances = [*zip(structure.mass_names, motion.variance, motion.seen, strict=True)]
+    found = {f"x:{name}": variance for name, variance, seen in variances if seen}
+    if motion.base is not None:
+        found["x:base"] = motion.base_variance
+    return {
+        name: NoiseEstimate.of(record, name, float(np.sqrt(variance))) for name, variance in found.items()
+    }
+
+
+def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[str]:
+    lost = int(record.missing.sum())
+    if lost:
+        yield f"{lost} samples are missing; equations that need them are left out."
+    if _NOTED_EXCESS < excess < _LARGEST_EXCESS:
+        yield (
+            f"The residuals are {100.0 * (np.sqrt(excess) - 1.0):.0f} % larger than the noise explains: something small is "
+            "missing from the laws. All intervals are widened by as much."
+        )
+    curved = [
+        link.name
+        for link in structure.links
+        if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
+    ]
+    if curved:
+        yield (
+            f"The law of {', '.join(curved)} is curved in v, which the weak form takes from smoothed displacements; where v "
+            'turns fast that bends it, and method "ml" does without.'
+        )
