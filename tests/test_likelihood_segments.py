@@ -1,0 +1,257 @@
+"""Residuals, defects and the normal equations of segments: every gradient against differences of the cost."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_likelihood_flow import THREE, truth
+
+import linkwise as lw
+from linkwise.likelihood import segments as module
+from linkwise.likelihood.bordered import Bordered
+from linkwise.likelihood.cut import cut
+from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.segments import Point, Scales, Segments, evaluate, linearise, refined
+from linkwise.likelihood.start import nodes, start_states
+
+CHANNELS = ("x:m1", "v:m2", "a:m3", "x:m3", "a:m1", "force:m2", "x:base")
+OFFSETS = ("v:m2", "a:m1")
+FIRST, SECOND = 8, 6  # nodes of the two records
+
+
+@pytest.fixture(scope="module")
+def three() -> lw.Structure:
+    return lw.parse_structure(THREE)
+
+
+@pytest.fixture(scope="module")
+def asked(three) -> lw.Structure:
+    return three.unknown("all", "mass:m2", "mass:m3")
+
+
+@pytest.fixture(scope="module")
+def records(three) -> list[lw.Record]:
+    """Two, of different rates; every kind of sensor, force and base motion, a gap in one channel."""
+
+    def one(rate: float, samples: int, release: dict[str, float]) -> lw.Record:
+        record = lw.simulate(
+            three, times=np.arange(samples) / rate, sensors=("x", "v", "a"), release=release,
+            forces={"m2": "5*sin(400*t)"}, base="0.001*sin(300*t)",
+        )  # fmt: skip
+        return record.select(CHANNELS)
+
+    first, second = one(1000.0, 5 * FIRST - 2, {"v:m1": 1.0}), one(1250.0, 5 * SECOND, {"x:m3": 0.01})
+    values = first.values.copy()
+    values[20:27, 0] = np.nan
+    return [replace(first, values=values), second]
+
+
+@pytest.fixture(scope="module")
+def segments(records, asked) -> Segments:
+    return cut(records, asked, System.of(asked), samples=5, refine=4, offsets=OFFSETS)
+
+
+@pytest.fixture(scope="module")
+def scales(three, asked, segments) -> Scales:
+    sigma = np.array([1e-4, 0.05, 5.0, 1e-4, 5.0])
+    return Scales(
+        sigma, np.repeat([1e-4, 0.05], 3), np.concatenate([np.abs(truth(three, asked)), sigma[[1, 4]]])
+    )
+
+
+@pytest.fixture(scope="module")
+def point(three, asked, segments, records) -> Point:
+    """Away from the truth by some deviations in every unknown."""
+    random = np.random.default_rng(3)
+    true = [
+        np.stack([each.simulated.displacement[::5].T, each.simulated.velocity[::5].T]) for each in records
+    ]
+    at = np.concatenate(true, axis=2)
+    at = at + random.normal(size=at.shape) * np.array([3e-4, 0.1])[:, None, None]
+    theta = truth(three, asked)
+    return Point(at, theta * (1.0 + 0.05 * random.normal(size=len(theta))), np.array([0.05, -4.0]))
+
+
+def gradient(equations: Bordered) -> np.ndarray:
+    return np.concatenate([equations.right[-1].ravel(), equations.corner_gradient])
+
+
+def moved(point: Point, scales: Scales, step: np.ndarray) -> Point:
+    """`step` in the units of the unknowns, node by node, then theta and offsets."""
+    _, n, K = point.nodes.shape
+    size, p = 2 * n * K, len(point.theta)
+    shift = (step[:size].reshape(K, 2 * n) * scales.state).T.reshape(2, n, K)
+    border = step[size:] * scales.theta
+    return Point(point.nodes + shift, point.theta + border[:p], point.offsets + border[p:])
+
+
+@pytest.mark.parametrize("q", [1.0, 1e-3])
+@pytest.mark.parametrize("loss", [Gaussian(), Huber(), Student()], ids=lambda loss: type(loss).__name__)
+def test_the_gradient_is_the_costs_difference(segments, scales, point, loss: Loss, q: float):
+    misfit = evaluate(segments, point, scales, loss)
+    equations = linearise(segments, misfit, scales, loss).equations(q)
+    found = gradient(equations)
+    curvature = np.concatenate([np.einsum("kii->ki", equations.diagonal).ravel(), np.diag(equations.corner)])
+    some = [
+        *range(12),
+        *range(6 * (FIRST - 1), 6 * (FIRST + 1)),
+        *range(6 * (segments.count - 1), len(found)),
+    ]
+    expected, eps = np.zeros_like(found), 1e-4
+    for i in some:
+        step = np.zeros_like(found)
+        step[i] = eps
+        ahead, behind = (
+            evaluate(segments, moved(point, scales, sign * step), scales, loss).cost(q) for sign in (1, -1)
+        )
+        expected[i] = -(ahead - behind) / (4.0 * eps)
+    assert np.abs(expected[some]).min() > 0.0  # every unknown shows in the cost
+    # in units of |column| |residuals|, the largest that J'r can be: single precision, and order 4 in (h omega)/4
+    largest = np.sqrt(curvature * misfit.cost(q))
+    assert np.abs((found - expected) / largest)[some].max() < 2e-4
+
+
+def test_curvature_is_that_of_the_residuals(segments, scales, point):
+    """J'J against differences of the residuals and defects themselves."""
+    loss, q = Gaussian(), 0.1
+    misfit = evaluate(segments, point, scales, loss)
+    equations = linearise(segments, misfit, scales, loss).equations(q)
+    size, eps = equations.right[0].size, 1e-4
+
+    def rows(at: Point) -> np.ndarray:
+        each = evaluate(segments, at, scales, loss)
+        return np.concatenate([each.residuals.ravel(), each.defects.ravel() / q])
+
+    columns = []
+    for i in range(size + segments.parameters):
+        step = np.zeros(size + segments.parameters)
+        step[i] = eps
+        ahead, behind = (rows(moved(point, scales, sign * step)) for sign in (1, -1))
+        columns.append((ahead - behind) / (2 * eps))
+    jacobian = np.stack(columns, axis=1)
+    hessian = jacobian.T @ jacobian
+    scale = np.sqrt(np.diag(hessian))
+    m = equations.diagonal.shape[1]
+
+    def close(ours: np.ndarray, rows: slice, columns: slice) -> None:
+        difference = (ours - hessian[rows, columns]) / np.outer(scale[rows], scale[columns])
+        assert np.abs(difference).max() < 1e-3
+
+    border = slice(size, None)
+    for k in range(segments.count):
+        here, after = slice(m * k, m * (k + 1)), slice(m * (k + 1), m * (k + 2))
+        close(equations.diagonal[k], here, here)
+        close(equations.right[:-1, k], border, here)
+        if k + 1 < segments.count:
+            close(equations.coupling[k], after, here)
+        far = hessian[here, m * (k + 2) : size]
+        assert not far.any()  # block tridiagonal indeed
+    close(equations.corner, border, border)
+
+
+def test_missing_samples_carry_no_residual(segments, scales, point, records, asked):
+    misfit = evaluate(segments, point, scales, Gaussian())
+    assert segments.seen.sum() == 5 * (5 * (FIRST + SECOND) - 2) - 7
+    assert not misfit.residuals[~segments.seen].any()
+    assert misfit.residuals[segments.seen].all()
+    lost = np.where(segments.seen, segments.samples, 1e6)
+    other = evaluate(replace(segments, samples=lost), point, scales, Gaussian())
+    assert np.array_equal(other.residuals, misfit.residuals)
+    a = linearise(segments, misfit, scales, Student()).equations(0.1)
+    b = linearise(segments, other, scales, Student()).equations(0.1)
+    assert np.array_equal(a.diagonal, b.diagonal) and np.array_equal(a.corner, b.corner)
+
+
+def test_records_are_not_linked_to_each_other(segments, scales, point):
+    misfit = evaluate(segments, point, scales, Gaussian())
+    assert not misfit.defects[..., FIRST - 1].any()
+    others = np.delete(np.arange(segments.count - 1), FIRST - 1)
+    assert np.abs(misfit.defects[..., others]).min() > 0.0
+    equations = linearise(segments, misfit, scales, Gaussian()).equations(1e-3)
+    assert not equations.coupling[FIRST - 1].any()
+    assert all(equations.coupling[k].any() for k in others)
+    shifted = point.nodes.copy()
+    shifted[..., FIRST:] += 0.01
+    away = evaluate(segments, replace(point, nodes=shifted), scales, Gaussian())
+    assert np.array_equal(away.residuals[..., :FIRST], misfit.residuals[..., :FIRST])
+    assert np.array_equal(away.defects[..., : FIRST - 1], misfit.defects[..., : FIRST - 1])
+
+
+def test_an_offset_moves_its_channel_and_no_other(segments, scales, point):
+    misfit = evaluate(segments, point, scales, Gaussian())
+    moved = evaluate(
+        segments, replace(point, offsets=point.offsets + np.array([0.5, 0.0])), scales, Gaussian()
+    )
+    change = moved.residuals - misfit.residuals
+    assert change[:, 1][segments.seen[:, 1]] == pytest.approx(-0.5 / scales.sigma[1], rel=1e-12)
+    assert not np.delete(change, 1, axis=1).any()
+
+
+def test_the_truth_leaves_nothing(three, asked, segments, scales, records):
+    true = [
+        np.stack([each.simulated.displacement[::5].T, each.simulated.velocity[::5].T]) for each in records
+    ]
+    misfit = evaluate(
+        segments, Point(np.concatenate(true, axis=2), truth(three, asked), np.zeros(2)), scales, Gaussian()
+    )
+    # inputs between samples come from a spline, which stands on one side only at the ends of a record
+    ends = [0, FIRST - 1, FIRST, FIRST + SECOND - 1]
+    inner = np.delete(misfit.residuals, ends, axis=2)
+    assert np.abs(inner).max() < 0.05
+    assert np.abs(misfit.residuals).max() < 1.0
+
+
+def test_sums_do_not_depend_on_chunks_and_threads(segments, scales, point, monkeypatch):
+    misfit = evaluate(segments, point, scales, Gaussian())
+    whole = linearise(segments, misfit, scales, Gaussian()).equations(0.1)
+    monkeypatch.setattr(module, "CHUNK", 1)
+    parts = linearise(segments, misfit, scales, Gaussian()).equations(0.1)
+    with ThreadPoolExecutor(2) as executor:
+        side = linearise(segments, misfit, scales, Gaussian(), executor).equations(0.1)
+    for name in ("diagonal", "coupling", "right", "corner", "corner_gradient"):
+        size = np.abs(getattr(whole, name)).max()
+        # chunks are added up in another order, in single precision; threads change nothing
+        assert getattr(parts, name) == pytest.approx(getattr(whole, name), abs=1e-5 * size)
+        assert np.array_equal(getattr(side, name), getattr(parts, name))
+
+
+def test_more_steps_a_sample_change_the_flow_only(segments, scales, point, records, asked):
+    coarse = cut(records, asked, segments.system, samples=5, refine=1, offsets=OFFSETS)
+    fine = refined(coarse, 4, segments.inputs)
+    assert fine.step == pytest.approx(segments.step, rel=1e-12) and fine.steps == segments.steps
+    ours, theirs = (evaluate(each, point, scales, Gaussian()).residuals for each in (fine, segments))
+    assert np.array_equal(ours, theirs)
+
+
+def test_nodes_start_where_the_sensors_say(three):
+    record = lw.simulate(
+        lw.bnes_chain(2), duration=2.0, rate=1000.0, release={"v:m1": 1.0}, sensors=("x",)
+    ).with_noise(40.0, seed=1)
+    sigma = dict(record.simulated.noise)
+    found = start_states(record, lw.bnes_chain(2), sigma, 5)
+    at = nodes([found], 5)
+    assert at.shape == (2, 2, 401)
+    true = record.simulated
+    for i, name in enumerate(("x:m1", "x:m2")):
+        error = np.sqrt(np.mean((found.x[i] - true.displacement[:, i])[20:-20] ** 2))
+        assert error < sigma[name]  # smoothing takes noise away
+    speed = np.sqrt(np.mean((found.v - true.velocity.T)[:, 20:-20] ** 2, axis=1))
+    assert (speed < 0.05 * np.sqrt(np.mean(true.velocity**2, axis=0))).all()  # 1 % noise, at most five fold
+    assert found.scale[:2] == pytest.approx([sigma["x:m1"], sigma["x:m2"]])
+
+
+def test_losses_cost_what_their_densities_say():
+    r = np.linspace(-6.0, 6.0, 25)
+    for loss in (Gaussian(), Huber(1.5), Student(4.0)):
+        eps = 1e-6
+        for value in r[np.abs(r) != 1.5]:  # Huber's corner bends within the difference
+            slope = (loss.total(np.array([value + eps])) - loss.total(np.array([value - eps]))) / (2 * eps)
+            assert 2.0 * value * loss.weight(np.array([value]))[0] == pytest.approx(slope, abs=1e-7)
+    assert Huber(1.5).total(np.array([1.0, 1.5])) == pytest.approx(1.0 + 2.25, rel=1e-12)
+    assert Huber(1.5).total(np.array([10.0])) == pytest.approx(2 * 1.5 * 10 - 1.5**2, rel=1e-12)
+    many = Student(1e6)  # many degrees of freedom are a Gaussian
+    assert many.total(np.array([3.0])) == pytest.approx(9.0, rel=1e-4)
