@@ -1,0 +1,112 @@
+"""Maximum likelihood against an independent slow implementation: SciPy's integrator and least squares, single shooting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import OptimizeResult, least_squares
+
+import linkwise as lw
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+
+NAMES = ("spring1.k", "spring1.c", "nes1.alpha", "nes1.beta", "nes1.c")
+TRUE = np.array([3e4, 1.0, -100.0, 1e6, 0.02])
+START = TRUE * np.array([1.02, 0.7, 1.1, 0.9, 1.3])
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    """0.2 s, over which the chain is not chaotic; its noise is known."""
+    clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
+    noisy = clean.with_noise(40.0, seed=7)
+    return replace(noisy, noise=dict(noisy.simulated.noise))
+
+
+@pytest.fixture(scope="module")
+def slow(record) -> OptimizeResult:
+    """Unknowns: the first state (4,) and theta (5,); written out by hand, nothing of linkwise in it."""
+    x = np.stack([record.channel("x:m1"), record.channel("x:m2")])
+    sigma = np.array([[record.noise["x:m1"]], [record.noise["x:m2"]]])
+    scale = np.concatenate([[0.01, 0.01, 1.0, 1.0], np.abs(TRUE)])
+
+    def rate(_: float, state: np.ndarray, k: float, c: float, a: float, b: float, s: float) -> list[float]:
+        x1, x2, v1, v2 = state
+        d, v = x2 - x1, v2 - v1
+        link = a * d + b * d**3 + s * v
+        return [v1, v2, -k * x1 - c * v1 + link, -link / 0.01]
+
+    def residuals(unknown: np.ndarray) -> np.ndarray:
+        unknown = unknown * scale
+        run = solve_ivp(
+            rate, (0.0, record.time[-1]), unknown[:4], t_eval=record.time, args=tuple(unknown[4:]),
+            method="DOP853", rtol=1e-9, atol=1e-12,
+        )  # fmt: skip
+        return ((x - run.y[:2]) / sigma).ravel()
+
+    start = np.concatenate([[0.0, 0.0, 1.0, 0.0], START]) / scale
+    found = least_squares(residuals, start, jac="3-point", xtol=1e-10, ftol=1e-12)
+    assert found.success
+    covariance = np.linalg.inv(found.jac.T @ found.jac) * np.outer(scale, scale)
+    return OptimizeResult(theta=found.x[4:] * scale[4:], covariance=covariance[4:, 4:], cost=2.0 * found.cost)
+
+
+def fitted(record: lw.Record, structure: lw.Structure, start: np.ndarray) -> LikelihoodFit:
+    return likelihood_fit([record], structure, start)
+
+
+@pytest.fixture(scope="module")
+def ours(record) -> LikelihoodFit:
+    return fitted(record, lw.bnes_chain(2).unknown("all"), START)
+
+
+def test_the_optimum_is_the_same(ours, slow):
+    assert ours.status.value == "converged"
+    error = np.sqrt(np.diag(slow.covariance))
+    # the search ends with less than 0.02 of the cost to gain, sqrt(0.02) standard errors along the worst direction
+    assert np.abs((ours.values - slow.theta) / error).max() < 0.14
+    assert ours.misfit.data == pytest.approx(slow.cost, abs=0.02)
+
+
+def test_the_covariance_is_the_same(ours, slow):
+    error = np.sqrt(np.diag(slow.covariance))
+    scaled = (ours.covariance - slow.covariance) / np.outer(error, error)
+    assert np.abs(scaled).max() < 0.02  # tangents of order 4 in steps of a sample
+
+
+def test_started_at_the_slow_optimum_it_stays_there(record, slow):
+    again = fitted(record, lw.bnes_chain(2).unknown("all"), slow.theta)
+    error = np.sqrt(np.diag(slow.covariance))
+    assert np.abs((again.values - slow.theta) / error).max() < 0.14
+
+
+@pytest.mark.parametrize("name", ["nes1.alpha", "spring1.k"])
+def test_the_curvature_is_the_profiles(record, ours, name):
+    """Held one standard error away on either side, the cost of the best others rises by one."""
+    number = NAMES.index(name)
+    error = np.sqrt(ours.covariance[number, number])
+    rises = []
+    for sign in (-1.0, 1.0):
+        held = lw.bnes_chain(2).unknown("all").with_values({name: ours.values[number] + sign * error})
+        others = fitted(record, held, np.delete(ours.values, number))
+        assert others.status.value == "converged"
+        q = ours.path[-1].q
+        rises.append(others.misfit.cost(q) - ours.misfit.cost(q))
+    # the mean of both sides leaves out the cubic term; 0.02 of either search's end and the quartic term remain
+    assert np.mean(rises) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_covariance_is_that_of_many_noises(slow):
+    """Standard errors by the slow way against the scatter of the fast way over 60 noises."""
+    clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
+    found = []
+    for seed in range(60):
+        noisy = clean.with_noise(40.0, seed=seed)
+        noisy = replace(noisy, noise=dict(noisy.simulated.noise))
+        found.append(fitted(noisy, lw.bnes_chain(2).unknown("all"), TRUE).values)
+    z = (np.stack(found) - TRUE) / np.sqrt(np.diag(slow.covariance))
+    # a variance over 60 scatters by sqrt(2/60) = 0.18: 3 deviations
+    assert np.mean(z**2, axis=0) == pytest.approx(np.ones(5), abs=0.55)
+    assert np.abs(z.mean(axis=0)).max() < 3.0 / np.sqrt(60)
