@@ -262,3 +262,32 @@ def test_a_kink_in_the_coefficients_alone_is_none():
     structure = oscillator("abs(k)*d", k=-100.0)
     record = simulate(structure, release={"x:m1": 1.0}, duration=1.0, rate=100.0)
     assert record.values[:, 0] == pytest.approx(np.cos(10.0 * record.time), abs=1e-12)
+
+
+def test_a_kink_that_symmetry_holds_at_zero_is_watched_when_symmetry_breaks():
+    """Two masses released alike move alike until rounding parts them: the link between them pushes them apart."""
+    outer, between = Law.parse("k*d + c*v"), Law.parse("a*d + b*d*abs(d)")
+    numbers = {name: Coefficient.number(value) for name, value in {"k": 100.0, "c": 0.5}.items()}
+    push = {"a": Coefficient.number(-150.0), "b": Coefficient.number(1000.0)}
+    masses = tuple(Mass(name, Coefficient.number(1.0)) for name in ("m1", "m2"))
+    links = (
+        Link("l1", ("m1", "ground"), outer, numbers),
+        Link("l2", ("m2", "ground"), outer, numbers),
+        Link("l3", ("m2", "m1"), between, push),
+    )
+    pair = Structure("pair", masses, links)
+    alike = simulate(pair, release={"v:m1": 1.0, "v:m2": 1.0}, duration=10.0, rate=100.0)
+    assert alike.values[:, 0] == pytest.approx(alike.values[:, 1], abs=1e-12)
+    struck = simulate(
+        pair,
+        release={"v:m1": 1.0, "v:m2": 1.0},
+        forces={"m1": "1e-6*max(0, t - 5)"},
+        duration=40.0,
+        rate=100.0,
+    )
+    d = struck.values[-1, 1] - struck.values[-1, 0]
+    assert d == pytest.approx(
+        -0.1, abs=1e-4
+    )  # where k d + 2 (a d + b d |d|) = 0; the rest decays by exp(-10)
+    energy = struck.simulated.energy
+    assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()

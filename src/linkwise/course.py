@@ -18,7 +18,8 @@ from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]
 
-BLOCK = 4096  # output samples between two stops, for progress and to look whether the motion diverges
+BLOCK = 4096  # output samples between two stops, for progress and to look whether the motion diverges ...
+_HELD = 500_000  # ... and no more than this over the number of masses, to bound memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +49,18 @@ class Course:
         masses, links = cast(tuple[int, tuple[tuple[int, int, Expression], ...]], self.structure.shape_key)
         return Shape(masses, links, inputs)
 
+    @property
+    def block(self) -> int:
+        """Output samples between two stops."""
+        return int(np.clip(_HELD // self.structure.size, 64, BLOCK))
+
     @cached_property
     def stops(self) -> Floats:
         """(S,) times at which a stretch ends, 0 and `end` included."""
-        inner = [self.times[BLOCK:-1:BLOCK], [impulse.time for impulse in self.excitation.impulses]]
+        inner = [
+            self.times[self.block : -1 : self.block],
+            [impulse.time for impulse in self.excitation.impulses],
+        ]
         inner += [drive.pieces.edges for drive in self._sampled]
         stops = np.unique(np.concatenate([np.asarray(part, dtype=float) for part in inner]))
         return np.concatenate([[0.0], stops[(stops > 0.0) & (stops < self.end)], [self.end]])

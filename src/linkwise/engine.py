@@ -232,7 +232,9 @@ class Equations:
         """The kinks that the motion or time can cross; one of coefficients alone keeps its sign."""
         first = self.layout.muted.start
         return [
-            heyoka.t_event(formula + heyoka.par[first + number])
+            heyoka.t_event(
+                formula + heyoka.par[first + number], cooldown=0.0
+            )  # kinks.settle leaves them behind
             for (_, kink), (number, formula) in zip(self._bends, enumerate(self._bend_formulas), strict=True)
             if {"d", "v", "t"} & set(symbols(kink))
         ]

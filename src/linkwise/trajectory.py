@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.course import BLOCK, Course
+from linkwise.course import Course
 from linkwise.engine import SCALE, advance, equations, last_finite
 from linkwise.errors import SimulationError
 from linkwise.kinks import settle
@@ -29,6 +29,7 @@ chaotic structure the earliest rounding errors grow longest: without these steps
 400-bit reference by 5e-6 at the end of the file, with them by 1e-7."""
 FARTHEST = 1e4  # m; a structure that moves farther diverges
 CHUNK = 4096  # steps between two looks at a run
+_BLIND = 16  # the same while a kink is exactly zero and therefore not watched
 _PATIENCE = 4_000_000  # steps times masses between two output samples before a run counts as hopeless
 _CROWD = 1000  # that many kinks ...
 _MOMENT = 1e-6  # ... within this part of the run are chatter
@@ -83,7 +84,7 @@ class _Run:
         self.kinks: list[float] = []
         self.waypoints: list[float] = []
         self.next = 0  # the first output time that has not been reached
-        self.held = np.empty((min(len(times), 2 * BLOCK), 2 * course.structure.size))
+        self.held = np.empty((min(len(times), 2 * course.block), 2 * course.structure.size))
         self.count = 0
         self.over = False
 
@@ -124,7 +125,7 @@ class _Run:
             gone = advance(
                 self.integrator,
                 np.concatenate([[began], wanted, [end]]).astype(state.dtype),
-                most_steps=self.extended_steps - self.steps if self.early else CHUNK,
+                most_steps=self.patience(),
                 longest_step=self.manner.longest_step,
                 log=self.manner.log,
             )
@@ -143,10 +144,22 @@ class _Run:
             if self.early:
                 early, self.integrator, self.early = self.integrator, self.equations.double, False
                 self.place(self.integrator, float(early.time), early.state)
+            if self.muted():
+                self.settle(end)
             seen = np.vstack([gone.states, self.integrator.state]).astype(float) * SCALE
             self.look(np.full(len(seen), float(self.integrator.time)), seen)
             if fruitless > _PATIENCE // self.course.structure.size + 2 * CHUNK:
                 self.refuse_hopeless(fruitless)
+
+    def patience(self) -> int:
+        """How many steps to take before looking where the run stands."""
+        if self.early:
+            return self.extended_steps - self.steps
+        return _BLIND if self.muted() else CHUNK
+
+    def muted(self) -> bool:
+        """Whether a kink is exactly zero and not watched; only symmetry or rest keeps it there."""
+        return bool(self.equations.kinks) and bool(self.integrator.pars[self.equations.layout.muted].any())
 
     def before_waypoint(self) -> int:
         """The number of the first output time behind the place where the run it repeats was interrupted next."""
@@ -157,8 +170,9 @@ class _Run:
 
     def keep(self, states: NDArray[Any]) -> None:
         """Take the states at the next output times, and hand over what has been taken when it is a block."""
-        for first in range(0, len(states), BLOCK):
-            block = states[first : first + BLOCK]
+        size = self.course.block
+        for first in range(0, len(states), size):
+            block = states[first : first + size]
             if self.count + len(block) > len(self.held):
                 self.hand_over()
             place = self.held[self.count : self.count + len(block)]
@@ -196,8 +210,6 @@ class _Run:
         self.keep(gone.states[1 : 1 + len(passed)])
         self.integrator.pars[:], self.integrator.state[:] = blind.pars, blind.state
         self.integrator.time = settled.moment
-        if self.integrator.with_events:
-            self.integrator.reset_cooldowns()
 
     def bend(self, end: float) -> None:
         """Pass a kink: go on on the other branch."""
