@@ -20,7 +20,7 @@ FLOORS = {  # from the ground up; a module may import from its own floor and tho
     "views": "noise smooth derive library equations window weakform atoms noisebias weaknoise motion weak",
     "estimators": """sparse weakfit likelihood linkmotion link_estimate findings table estimate
         weakestimate classical""",
-    "questions": "identify discover validate absorb",
+    "questions": "identify discover validate absorb bound limit",
     "campaigns": "study",
     "pictures": "plot report answer",
     "doors": "cli linkwise",

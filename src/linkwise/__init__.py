@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from linkwise.answer import result_of, write_result
+    from linkwise.bound import Limit
     from linkwise.chains import bnes_chain
     from linkwise.equilibria import Equilibrium, equilibria
     from linkwise.errors import (
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from linkwise.files import read_record, write_record
     from linkwise.identify import identify
     from linkwise.law import Law
+    from linkwise.likelihood.loss import Gaussian, Huber, Student
+    from linkwise.limit import limit
     from linkwise.modes import modes
     from linkwise.record import Record
     from linkwise.simulate import simulate
@@ -45,10 +48,13 @@ __all__ = [
     "Equilibrium",
     "Estimate",
     "Excitation",
+    "Gaussian",
+    "Huber",
     "IdentificationError",
     "Impulse",
     "Law",
     "LawError",
+    "Limit",
     "Link",
     "LinkwiseError",
     "Mass",
@@ -58,12 +64,14 @@ __all__ = [
     "SimulationError",
     "Structure",
     "StructureError",
+    "Student",
     "TimeFunction",
     "barrier",
     "bnes_chain",
     "equilibria",
     "format_structure",
     "identify",
+    "limit",
     "modes",
     "nmse",
     "parse_structure",
@@ -80,6 +88,7 @@ __all__ = [
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
     "answer": ("result_of", "write_result"),
+    "bound": ("Limit",),
     "chains": ("bnes_chain",),
     "equilibria": ("Equilibrium", "equilibria"),
     "errors": (
@@ -95,6 +104,8 @@ _HOMES = {
     "files": ("read_record", "write_record"),
     "identify": ("identify",),
     "law": ("Law",),
+    "likelihood.loss": ("Gaussian", "Huber", "Student"),
+    "limit": ("limit",),
     "modes": ("modes",),
     "record": ("Record",),
     "simulate": ("simulate",),

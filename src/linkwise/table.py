@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from math import floor, isfinite, log10
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from linkwise.estimate import Estimate
     from linkwise.link_estimate import CoefficientEstimate, Derived, LinkEstimate
 
-_MANY = 12  # channels or links beyond which a table shows the extremes only
+_MANY = 12  # channels or links that are shown
+_WIDTH = 100  # at which sentences are broken
 
 
 def text_table(estimate: Estimate) -> str:
@@ -17,13 +19,15 @@ def text_table(estimate: Estimate) -> str:
     blocks = [_verdict(estimate), _noise(estimate)]
     unknown = [mass for mass in estimate.masses if not mass.known]
     if unknown:
-        blocks.append("\n".join(_columns([_row(mass, mass.name) for mass in unknown])))
+        blocks.append("\n".join(columns([_row(mass, mass.name) for mass in unknown])))
     shown = [link for link in estimate.links if link.free]
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:
         blocks.append(f"... and {len(shown) - _MANY} more links; every one stands in the result folder")
     if estimate.findings:
-        blocks.append("\n".join(f"! {finding}" for finding in estimate.findings))
+        blocks.append(
+            "\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in estimate.findings)
+        )
     return "\n\n".join(blocks)
 
 
@@ -35,11 +39,19 @@ def number(value: float, error: float | None = None) -> str:
         return f"{value:.6g}"
     last = floor(log10(error)) - 1
     if last >= 0 and abs(value) < 1e7:
-        return f"{value:.0f}"
+        return f"{round(value / 10.0**last) * 10.0**last:.0f}"
     if -7 <= last < 0 and abs(value) >= 1e-3:
         return f"{value:.{-last}f}"
     digits = floor(log10(abs(value))) - last if value else 0
     return f"{value:.{max(digits, 1)}e}"
+
+
+def _error(value: float) -> str:
+    """A standard error to two digits."""
+    if not 1e-4 <= value < 1e7:
+        return f"{value:.1e}"
+    last = floor(log10(value)) - 1
+    return f"{value:.{-last}f}" if last < 0 else number(value, value)
 
 
 def _verdict(estimate: Estimate) -> str:
@@ -48,7 +60,8 @@ def _verdict(estimate: Estimate) -> str:
         "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     )
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
-    return f"{head}\n{estimate.message} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
+    told = f"{estimate.message} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
+    return f"{head}\n{fill(told, _WIDTH)}"
 
 
 def _noise(estimate: Estimate) -> str:
@@ -61,7 +74,7 @@ def _noise(estimate: Estimate) -> str:
         )
         for name, each in found[:_MANY]
     ]
-    lines = _columns([("noise", "deviation", "signal/noise"), *rows])
+    lines = columns([("noise", "deviation", "signal/noise"), *rows])
     if len(found) > _MANY:
         lines.append(f"... and {len(found) - _MANY} more channels")
     return "\n".join(lines)
@@ -76,7 +89,7 @@ def _link(link: LinkEstimate) -> str:
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
     seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
     return "\n".join(
-        [head, *_columns([("", "value", "std. error", "95 % interval", "unit"), *rows]), f"  {seen}"]
+        [head, *columns([("", "value", "std. error", "95 % interval", "unit"), *rows]), f"  {seen}"]
     )
 
 
@@ -86,12 +99,12 @@ def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
     if each.standard_error is None:
         return label, number(each.value), "none", "", each.unit
     if each.interval is None:
-        return label, number(each.value, each.standard_error), f"{each.standard_error:.2g}", "none", each.unit
+        return label, number(each.value, each.standard_error), _error(each.standard_error), "none", each.unit
     low, high = (number(end, each.standard_error) for end in each.interval)
     return (
         label,
         number(each.value, each.standard_error),
-        f"{each.standard_error:.2g}",
+        _error(each.standard_error),
         f"{low} to {high}",
         each.unit,
     )
@@ -105,7 +118,7 @@ def _derived(each: Derived, label: str) -> tuple[str, ...]:
     return label, number(each.value, error), "", f"{low} to {high}", each.unit
 
 
-def _columns(rows: list[tuple[str, ...]]) -> list[str]:
+def columns(rows: list[tuple[str, ...]]) -> list[str]:
     """Rows in columns: the first and the last to the left, the others to the right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = []

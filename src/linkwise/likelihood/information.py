@@ -1,0 +1,107 @@
+"""Fisher information of theta in segments with free starts: what any estimate that does not look beyond a segment can know.
+
+The full-record bound is useless for a chaotic structure, whose sensitivities of 1e20 make it collapse; segments of a quarter
+of a second with free states are not (METHODS section 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.likelihood.flow import flow, tangents
+from linkwise.likelihood.segments import A, Point, Scales, Segments, V, X
+
+Array = NDArray[np.float64]
+
+_NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
+_BLIND = 1e-9  # of what would be known beside known states: below it single-precision tangents say nothing
+_SEEN_TOGETHER = 1e-3  # share of a combination in blind directions that makes it blind
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """`fisher` (p, p) with the starts of all segments unknown, `beside` (p,) its diagonal if they were known."""
+
+    fisher: Array
+    beside: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Precision:
+    """How well p parameters are told: covariance = `root` root', over what is told at all.
+
+    `blind` (p, b) holds orthonormal directions of `scale` * theta that leave no trace in the sensors.
+    """
+
+    root: Array
+    blind: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, information: Information) -> Precision:
+        """From the eigenvalues of the information, each parameter in units of what would be known of it alone."""
+        scale = np.sqrt(np.where(information.beside > 0.0, information.beside, 1.0))
+        values, vectors = np.linalg.eigh(information.fisher / np.outer(scale, scale))
+        told = values > _BLIND
+        return cls(vectors[:, told] / np.sqrt(values[told]) / scale[:, None], vectors[:, ~told], scale)
+
+    def variance(self, gradient: Array) -> Array:
+        """(...) of gradient (..., p) times theta; infinite where blind directions have a part in it."""
+        scaled = gradient / self.scale
+        lost = np.linalg.norm(scaled @ self.blind, axis=-1)
+        variance = np.sum((gradient @ self.root) ** 2, axis=-1)
+        return np.where(lost > _SEEN_TOGETHER * np.linalg.norm(scaled, axis=-1), np.inf, variance)
+
+    @property
+    def confused(self) -> tuple[NDArray[np.intp], ...]:
+        """For each blind direction the parameters with a part in it: seen only together, or, where it is one, not at all."""
+        return tuple(np.flatnonzero(np.abs(direction) > 0.05) for direction in self.blind.T)
+
+
+def information(segments: Segments, point: Point, scales: Scales) -> Information:
+    """What `segments` (one step of the flow a sample) tell of theta at the truth, `point`, whatever their starts.
+
+    The sensitivities of a segment are reduced by QR, not by normal equations, so that what states explain is taken off
+    without losing digits; order 4 in the step, as the tangents are.
+    """
+    p, m = segments.system.parameters.size, len(scales.state)
+    per_segment = segments.seen[..., 0].size * (m + p)
+    size = max(1, _NUMBERS // per_segment)
+    fisher, beside = np.zeros((p, p)), np.zeros(p)
+    for first in range(0, segments.count, size):
+        rows = _sensitivities(segments, point, scales, slice(first, min(first + size, segments.count)))
+        triangle = np.linalg.qr(rows, mode="r")
+        left = triangle[:, m:, m:].reshape(-1, p)
+        fisher += left.T @ left
+        beside += np.sum(triangle[..., m:] ** 2, axis=(0, 1))
+    unit = scales.theta
+    return Information(fisher / np.outer(unit, unit), beside / unit**2)
+
+
+def _sensitivities(segments: Segments, point: Point, scales: Scales, part: slice) -> Array:
+    """(k, rows, 2n + p) of all samples that are seen, in noise deviations, by scaled states and theta."""
+    blocks = list(_samples(segments, point, scales, part))
+    return np.concatenate(blocks, axis=1)
+
+
+def _samples(segments: Segments, point: Point, scales: Scales, part: slice) -> Iterator[Array]:
+    """(k, C, 2n + p) sample by sample."""
+    mechanics, step = segments.system.at(point.theta), segments.step[part]
+    orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, segments.inputs.part(part))
+    seen, sensors = segments.seen[..., part], segments.sensors
+    rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2}
+    for sample, (state, acceleration) in enumerate(
+        tangents(mechanics, orbit, step, scales.state, scales.theta)
+    ):
+        if acceleration is None or not seen[sample].any():
+            continue
+        motion = {X: state[0], V: state[1], A: acceleration}
+        rows = np.empty((len(step), len(sensors.kind), state.shape[2]))
+        for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
+            weight = seen[sample, channel] * rates[kind] / scales.sigma[channel]
+            rows[:, channel] = (motion[kind][mass] * weight).T
+        yield rows

@@ -1,0 +1,237 @@
+"""The bound of a planned test: equal to a dense Fisher matrix, scaling as information does, silent about nothing."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import linkwise as lw
+from linkwise.output import to_json
+
+RELEASE = {"v:m1": 1.0}
+SHORT = {"duration": 0.1, "rate": 500.0, "segment": 0.05, "release": RELEASE}  # two segments of 25 samples
+
+
+def two_springs() -> lw.Structure:
+    """One mass on two springs to the ground: a displacement sensor sees only their sum."""
+    links = [
+        lw.Link(name, ("m1", "ground"), lw.Law.parse(law), {key: lw.Coefficient.number(value)})
+        for name, law, key, value in (
+            ("one", "k*d", "k", 100.0),
+            ("two", "k*d", "k", 50.0),
+            ("damper", "c*v", "c", 0.1),
+        )
+    ]
+    return lw.Structure("two springs", (lw.Mass("m1", lw.Coefficient.number(1.0)),), tuple(links))
+
+
+def motion(structure: lw.Structure, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(N, 2n) states from `start` at times[0], by an integrator that the bound does not use."""
+    n, incidence = structure.size, structure.incidence.toarray()
+
+    def rates(_: float, state: np.ndarray) -> np.ndarray:
+        d, v = incidence.T @ state[:n], incidence.T @ state[n:]
+        forces = np.array([link.force(d[i], v[i]) for i, link in enumerate(structure.links)])
+        return np.concatenate([state[n:], -incidence @ forces / structure.mass_values])
+
+    found = solve_ivp(
+        rates, (times[0], times[-1]), start, method="DOP853", t_eval=times, rtol=1e-11, atol=1e-13
+    )
+    return found.y.T
+
+
+def dense_covariance(structure: lw.Structure, found: lw.Limit, sensor: int) -> np.ndarray:
+    """(p, p) from the whole Fisher matrix of theta and all starts, by central differences of the samples."""
+    truth, names = found.record.simulated, [p.name for p in found.parameters]
+    assert truth is not None
+    n, samples = structure.size, round(found.segment * found.record.rate)
+    columns = slice(0, n) if sensor == 0 else slice(n, 2 * n)
+    sigma = np.array(list(found.noise.values()))
+    states = np.hstack([truth.displacement, truth.velocity])
+    starts = range(0, len(states), samples)
+    p = len(names)
+    fisher = np.zeros((p + 2 * n * len(starts),) * 2)
+    for number, first in enumerate(starts):
+        times = found.record.time[first : first + samples]
+        if len(times) < 2:
+            continue
+        rows = []
+        for name, value in zip(names, found.values, strict=True):
+            sides = [
+                motion(structure.with_values({name: value * (1.0 + side * 1e-4)}), states[first], times)
+                for side in (1, -1)
+            ]
+            rows.append((sides[0] - sides[1])[:, columns] / (2e-4 * value) / sigma)
+        for i in range(2 * n):
+            step = np.zeros(2 * n)
+            step[i] = 1e-5 * np.abs(states[:, i]).max()
+            sides = [motion(structure, states[first] + side * step, times) for side in (1.0, -1.0)]
+            rows.append((sides[0] - sides[1])[:, columns] / (2.0 * step[i]) / sigma)
+        jacobian = np.array([row.ravel() for row in rows]).T
+        where = [*range(p), *range(p + 2 * n * number, p + 2 * n * (number + 1))]
+        fisher[np.ix_(where, where)] += jacobian.T @ jacobian
+    told = np.flatnonzero(fisher.diagonal() > 0.0)
+    scale = np.sqrt(fisher.diagonal()[told])
+    inverse = np.linalg.inv(fisher[np.ix_(told, told)] / np.outer(scale, scale)) / np.outer(scale, scale)
+    return inverse[:p, :p]
+
+
+@pytest.mark.parametrize("kind", ["x", "v"])
+def test_equals_the_dense_fisher_matrix(chain: lw.Structure, kind: str) -> None:
+    found = lw.limit(chain, sensors=(kind,), noise=20.0, **SHORT)
+    dense = dense_covariance(chain, found, "xv".index(kind))
+    scale = found.standard_errors
+    # tangents of order 4 that turn 1/4 at most a step, over 25 samples
+    np.testing.assert_allclose(
+        found.covariance / np.outer(scale, scale), dense / np.outer(scale, scale), atol=2e-3
+    )
+
+
+def test_the_dense_comparison_can_fail(chain: lw.Structure) -> None:
+    found = lw.limit(chain, sensors=("x",), noise=20.0, **SHORT)
+    other = lw.limit(chain, sensors=("x",), noise=19.0, **SHORT)
+    dense = dense_covariance(chain, found, 0)
+    assert np.abs(other.covariance / dense - 1.0).max() > 0.1
+
+
+def test_scales_with_the_noise_and_with_the_samples(chain: lw.Structure) -> None:
+    plan = {"duration": 1.0, "release": RELEASE, "segment": 0.25}
+    one = lw.limit(chain, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-3}, **plan)
+    louder = lw.limit(chain, rate=1000.0, noise={"x:m1": 2e-4, "x:m2": 2e-3}, **plan)
+    np.testing.assert_allclose(louder.covariance, 4.0 * one.covariance, rtol=1e-8)  # same numerics
+    denser = lw.limit(chain, rate=4000.0, noise=dict(one.noise), **plan)
+    # four times the samples of the same motion; the ends of 250 samples shift by less than one of them
+    np.testing.assert_allclose(4.0 * np.diag(denser.covariance), np.diag(one.covariance), rtol=4.0 / 250.0)
+
+
+def test_the_papers_chain_has_the_bound_of_methods(chain: lw.Structure) -> None:
+    """METHODS section 5: 8.8e-4 % for the worst link; where segments begin and end moves it by a quarter."""
+    found = lw.limit(chain, duration=6.0, rate=1000.0, noise=20.0, release=RELEASE)
+    assert max(link.nmse for link in found.links) == pytest.approx(8.8e-4, rel=0.25)
+    sink = found.link("nes1")
+    assert [well.value for well in sink.estimate.wells] == pytest.approx([-0.01, 0.01], rel=1e-9)
+    assert sink.estimate.barrier is not None and sink.estimate.barrier.interval is not None
+    error = found.coefficient("nes1.alpha").standard_error
+    assert error == pytest.approx(float(np.sqrt(found.covariance[2, 2])), rel=1e-12)
+
+
+def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> None:
+    found = lw.limit(chain, duration=1.0, rate=1000.0, noise=20.0, release=RELEASE, unknown=("nes",))
+    assert [p.name for p in found.parameters] == ["nes1.alpha", "nes1.beta", "nes1.c"]
+    d = np.array([0.0, 0.01, 0.03])
+    gradient = np.stack([d, d**3], axis=1)
+    expected = np.sqrt(np.einsum("ni,ij,nj->n", gradient, found.covariance[:2, :2], gradient))
+    np.testing.assert_allclose(found.force_deviation("nes1", d), expected, rtol=1e-12)
+    np.testing.assert_array_equal(found.force_deviation("spring1", d), 0.0)  # it is known
+
+
+def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
+    """A blow at the start is a release: the same motion, the same bound."""
+    blow = (lw.Impulse("m1", 1.0, 0.0),)
+    plan = {"duration": 1.0, "rate": 1000.0, "noise": {"x:m1": 1e-4, "x:m2": 1e-3}}
+    struck = lw.limit(chain, impulses=blow, **plan)
+    released = lw.limit(chain, release=RELEASE, **plan)
+    np.testing.assert_allclose(
+        struck.standard_errors, released.standard_errors, rtol=0.02
+    )  # one sample of 250
+    again = lw.limit(chain, release=RELEASE, impulses=(lw.Impulse("m1", 1.0, 0.6),), **plan)
+    late = again.record.simulated
+    assert late is not None and np.isfinite(again.standard_errors).all()
+    assert again.coefficient("spring1.k").standard_error < released.coefficient("spring1.k").standard_error
+
+
+def test_forces_and_the_base_drive_it() -> None:
+    links = (
+        lw.Link(
+            "mount",
+            ("m1", "base"),
+            lw.Law.parse("k*d + c*v"),
+            {"k": lw.Coefficient.number(400.0), "c": lw.Coefficient.number(2.0)},
+        ),
+    )
+    mounted = lw.Structure("mounted", (lw.Mass("m1", lw.Coefficient.number(1.0)),), links)
+    plan = {"duration": 2.0, "rate": 200.0, "noise": {"x:m1": 1e-4}}
+    small = lw.limit(mounted, base="0.001*sin(15*t)", **plan)
+    large = lw.limit(mounted, base="0.002*sin(15*t)", **plan)
+    # twice the motion of a linear structure, twice the slopes: same numerics but single precision
+    np.testing.assert_allclose(large.standard_errors, 0.5 * small.standard_errors, rtol=1e-4)
+    pushed = lw.limit(mounted, base="0", forces={"m1": "sin(15*t)"}, unknown=("mount", "mass:m1"), **plan)
+    assert np.isfinite(pushed.standard_errors).all()
+    free = lw.limit(mounted, base="0", release={"x:m1": 0.01}, unknown=("mount", "mass:m1"), **plan)
+    assert "seen only together" in free.findings[0] and "m1.mass" in free.findings[0]
+    assert np.isinf(free.coefficient("m1.mass").standard_error)
+
+
+def test_what_sensors_cannot_tell_is_said() -> None:
+    found = lw.limit(two_springs(), duration=2.0, rate=200.0, noise=30.0, release={"x:m1": 0.01})
+    assert np.isinf(found.standard_errors).tolist() == [True, True, False]
+    assert found.coefficient("one.k").interval is None
+    assert np.isinf(found.link("one").nmse) and found.link("one").estimate.covariance is None
+    assert found.findings == (
+        "one.k and two.k are seen only together: these sensors cannot tell one from the other. Give one of them as known, or "
+        "add a sensor or a force that moves them differently.",
+    )
+    table = str(found)
+    assert "cannot be told" in table and f"! {found.findings[0]}" in table
+    told = json.loads(to_json(found.to_dict()))
+    assert told["coefficients"]["one.k"]["standard_error"] is None
+    assert told["links"]["damper"]["force_error"] == 0.0  # it has no force at rest
+
+
+def test_a_link_that_never_moves_leaves_no_trace(chain: lw.Structure) -> None:
+    still = lw.limit(
+        chain, duration=0.5, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-4}, release={"v:m1": 0.0}
+    )
+    assert np.isinf(still.standard_errors).all()
+    assert "spring1.c leaves no trace in these sensors: this test cannot tell it at all." in still.findings
+
+
+def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure) -> None:
+    started = lw.parse_structure(
+        lw.format_structure(chain).replace("alpha = -100.0", "alpha = { start = -100.0 }"), "chain.toml"
+    )
+    found = lw.limit(started, duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
+    assert [p.name for p in found.parameters] == ["nes1.alpha"]
+    alone = lw.limit(chain, unknown=("nes1.alpha",), duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
+    assert found.standard_errors == pytest.approx(alone.standard_errors, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"noise": {"x:m1": 1e-4}}, "x:m2 is missing"),
+        ({"noise": {"x:m1": 1e-4, "x:m2": 1e-4, "x:m3": 1.0}}, "x:m3 is no sensor of this test"),
+        ({"noise": {"x:m1": 1e-4, "x:m2": 0.0}}, "the noise of x:m2 is 0.0; it is a number above 0"),
+        ({"noise": float("nan")}, "nan dB cannot be"),
+        ({"release": {"v:m1": 0.0}}, "x:m1 does not move in this test"),
+        ({"segment": 0.002}, "no more than the 4 states at its start"),
+    ],
+)
+def test_refuses_what_cannot_be_planned(
+    chain: lw.Structure, changes: dict[str, object], message: str
+) -> None:
+    plan = {"duration": 0.5, "rate": 1000.0, "noise": 20.0, "release": RELEASE}
+    with pytest.raises(lw.IdentificationError, match=message):
+        lw.limit(chain, **{**plan, **changes})
+
+
+def test_needs_numbers_to_plan_around(chain: lw.Structure) -> None:
+    with pytest.raises(
+        lw.IdentificationError, match=r"nes1\.alpha, nes1\.beta, nes1\.c has none: write a number"
+    ):
+        lw.limit(chain.unknown("nes"), duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
+
+
+def test_asks_for_a_name_that_is_there(chain: lw.Structure) -> None:
+    found = lw.limit(chain, noise=20.0, unknown=("nes1.alpha",), **SHORT)
+    with pytest.raises(
+        lw.IdentificationError, match=r'"nes1\.gamma" is no unknown of this test; they are nes1\.alpha'
+    ):
+        found.coefficient("nes1.gamma")
+    with pytest.raises(
+        lw.IdentificationError, match='nothing is unknown in a link "spring1" of this test; there are nes1'
+    ):
+        found.link("spring1")
