@@ -29,7 +29,9 @@ chaotic structure the earliest rounding errors grow longest: without these steps
 400-bit reference by 5e-6 at the end of the file, with them by 1e-7."""
 FARTHEST = 1e4  # m; a structure that moves farther diverges
 CHUNK = 4096  # steps between two looks at a run
-_BLIND = 16  # the same while a kink is exactly zero and therefore not watched
+_BLIND = (
+    1  # the same while a kink is exactly zero and therefore not watched: within a step it stays near zero
+)
 _PATIENCE = 4_000_000  # steps times masses between two output samples before a run counts as hopeless
 _CROWD = 1000  # that many kinks ...
 _MOMENT = 1e-6  # ... within this part of the run are chatter
@@ -144,6 +146,8 @@ class _Run:
             if self.early:
                 early, self.integrator, self.early = self.integrator, self.equations.double, False
                 self.place(self.integrator, float(early.time), early.state)
+            if self.integrator.time >= end:
+                return
             if self.muted():
                 self.settle(end)
             seen = np.vstack([gone.states, self.integrator.state]).astype(float) * SCALE
@@ -154,7 +158,7 @@ class _Run:
     def patience(self) -> int:
         """How many steps to take before looking where the run stands."""
         if self.early:
-            return self.extended_steps - self.steps
+            return max(self.extended_steps - self.steps, 1)  # 0 would be without end
         return _BLIND if self.muted() else CHUNK
 
     def muted(self) -> bool:
