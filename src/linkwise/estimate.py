@@ -110,7 +110,9 @@ class Estimate:
             f"{name} was stopped by its bound and has no interval; widen the bound if it is not physical."
             for name in stopped
         )
-        return (*self.remarks, *bounds, *(line for link in self.links for line in link_findings(link)))
+        d, v = self.motion.d, self.motion.v
+        told = (line for i, link in enumerate(self.links) for line in link_findings(link, d[:, i], v[:, i]))
+        return (*self.remarks, *bounds, *told)
 
     def coefficient(self, name: str) -> CoefficientEstimate:
         """The coefficient "nes1.alpha" or the mass "m1.mass"; StructureError lists the names there are."""

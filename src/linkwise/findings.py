@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-from linkwise.link_estimate import LinkEstimate
+from linkwise.link_estimate import NORMAL_95, LinkEstimate
+
+Floats = NDArray[np.float64]
 
 _TOGETHER = 0.995  # correlation beyond which two coefficients are one piece of knowledge
 
 
-def link_findings(found: LinkEstimate) -> Iterator[str]:
-    """Sentences on one identified link."""
+def link_findings(found: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
+    """Sentences on one identified link that moved through elongations `d` in m at rates `v` in m/s, both (R,)."""
     yield from _unvisited(found)
     yield from _together(found)
     yield from _nothing(found)
+    yield from _feeding(found, d, v)
 
 
 def _unvisited(found: LinkEstimate) -> Iterator[str]:
@@ -27,6 +31,12 @@ def _unvisited(found: LinkEstimate) -> Iterator[str]:
         yield (
             f"{found.link.name} never left the well at {inside[0]:+.4g} m (d from {low:.4g} to {high:.4g} m): its barrier and "
             "its other wells are extrapolated. Hit it harder."
+        )
+    elif 1 < len(inside) < len(found.wells):
+        missed = ", ".join(f"{well.value:+.4g} m" for well in found.wells if not low <= well.value <= high)
+        yield (
+            f"{found.link.name} never reached the well at {missed} (d from {low:.4g} to {high:.4g} m): what is said of it is "
+            "extrapolated."
         )
     elif not inside:
         yield (
@@ -54,3 +64,23 @@ def _nothing(found: LinkEstimate) -> Iterator[str]:
         if each.interval is not None and each.interval[0] < 0.0 < each.interval[1]:
             error = each.standard_error or 0.0
             yield f"{each.name} cannot be told from zero: {each.value:.3g} within ±{error:.2g} {each.unit}."
+
+
+def _feeding(found: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
+    """A link that gives energy to the motion beyond doubt: no spring or damper does."""
+    if found.covariance is None:
+        return
+    moving, resting = (found.link.law.partials(d, rate, found.link.values) for rate in (v, np.zeros_like(v)))
+    power = float(np.nanmean((moving.force - resting.force) * v))
+    slopes = np.array(
+        [
+            np.nanmean((moving.by_coefficient[name] - resting.by_coefficient[name]) * v)
+            for name in found.free
+        ]
+    )
+    deviation = float(np.sqrt(max(float(slopes @ found.covariance @ slopes), 0.0)))
+    if power < -NORMAL_95 * deviation and deviation > 0.0:
+        yield (
+            f"{found.link.name} gives energy to the motion, {-power:.3g} W on average: no damper does. A force that is not in "
+            "the record would look like that."
+        )

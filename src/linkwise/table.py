@@ -39,19 +39,19 @@ def number(value: float, error: float | None = None) -> str:
         return f"{value:.6g}"
     last = floor(log10(error)) - 1
     if last >= 0 and abs(value) < 1e7:
-        return f"{round(value / 10.0**last) * 10.0**last:.0f}"
+        return f"{value:.0f}"
     if -7 <= last < 0 and abs(value) >= 1e-3:
         return f"{value:.{-last}f}"
     digits = floor(log10(abs(value))) - last if value else 0
     return f"{value:.{max(digits, 1)}e}"
 
 
-def _error(value: float) -> str:
+def error_number(value: float) -> str:
     """A standard error to two digits."""
     if not 1e-4 <= value < 1e7:
         return f"{value:.1e}"
     last = floor(log10(value)) - 1
-    return f"{value:.{-last}f}" if last < 0 else number(value, value)
+    return f"{value:.{-last}f}" if last < 0 else f"{round(value / 10.0**last) * 10.0**last:.0f}"
 
 
 def _verdict(estimate: Estimate) -> str:
@@ -99,12 +99,12 @@ def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
     if each.standard_error is None:
         return label, number(each.value), "none", "", each.unit
     if each.interval is None:
-        return label, number(each.value, each.standard_error), _error(each.standard_error), "none", each.unit
+        return label, number(each.value, each.standard_error), error_number(each.standard_error), "none", each.unit
     low, high = (number(end, each.standard_error) for end in each.interval)
     return (
         label,
         number(each.value, each.standard_error),
-        _error(each.standard_error),
+        error_number(each.standard_error),
         f"{low} to {high}",
         each.unit,
     )

@@ -95,8 +95,8 @@ def weak_search(
 
 
 _UNSETTLED = (
-    f"The search for the coefficients that enter a law nonlinearly did not settle in {_STEPS} steps; start it nearer, or bound "
-    "them."
+    f"The search for the coefficients that enter a law nonlinearly did not settle in {_STEPS} steps; start it nearer, or "
+    "bound them."
 )
 
 
@@ -112,13 +112,13 @@ def _nonlinear(structure: Structure) -> set[str]:
 def _judged(
     record: Record, identified: Structure, equations: WeakEquations, fit: WeakFit
 ) -> tuple[str, str]:
-    lowest, highest = _limits(sum(_windows(equations)))
+    lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
         larger = ", or larger than stated" if record.noise else ""
         share = _model_error(identified, equations, fit)
         return CHI_SQUARE_OFF, (
-            f"The laws explain the record to within {100.0 * share:.2g} % of its forces, which is {times} what noise "
+            f"The laws explain the record to within {100.0 * share:.3g} % of its forces, which is {times} what noise "
             "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
             f"record, or the noise is not white{larger}. The values are the best of these laws."
         )
@@ -137,18 +137,14 @@ def _limits(windows: float) -> tuple[float, float]:
     return min(low, 1.0 / _LARGEST_EXCESS), max(high, _LARGEST_EXCESS)
 
 
-def _windows(equations: WeakEquations) -> Iterator[float]:
-    for each in equations.masses:
-        yield float(len(equations.time) if each.valid is None else each.valid.sum())
-
-
 def _model_error(identified: Structure, equations: WeakEquations, fit: WeakFit) -> float:
     """Root mean square of the residuals less their noise, over that of the force on the mass; of the worst mass."""
     residual = weak_residual(equations, fit.values)
     forces = equations.acceleration.T * identified.mass_values
     shares = [
-        np.sqrt(np.nanmean(residual[:, each.mass] ** 2) / np.mean(forces[:, each.mass] ** 2))
-        for each in equations.masses
+        np.sqrt(np.nanmean(residual[:, mass] ** 2) / np.mean(forces[:, mass] ** 2))
+        for patch in equations.patches
+        for mass in patch.masses
     ]
     return float(max(shares) * np.sqrt(1.0 - 1.0 / fit.excess))
 
@@ -156,7 +152,7 @@ def _model_error(identified: Structure, equations: WeakEquations, fit: WeakFit) 
 def _visited(identified: Structure, motion: SeenMotion, equations: WeakEquations) -> Floats:
     """(L, 2) m, from the samples: windows would cut the peaks."""
     x = motion.x if motion.missing is None else np.where(motion.missing, np.nan, motion.x)
-    deviation = np.sqrt(equations.variances[equations.ends].sum(axis=1))
+    deviation = np.sqrt(motion.doubt[equations.ends].sum(axis=1))
     return extremes(identified.elongations(x.T, motion.base), deviation)
 
 

@@ -18,7 +18,7 @@ from linkwise.plot.force_view import force_view
 from linkwise.plot.page import force_page, histories_page
 from linkwise.structure import Structure
 from linkwise.structure_file import format_structure
-from linkwise.table import number
+from linkwise.table import error_number, number
 
 _TEMPLATES = Environment(
     loader=PackageLoader("linkwise", "report"),
@@ -120,7 +120,7 @@ def _row(found: CoefficientEstimate, true: float | None) -> Row:
         name=found.name,
         value=number(found.value, error),
         unit=found.unit,
-        error="" if error is None else f"{error:.2g}",
+        error="" if error is None else error_number(error),
         interval="" if found.interval is None else " … ".join(number(end, error) for end in found.interval),
         known=found.known,
         true="" if true is None else number(true),
