@@ -222,8 +222,8 @@ def _table(limit: Limit) -> str:
     """The whole answer as text."""
     head = (
         f"{limit.structure.name or 'structure'}: the best that this test can tell\n"
-        f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, looked at in segments of "
-        f"{limit.segment:g} s with free starts; a fit that links segments may come out somewhat better."
+        f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, in segments of "
+        f"{limit.segment:g} s with free starts;\na fit that links segments may come out somewhat better."
     )
     noise = [("noise", "deviation"), *((name, _noise_text(limit, name)) for name in limit.noise)]
     title = ("coefficient", "value", "std. error", "relative", "smallest seen", "unit")
