@@ -49,10 +49,10 @@ class Course:
         masses, links = cast(tuple[int, tuple[tuple[int, int, Expression], ...]], self.structure.shape_key)
         return Shape(masses, links, inputs)
 
-    @property
+    @cached_property
     def block(self) -> int:
         """Output samples between two stops."""
-        return int(np.clip(_HELD // self.structure.size, 64, BLOCK))
+        return min(max(_HELD // self.structure.size, 64), BLOCK)
 
     @cached_property
     def stops(self) -> Floats:

@@ -196,9 +196,9 @@ class _Run:
 
     def look(self, times: Floats, states: Floats) -> None:
         """Refuse a motion that has gone too far."""
-        far = np.abs(states[:, : self.course.structure.size]).max(axis=1) > FARTHEST
-        if far.any():
-            row = int(np.argmax(far))
+        x = states[:, : self.course.structure.size]
+        if x.max() > FARTHEST or x.min() < -FARTHEST:
+            row = int(np.argmax(np.abs(x).max(axis=1) > FARTHEST))
             self.refuse_far(float(times[row]), states[row])
 
     def settle(self, end: float) -> None:
