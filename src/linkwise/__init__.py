@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
     from linkwise.chains import bnes_chain
+    from linkwise.classical import Classical
+    from linkwise.derive import differentiate
+    from linkwise.describing import Equivalent, equivalent
     from linkwise.equilibria import Equilibrium, equilibria
     from linkwise.errors import (
         IdentificationError,
@@ -29,14 +32,20 @@ if TYPE_CHECKING:
     from linkwise.files import read_record, write_record
     from linkwise.identify import identify
     from linkwise.law import Law
+    from linkwise.lawpath import LawStep, law_path
+    from linkwise.library import link_columns, monomial_equations
     from linkwise.likelihood.loss import Gaussian, Huber, Student
+    from linkwise.likelihood.profile import profile_interval
     from linkwise.limit import limit
     from linkwise.modes import modes
     from linkwise.record import Record
     from linkwise.simulate import simulate
+    from linkwise.sparse.l1 import L1
+    from linkwise.sparse.least_squares import LeastSquares
+    from linkwise.sparse.stlsq import Stlsq
     from linkwise.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.structure_file import format_structure, parse_structure, read_structure, write_structure
-    from linkwise.validate import nmse
+    from linkwise.validate import FreeRun, free_run, nmse
     from linkwise.wells import barrier, wells
 
 __version__ = "0.1.0"
@@ -44,16 +53,22 @@ __version__ = "0.1.0"
 __all__ = [
     "BASE",
     "GROUND",
+    "L1",
+    "Classical",
     "Coefficient",
     "Equilibrium",
+    "Equivalent",
     "Estimate",
     "Excitation",
+    "FreeRun",
     "Gaussian",
     "Huber",
     "IdentificationError",
     "Impulse",
     "Law",
     "LawError",
+    "LawStep",
+    "LeastSquares",
     "Limit",
     "Link",
     "LinkwiseError",
@@ -62,19 +77,27 @@ __all__ = [
     "RecordError",
     "Sampled",
     "SimulationError",
+    "Stlsq",
     "Structure",
     "StructureError",
     "Student",
     "TimeFunction",
     "barrier",
     "bnes_chain",
+    "differentiate",
     "equilibria",
+    "equivalent",
     "format_structure",
+    "free_run",
     "identify",
+    "law_path",
     "limit",
+    "link_columns",
     "modes",
+    "monomial_equations",
     "nmse",
     "parse_structure",
+    "profile_interval",
     "read_record",
     "read_structure",
     "result_of",
@@ -90,6 +113,9 @@ _HOMES = {
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),
     "chains": ("bnes_chain",),
+    "classical": ("Classical",),
+    "derive": ("differentiate",),
+    "describing": ("Equivalent", "equivalent"),
     "equilibria": ("Equilibrium", "equilibria"),
     "errors": (
         "IdentificationError",
@@ -104,14 +130,20 @@ _HOMES = {
     "files": ("read_record", "write_record"),
     "identify": ("identify",),
     "law": ("Law",),
+    "library": ("link_columns", "monomial_equations"),
     "likelihood.loss": ("Gaussian", "Huber", "Student"),
+    "likelihood.profile": ("profile_interval",),
     "limit": ("limit",),
+    "lawpath": ("LawStep", "law_path"),
     "modes": ("modes",),
     "record": ("Record",),
     "simulate": ("simulate",),
+    "sparse.l1": ("L1",),
+    "sparse.least_squares": ("LeastSquares",),
+    "sparse.stlsq": ("Stlsq",),
     "structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
     "structure_file": ("format_structure", "parse_structure", "read_structure", "write_structure"),
-    "validate": ("nmse",),
+    "validate": ("FreeRun", "free_run", "nmse"),
     "wells": ("barrier", "wells"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

@@ -17,6 +17,7 @@ from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status, anneal
 from linkwise.likelihood.cut import cut
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evaluate, linearise
 from linkwise.likelihood.start import channel_noise, nodes, start_states
 from linkwise.record import Record
@@ -33,6 +34,7 @@ _SIGMAS = 5.0  # and its own scatter
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LOOSENING = 3.0  # from rung to rung of the ladder of model errors
 _LOOSEST = 1e4
+_MOST_WORKERS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,20 +60,20 @@ class LikelihoodFit:
     path: tuple[Progress, ...]
     segments: Segments
     misfit: Misfit
+    optimum: Optimum
 
 
 @dataclass(frozen=True)
 class Annealer:
-    """How annealing runs here: on which threads, and whom it tells."""
+    """How annealing runs here: on which threads, what a residual costs, and whom it tells."""
 
     executor: Executor
+    loss: Loss
     report: Callable[[Progress], None] | None
 
-    def __call__(
-        self, segments: Segments, start: Point, scales: Scales, schedule: Schedule, loss: Loss
-    ) -> Fit:
+    def __call__(self, segments: Segments, start: Point, scales: Scales, schedule: Schedule) -> Fit:
         return anneal(
-            segments, start, scales, schedule, loss=loss, executor=self.executor, report=self.report
+            segments, start, scales, schedule, loss=self.loss, executor=self.executor, report=self.report
         )
 
 
@@ -88,9 +90,8 @@ def _one_thread_each() -> AbstractContextManager[object]:
 
 
 def _workers() -> int:
-    return max(
-        1, min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 8)
-    )
+    free = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
+    return min(len(free), _MOST_WORKERS)
 
 
 def likelihood_fit(
@@ -101,16 +102,17 @@ def likelihood_fit(
     spread: Array | None = None,
     offsets: Sequence[str] = (),
     loss: Loss | None = None,
+    model_error: bool = True,
     report: Callable[[Progress], None] | None = None,
 ) -> LikelihoodFit:
     """The most likely parameters of `structure` given `records`, from a start `theta` (p,) with deviations `spread` (p,).
 
-    `offsets` names channels with an unknown constant error. Raises IdentificationError for records that do not fit together.
+    `offsets` names channels with an unknown constant error. Where the laws leave what is no noise, the flow is relaxed by the
+    `model_error` that is most likely, unless that is False. Raises IdentificationError for records that do not fit together.
     """
     with _one_thread_each(), ThreadPoolExecutor(_workers()) as executor:
-        return _fitted(
-            records, structure, theta, spread, offsets, loss or Gaussian(), Annealer(executor, report)
-        )
+        annealer = Annealer(executor, loss or Gaussian(), report)
+        return _fitted(records, structure, theta, spread, offsets, model_error, annealer)
 
 
 def _fitted(
@@ -119,7 +121,7 @@ def _fitted(
     theta: Array,
     spread: Array | None,
     offsets: Sequence[str],
-    loss: Loss,
+    wants_model_error: bool,
     annealer: Annealer,
 ) -> LikelihoodFit:
     system = System.of(structure)
@@ -139,12 +141,13 @@ def _fitted(
         np.zeros(len(offsets)),
     )
     segments = _fine_enough(records, structure, system, point, scales, offsets)
-    fit = annealer(segments, point, scales, Schedule(), loss)
+    fit = annealer(segments, point, scales, Schedule())
     limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
     model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
     off = bool(abs(chi_square - 1.0) > limit)
-    if off and fit.status is Status.CONVERGED and chi_square > 1.0 and _colour(fit.misfit) > _WHITE:
-        fit, model_error, factor = _with_model_error(segments, fit, loss, annealer)
+    coloured = fit.status is Status.CONVERGED and chi_square > 1.0 and _colour(fit.misfit) > _WHITE
+    if off and coloured and wants_model_error:
+        fit, model_error, factor = _with_model_error(segments, fit, annealer)
         chi_square = factor**2
         off = (
             any(name in record.noise for record in records for name in channels)
@@ -166,6 +169,7 @@ def _fitted(
         path=fit.path,
         segments=segments,
         misfit=fit.misfit,
+        optimum=Optimum(segments, fit.point, fit.scales, fit.q, factor, annealer.loss),
     )
 
 
@@ -212,9 +216,7 @@ def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> 
     return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
 
 
-def _with_model_error(
-    segments: Segments, fit: Fit, loss: Loss, annealer: Annealer
-) -> tuple[Fit, float, float]:
+def _with_model_error(segments: Segments, fit: Fit, annealer: Annealer) -> tuple[Fit, float, float]:
     """The most likely split of what the laws leave into noise of the sensors and errors of the flow.
 
     For every relaxation q on a ladder the orbit is fitted again and the noise profiled out; the marginal likelihood, Gaussian
@@ -223,8 +225,8 @@ def _with_model_error(
     best, best_cost, worse = None, np.inf, 0
     q, current = fit.q, fit
     while q < _LOOSEST and worse < 2:
-        current = annealer(segments, current.point, current.scales, Schedule(loose=q, tight=q), loss)
-        noise, cost = _evidence(segments, current, q, loss)
+        current = annealer(segments, current.point, current.scales, Schedule(loose=q, tight=q))
+        noise, cost = _evidence(segments, current, q, annealer.loss)
         if cost < best_cost:
             best, best_cost, best_q, best_noise, worse = current, cost, q, noise, 0
         else:

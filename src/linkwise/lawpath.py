@@ -1,0 +1,118 @@
+"""Which law a link has: terms added one by one, each time the one that explains most of the raw record.
+
+Every law on the way is fitted by maximum likelihood with an exact flow, so what is left after it is a free run of the whole
+record from its identified start. The path is the evidence: the user sees what each term is worth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.coefficient import Coefficient
+from linkwise.errors import IdentificationError
+from linkwise.identify import identify
+from linkwise.law import Law
+from linkwise.likelihood.anneal import Status
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.record import Record
+from linkwise.structure import Link, Structure
+
+FAMILY = (
+    "v",
+    "d",
+    "d**2",
+    "d**3",
+    "d**4",
+    "d**5",
+    "v*d",
+    "v*d**2",
+    "v*d**4",
+    "v*abs(d)",
+    "v*abs(v)",
+    "v**3",
+    "1",
+)
+
+
+@dataclass(frozen=True)
+class LawStep:
+    """A law on the path: its structure (unknown coefficients), the part of the motion that it leaves, and its BIC.
+
+    `left` is the root mean square of the residuals over that of the record, `bic` the Bayesian information criterion with
+    `residual` (sigma of what is left, in deviations of the noise) profiled out: smaller is better.
+    """
+
+    structure: Structure
+    terms: tuple[str, ...]
+    left: float
+    residual: float
+    bic: float
+
+
+def law_path(
+    record: Record,
+    structure: Structure,
+    link: str,
+    *,
+    candidates: Sequence[str] = FAMILY,
+    start: Sequence[str] = ("d", "v"),
+    most: int = 8,
+    progress: Callable[[float, str], None] | None = None,
+) -> tuple[LawStep, ...]:
+    """Laws for `link` of `structure`, from `start` to `most` terms, each term with a coefficient of its own.
+
+    Terms are texts in d and v ("d**3", "v*abs(d)", "1" for a constant force); the coefficients of all other links are as
+    `structure` says. A candidate whose fit does not converge is passed over; the path ends where none is left.
+    Raises IdentificationError where even `start` does not converge.
+    """
+    terms = tuple(start)
+    path = [_fitted(record, structure, link, terms)]
+    if path[0] is None:
+        raise IdentificationError(
+            f'link "{link}": the law with the terms {", ".join(start)} does not converge on this record'
+        )
+    while len(terms) < most:
+        left = [term for term in candidates if term not in terms]
+        tried = []
+        for number, term in enumerate(left):
+            if progress is not None:
+                progress((len(terms) + number / len(left)) / most, f"{len(terms) + 1} terms: {term}")
+            tried.append(_fitted(record, structure, link, (*terms, term)))
+        converged = [step for step in tried if step is not None]
+        if not converged:
+            break
+        best = min(converged, key=lambda step: step.left)
+        path.append(best)
+        terms = best.terms
+    return tuple(step for step in path if step is not None)
+
+
+def law_of(terms: Sequence[str]) -> tuple[Law, dict[str, Coefficient]]:
+    """The law p1*TERM + p2*TERM + ... with unknown coefficients."""
+    names = [f"p{number}" for number in range(1, len(terms) + 1)]
+    text = " + ".join(
+        name if term == "1" else f"{name}*{term}" for name, term in zip(names, terms, strict=True)
+    )
+    return Law.parse(text), {name: Coefficient.unknown() for name in names}
+
+
+def _fitted(record: Record, structure: Structure, link: str, terms: tuple[str, ...]) -> LawStep | None:
+    """One law on the path, or None where its fit does not converge."""
+    old = structure.link(link)
+    new = Link(old.name, old.between, *law_of(terms))
+    asked = replace(structure, links=tuple(new if each.name == link else each for each in structure.links))
+    try:
+        weak = identify(record, asked, method="weak")
+    except IdentificationError:
+        return None
+    spread = np.sqrt(np.maximum(weak.covariance.diagonal(), 0.0))
+    fit = likelihood_fit([record], asked, weak.values, spread=spread, model_error=False)
+    if fit.status is not Status.CONVERGED:
+        return None
+    channels = record.responses
+    power = [fit.noise[name] ** 2 / np.nanmean(record.channel(name) ** 2) for name in channels]
+    bic = fit.samples * np.log(fit.chi_square) + len(fit.values) * np.log(fit.samples)
+    return LawStep(asked, terms, float(np.sqrt(np.mean(power))), float(np.sqrt(fit.chi_square)), float(bic))
