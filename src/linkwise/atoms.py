@@ -1,45 +1,23 @@
-"""The laws of all links, evaluated on a record: functions of the noisy elongations, ready to meet a test function.
+"""The laws of links, evaluated on a record: functions of the noisy elongations, ready to meet a test function.
 
-An atom is one part of one law (`weakform.WeakPart`) at one link. Links that share a law are evaluated in one go.
+Atoms are one part of one law (`weakform.WeakPart`) at all the links that share it, evaluated in one go.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import IdentificationError
-from linkwise.expression import Symbol
 from linkwise.law import Law
-from linkwise.structure import Link, Structure
-from linkwise.weakform import WeakLaw, WeakPart, weak_law
+from linkwise.structure import Link, Mass, Structure
+from linkwise.weakform import WeakPart, weak_law
 
 Floats = NDArray[np.float64]
-
-_ELONGATION = Symbol("d")
-
-
-@dataclass(frozen=True, eq=False)
-class Atom:
-    """sign * int kernel h(d) at link `link`; `chain` is [h, h', h'', ...] on all samples, numbers where constant.
-
-    It is multiplied by parameter number `parameter` (None: none) plus `fixed`. `plain` says that h is d itself.
-    """
-
-    link: int
-    kernel: int
-    sign: float
-    chain: tuple[Floats | float, ...]
-    plain: bool
-    parameter: int | None
-    fixed: float
-
-    @property
-    def slope(self) -> Floats | float:
-        """h'."""
-        return self.chain[1] if len(self.chain) > 1 else 0.0
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -60,66 +38,102 @@ class Unknowns:
         }
         return cls(places, tuple(parameter.name for parameter in parameters))
 
+    def at(self, values: Floats) -> Unknowns:
+        """The same parameters at `values` (p,)."""
+        found = values.tolist()
+        return Unknowns(
+            {place: (number, found[number]) for place, (number, _) in self.places.items()}, self.names
+        )
+
+    def value(self, links: tuple[Link, ...], which: Iterable[int], name: str) -> Floats:
+        """(m,): coefficient `name` of the links `which`, NaN where it is unknown and has no value."""
+        found = []
+        for index in which:
+            place = self.places.get((index, name))
+            value = links[index].coefficients[name].value if place is None else place[1]
+            found.append(np.nan if value is None else value)
+        return np.array(found)
+
+    def mass(self, masses: tuple[Mass, ...], index: int) -> float:
+        """That mass in kg, 0 where it is unknown and has no value."""
+        place = self.places.get((-1 - index, "mass"))
+        return float((masses[index].mass.value if place is None else place[1]) or 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Atoms:
+    """sign * int kernel h(d) of one `part` at each of `links` (m,); `chain` is [h, h', h'', ...].
+
+    The chain holds arrays (m, N) over all samples, numbers where constant. At each link the part is multiplied by parameter
+    number `parameter` (m,), none where that is -1, plus `fixed` (m,).
+    """
+
+    part: WeakPart
+    links: Places
+    chain: tuple[Floats | float, ...]
+    parameter: Places
+    fixed: Floats
+
+    @property
+    def slope(self) -> Floats | float:
+        """h'."""
+        return self.chain[1] if len(self.chain) > 1 else 0.0
+
 
 def link_atoms(
-    structure: Structure, d: Floats, variance: Floats, rates: Floats | None, unknowns: Unknowns
-) -> list[Atom]:
-    """The atoms of all links from elongations `d` (L, N) with noise `variance` (L,); `rates` (L, N) smoothed, or None.
+    structure: Structure,
+    links: Places,
+    unknowns: Unknowns,
+    *,
+    elongations: Callable[[Places], Floats],
+    rates: Callable[[Floats], Floats],
+    variance: Floats,
+) -> list[Atoms]:
+    """The atoms of `links`: of their `elongations` (m, N), whose noise has `variance` (L,), and smoothed `rates` of those.
 
-    Raises IdentificationError for an unknown that enters its law nonlinearly and has no start.
+    Both are only asked for where a law needs them. Raises IdentificationError for an unknown that enters its law nonlinearly
+    and has no start.
     """
-    atoms: list[Atom] = []
-    for (law, free), links in _groups(structure, unknowns).items():
-        which = np.array(links)
+    atoms = []
+    for (law, free), which in law_groups(structure, links, unknowns).items():
         weak = weak_law(law, free)
-        values = {name: _values(structure.links, links, name, unknowns) for name in law.coefficients}
-        v = 0.0 if rates is None else rates[which]
-        chains = weak.evaluate(d[which], v, variance[which, None], values)
-        for part, chain in zip(weak.parts, chains, strict=True):
-            for row, link in enumerate(links):
-                here = tuple(each if isinstance(each, float) else each[row] for each in chain)
-                parameter, fixed = _multiplier(structure.links[link], link, part, unknowns)
-                atoms.append(
-                    Atom(link, part.kernel, part.sign, here, part.function == _ELONGATION, parameter, fixed)
-                )
+        at = np.array(which)
+        values = {name: unknowns.value(structure.links, which, name)[:, None] for name in law.coefficients}
+        _require_starts(structure, law, which, values)
+        d = elongations(at) if weak.curved else np.zeros((len(at), 1))
+        v = rates(d) if weak.needs_rate else 0.0
+        for part, chain in zip(weak.parts, weak.evaluate(d, v, variance[at, None], values), strict=True):
+            numbers = [_multiplier(structure.links[link], link, part, unknowns) for link in which]
+            parameter, fixed = zip(*numbers, strict=True)
+            atoms.append(Atoms(part, at, tuple(chain), np.array(parameter), np.array(fixed)))
     return atoms
 
 
-def needs_rates(structure: Structure, unknowns: Unknowns) -> bool:
-    """Whether some law has a part that wants a smoothed v (v**2, tanh(v/s))."""
-    return any(weak_law(law, free).needs_rate for law, free in _groups(structure, unknowns))
-
-
-def _groups(structure: Structure, unknowns: Unknowns) -> dict[tuple[Law, frozenset[str]], list[int]]:
+def law_groups(
+    structure: Structure, links: Places, unknowns: Unknowns
+) -> dict[tuple[Law, frozenset[str]], list[int]]:
+    """The `links` by their law and those of its nonlinear coefficients that are to be found."""
     groups: dict[tuple[Law, frozenset[str]], list[int]] = {}
-    for index, link in enumerate(structure.links):
-        free = frozenset(name for name in link.law.nonlinear if (index, name) in unknowns.places)
-        groups.setdefault((link.law, free), []).append(index)
+    for index in links.tolist():
+        law = structure.links[index].law
+        free = frozenset(name for name in law.nonlinear if (index, name) in unknowns.places)
+        groups.setdefault((law, free), []).append(index)
     return groups
 
 
-def _values(links: tuple[Link, ...], which: list[int], name: str, unknowns: Unknowns) -> Floats:
-    """(links, 1): what coefficient `name` is inside the functions of the law."""
-    found = []
-    for index in which:
-        place = unknowns.places.get((index, name))
-        value = links[index].coefficients[name].value if place is None else place[1]
-        if value is None and name in links[index].law.nonlinear:
+def _require_starts(structure: Structure, law: Law, which: list[int], values: dict[str, Floats]) -> None:
+    for name in law.nonlinear:
+        for lost in np.flatnonzero(np.isnan(values[name])):
             raise IdentificationError(
-                f'link "{links[index].name}": {name} enters the law {links[index].law.text} nonlinearly, so its search '
+                f'link "{structure.links[which[lost]].name}": {name} enters the law {law.text} nonlinearly, so its search '
                 f"needs a start: write {name} = {{ start = ... }} among its coefficients"
             )
-        found.append(np.nan if value is None else value)
-    return np.array(found)[:, None]
 
 
-def _multiplier(link: Link, index: int, part: WeakPart, unknowns: Unknowns) -> tuple[int | None, float]:
+def _multiplier(link: Link, index: int, part: WeakPart, unknowns: Unknowns) -> tuple[int, float]:
     if part.coefficient is None:
-        return None, 1.0
+        return -1, 1.0
     place = unknowns.places.get((index, part.coefficient))
     if place is None:
-        return None, float(link.coefficients[part.coefficient].value or 0.0)
+        return -1, float(link.coefficients[part.coefficient].value or 0.0)
     return place[0], -float(place[1] or 0.0) if part.increment else 0.0
-
-
-__all__ = ["Atom", "Unknowns", "WeakLaw", "link_atoms", "needs_rates"]

@@ -75,12 +75,11 @@ def extremes(d: Floats, deviation: Floats | float = 0.0) -> Floats:
 
 def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
     """(R, n) N: what the laws with the parameters `values` (p,) leave of the weak equations, NaN for masses without one."""
-    numbers = equations.fixed + np.append(values, 0.0)[equations.parameter]  # -1: no parameter
     residual = np.full(equations.acceleration.T.shape, np.nan)
     area = equations.window.kernels[PHI].sum()
-    for each in equations.masses:
-        total = (numbers[each.terms] * each.signs) @ equations.rows[each.terms] / area
-        residual[:, each.mass] = total if each.valid is None else np.where(each.valid > 0.0, total, np.nan)
+    for patch in equations.patches:
+        total = np.where(patch.valid > 0.0, patch.residual(values) / area, np.nan)
+        residual[:, patch.masses] = total.T
     return residual
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,32 +15,60 @@ from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]
 
+_RESOLVED = 1e-5  # of the motion: what the sums that stand for integrals tell of a smooth motion
 _QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when a window is chosen
 
 
 @dataclass(frozen=True, eq=False)
 class SeenMotion:
-    """Displacements `x` (n, N) in m with 0 where a sample is missing, and of the base (N,), or None without one.
+    """Displacements `ends` (n + 2, N) in m of what links hold on to: masses, the base and the ground, 0 where not seen.
 
-    `variance` (n,) and `base_variance` are those of their noise in m^2; `seen` (n,) says which masses have a displacement
-    channel, `missing` (n, N) which samples are lost (None: no sample is). `highest` is the frequency in Hz up to which
-    motion stands above noise, `quiet` says that there is no noise to speak of.
+    `variance` (n,) and `base_variance` are those of their noise in m^2, `power` (n + 2,) their mean squares; `seen` (n,) says
+    which masses have a displacement channel, `missing` (n, N) which samples are lost (None: no sample is), `base` (N,) is None
+    where it has no channel. `highest` is the frequency in Hz up to which motion stands above noise.
     """
 
-    x: Floats
+    ends: Floats
     base: Floats | None
     variance: Floats
     base_variance: float
+    power: Floats
     seen: NDArray[np.bool_]
     missing: NDArray[np.bool_] | None
     highest: float
-    quiet: bool
+
+    @property
+    def x(self) -> Floats:
+        """(n, N) displacements of the masses."""
+        return self.ends[:-2]
 
     @property
     def samples(self) -> int:
         """Displacement samples that were seen."""
-        lost = 0 if self.missing is None else int(self.missing[self.seen].sum())
-        return int(self.seen.sum()) * self.x.shape[1] - lost
+        lost = 0 if self.missing is None else int(np.sum(self.missing[self.seen]))
+        return int(np.sum(self.seen) * self.ends.shape[1]) - lost
+
+    @property
+    def quiet(self) -> bool:
+        """Whether there is no noise to speak of."""
+        return bool(np.all(self.variance[self.seen] < _QUIET**2 * self.power[:-2][self.seen]))
+
+    @cached_property
+    def noise(self) -> Floats:
+        """(n + 2,) variances of the noise in `ends`."""
+        return np.append(self.variance, [self.base_variance, 0.0])
+
+    @cached_property
+    def doubt(self) -> Floats:
+        """(n + 2,) variances in `ends` of noise and of what sums over samples do not resolve of integrals.
+
+        So a record without noise is not held to its rounding.
+        """
+        return np.maximum(self.noise, _RESOLVED**2 * self.power)
+
+    def between(self, ends: NDArray[np.intp]) -> Floats:
+        """(m, N) elongations between `ends` (m, 2)."""
+        return self.ends[ends[:, 0]] - self.ends[ends[:, 1]]
 
 
 def read_motion(record: Record, structure: Structure) -> SeenMotion:
@@ -47,39 +76,36 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
 
     Raises IdentificationError for a record without displacements.
     """
-    names = [f"x:{name}" for name in structure.mass_names]
-    present = [name for name in names if name in record.channels]
-    if not present:
+    names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
+    there = np.array([name in record.channels for name in names])
+    seen = there[:-1]
+    if not seen.any():
         raise IdentificationError(
             f"the weak form needs displacements, and the record holds {', '.join(record.channels)}: give a channel x:MASS, "
             "or map a column to one with --channel x:MASS=COLUMN"
         )
-    base = "x:base" in record.channels
-    values = np.stack([record.channel(name) for name in [*present, *(["x:base"] if base else [])]])
-    count = len(present)
-    missing = np.isnan(values)
+    ends = np.zeros((len(names) + 1, len(record)))
+    for row in np.flatnonzero(there):
+        ends[row] = record.channel(names[row])
+    values = ends[: there.sum()] if there[: there.sum()].all() else ends[:-1][there]
+    found = noise_variance(record, [name for name, each in zip(names, there, strict=True) if each], values)
+    masses = values[: seen.sum()]
+    highest = _highest(masses, record.rate, np.sqrt(found[: len(masses)]))
+    missing = np.isnan(ends)
     gaps = bool(missing.any())
-    variance = noise_variance(record, [*present, *(["x:base"] if base else [])], values)
-    highest = _highest(values[:count], record.rate, np.sqrt(variance[:count]))
     if gaps:
-        values = np.where(missing, 0.0, values)
-    seen = np.array([name in record.channels for name in names])
-    x, spread, lost = np.zeros((structure.size, len(record))), np.zeros(structure.size), None
-    x[seen], spread[seen] = values[:count], variance[:count]
-    if gaps:
-        lost = np.zeros(x.shape, dtype=bool)
-        lost[seen] = missing[:count]
-        lost |= missing[-1] if base else False
-    power = np.mean(values[:count] ** 2, axis=1)
+        ends[missing] = 0.0
+    variance = np.zeros(len(names))
+    variance[there] = found
     return SeenMotion(
-        x=x,
-        base=values[-1] if base else None,
-        variance=spread,
-        base_variance=float(variance[-1]) if base else 0.0,
+        ends=ends,
+        base=ends[-2] if there[-1] else None,
+        variance=variance[:-1],
+        base_variance=float(variance[-1]),
+        power=np.einsum("ij,ij->i", ends, ends) / len(record),
         seen=seen,
-        missing=lost,
+        missing=missing[:-2] | missing[-2] if gaps else None,
         highest=highest,
-        quiet=bool(np.all(variance[:count] < _QUIET**2 * power)),
     )
 
 
@@ -92,7 +118,9 @@ def _highest(values: Floats, rate: float, sigma: Floats) -> float:
     except RecordError:
         at = np.arange(values.shape[1])
         seen = np.isfinite(values)
-        whole = [np.interp(at, at[here], row[here]) for row, here in zip(values, seen, strict=True) if here.any()]
+        whole = [
+            np.interp(at, at[here], row[here]) for row, here in zip(values, seen, strict=True) if here.any()
+        ]
         if not whole:
             return 0.5 * rate
         return float(np.max(bandwidth(np.stack(whole, axis=1), rate, sigma[seen.any(axis=1)])))

@@ -7,7 +7,7 @@ solved (`weaknoise`), scaled by what the residuals say of that noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -18,9 +18,10 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from linkwise.errors import IdentificationError
+from linkwise.patch import Patch
 from linkwise.structure import Structure
 from linkwise.weak import WeakEquations
-from linkwise.weaknoise import Share, Slopes, residual_excess, score_blocks
+from linkwise.weaknoise import FLOOR, Slopes, residual_excess, score_blocks
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of weighting the masses: the second changes weights by per cents, the third by next to nothing
 _SINGULAR = 1e-13  # scaled pivot below which columns move together
 _LINKS_AT_ONCE = 100
+_NAMED = 6  # parameters that a message lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,26 +51,26 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
 
     Raises IdentificationError where a parameter is in no equation, nothing sets the scale, or columns move together.
     """
-    shares = [share for share in (Share.of(each, system) for each in system.masses) if share is not None]
-    _require_reached(shares, system, structure)
+    _require_reached(system, structure)
     lower = np.array([parameter.lower for parameter in structure.parameters])
     upper = np.array([parameter.upper for parameter in structure.parameters])
-    after = [_first_weight(share) for share in shares]
+    patches = [patch for patch in system.patches if patch.asks]
+    after = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
     for _ in range(_ROUNDS):
         weights = after
-        normal, right = _normal(shares, weights, len(system.parameters))
+        normal, right = _normal(patches, weights, len(lower))
         values, free = _bounded(normal, right, lower, upper, system.parameters)
-        after = [1.0 / share.power(values) for share in shares]
-    slopes = Slopes.along(
-        system, structure.with_values(dict(zip(system.parameters, map(float, values), strict=True)))
-    )
-    excess = residual_excess(shares, values, system, slopes)
-    scatter = _assembled(score_blocks(shares, weights, system, slopes), len(values))
-    return WeakFit(values, max(excess, 1.0) * _covariance(normal, scatter, free, system.parameters), free, excess)
+        after = [1.0 / _power(patch, values) for patch in patches]
+    found = system.unknowns.at(values)
+    noisy = [(patch, Slopes.along(patch, system, structure, found)) for patch in patches]
+    excess = residual_excess(noisy, values, system)
+    scatter = _assembled(score_blocks(noisy, weights, system), len(values))
+    covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system.parameters)
+    return WeakFit(values, covariance, free, excess)
 
 
-def _require_reached(shares: list[Share], system: WeakEquations, structure: Structure) -> None:
-    reached = set(np.concatenate([share.which for share in shares])) if shares else set()
+def _require_reached(system: WeakEquations, structure: Structure) -> None:
+    reached = {number for patch in system.patches for number in patch.parameter.tolist()}
     lost = [name for number, name in enumerate(system.parameters) if number not in reached]
     if lost:
         unseen = [
@@ -80,26 +82,34 @@ def _require_reached(shares: list[Share], system: WeakEquations, structure: Stru
             f"the record says nothing of {', '.join(lost)}: the weak form needs the displacement of a mass and of all its "
             f"neighbours; missing {', '.join(unseen) or 'x:base'}"
         )
-    if not any(share.fixed.any() for share in shares):
+    if not any(patch.asks and patch.fixed.any() for patch in system.patches):
         raise IdentificationError(
             "nothing sets the scale of the forces: every mass and coefficient is unknown and no force is in the record; give "
             "one mass or coefficient a number, or a channel force:MASS"
         )
 
 
-def _first_weight(share: Share) -> float:
-    """Before anything is known: the reciprocal power of the largest term."""
-    return float(1.0 / max(np.max(np.einsum("ij,ij->i", share.matrix, share.matrix)), np.finfo(float).tiny))
+def _power(patch: Patch, values: Floats) -> Floats:
+    """(m,) mean squares of the residuals at the parameters (p,), floored at rounding."""
+    numbers = patch.numbers(values)
+    signed = patch.signs * numbers
+    sums = np.maximum(np.einsum("mq,qr,mr->m", signed, patch.products, signed, optimize=True), 0.0)
+    power = (sums + FLOOR * patch.largest(numbers)) / max(patch.windows, 1.0)
+    return np.where(power > 0.0, power, 1.0)
 
 
-def _normal(shares: list[Share], weights: list[float], count: int) -> tuple[Floats | csc_array, Floats]:
-    """H (p, p) and g (p,) of the least squares over all masses."""
+def _normal(
+    patches: Sequence[Patch], weights: Sequence[Floats], count: int
+) -> tuple[Floats | csc_array, Floats]:
+    """H (p, p) and g (p,) of the least squares over all masses, weighted by `weights` (m,) of each patch."""
     g = np.zeros(count)
     blocks = []
-    for share, weight in zip(shares, weights, strict=True):
-        half = weight * (share.by_parameter.T @ share.moments)
-        g[share.which] -= half @ share.fixed
-        blocks.append((share.which, half @ share.by_parameter))
+    for patch, weight in zip(patches, weights, strict=True):
+        weighted = patch.moments * ((patch.signs.T * weight) @ patch.signs)
+        asked = np.flatnonzero(patch.parameter >= 0)
+        which = patch.parameter[asked]
+        np.subtract.at(g, which, weighted[asked] @ patch.fixed)
+        blocks.append((which, weighted[np.ix_(asked, asked)]))
     return _assembled(blocks, count), g
 
 
@@ -165,13 +175,19 @@ def _solve(h: Floats | csc_array, right: Floats, names: list[str]) -> Floats:
 def _null_names(scaled: Floats, names: list[str]) -> list[str]:
     """The parameters in the direction that the equations see least."""
     weight = np.abs(np.linalg.eigh(scaled)[1][:, 0])
-    return [names[i] for i in np.argsort(-weight) if weight[i] > 0.2 * weight.max()][:6]
+    return [name for name, share in zip(names, weight, strict=True) if share > 0.2 * weight.max()]
 
 
 def _raise_together(names: list[str]) -> NoReturn:
+    shown = ", ".join(names if len(names) <= _NAMED else [*names[:_NAMED], "..."])
+    if len(names) == 1:
+        raise IdentificationError(
+            f"the record cannot tell {shown}: its term does not stand above the noise; give it a number, or record a motion "
+            "that reaches it"
+        )
     raise IdentificationError(
-        f"the record cannot tell {', '.join(names)}: the terms move together, or not at all above the noise; give one of "
-        "them a number, share it with another, or record a motion that sets them apart"
+        f"the record cannot tell {shown} apart: their terms move together, or not at all above the noise; give one of them a "
+        "number, share it with another, or record a motion that sets them apart"
     )
 
 

@@ -33,6 +33,7 @@ PHI, PHI_1, PHI_2 = 0, 1, 2  # phi, phi', phi'': rows of Window.kernels
 _HIGHEST = 3  # derivatives kept: with them the products of cubic laws are free of bias, steeper ones to s^6
 _SERIES = 3  # terms of exp(-s^2/2 D^2), enough for polynomials up to d^7
 _VARIANCE = "s^2"  # no name that a law can have
+_ELONGATION = Symbol("d")
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,16 @@ class WeakPart:
         """Whether the function wants a smoothed v."""
         return "v" in symbols(self.function)
 
+    @property
+    def plain(self) -> bool:
+        """Whether the function is d itself."""
+        return self.function == _ELONGATION
+
+    @property
+    def curved(self) -> bool:
+        """Whether the function must be worked out sample by sample, unlike d itself and constants."""
+        return not (self.plain or isinstance(self.function, Number))
+
 
 @dataclass(frozen=True)
 class WeakLaw:
@@ -64,7 +75,13 @@ class WeakLaw:
 
     @cached_property
     def needs_rate(self) -> bool:
+        """Whether some part wants a smoothed v."""
         return any(part.needs_rate for part in self.parts)
+
+    @cached_property
+    def curved(self) -> bool:
+        """Whether some part must be worked out sample by sample."""
+        return any(part.curved for part in self.parts)
 
     @cached_property
     def _derivatives(self) -> tuple[tuple[Expression, ...], ...]:
@@ -132,7 +149,8 @@ def _parts(coefficient: str | None, increment: bool, term: Expression) -> list[W
 
 def _without_bias(function: Expression) -> Expression:
     """exp(-s^2/2 D^2) of a function of d: exact for polynomials, to the second order in s for others."""
-    terms, current, factor = [function], function, Number(1.0)
+    terms, current = [function], function
+    factor: Expression = Number(1.0)
     for order in range(1, (_SERIES if polynomial(function, ("d",)) is not None else 1) + 1):
         current = differentiate(differentiate(current, "d"), "d")
         if current == ZERO:

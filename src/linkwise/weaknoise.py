@@ -13,186 +13,168 @@ sigma^4 tr(Q Q).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.atoms import Unknowns, law_groups
+from linkwise.expression import Program, differentiate
+from linkwise.law import VARIABLES, Law
+from linkwise.patch import Patch
 from linkwise.structure import Structure
-from linkwise.weak import MassEquations, WeakEquations
+from linkwise.weak import WeakEquations
 from linkwise.weakform import PHI, PHI_1, PHI_2
 
 Floats = NDArray[np.float64]
+Places = NDArray[np.intp]
 
-_FLOOR = 1e-24  # of the terms' power: residuals below are rounding
-_ENOUGH = 400  # windows: G(t) is smooth, so one window may stand for its neighbours in sums over time
-_THINNEST = 2
-_SMOOTHER = 4  # the slopes are smoother still
-
-
-@dataclass(frozen=True, eq=False)
-class Share:
-    """What one mass adds: its terms `matrix` (q, R), sums of their `products` (q, q), the same without bias as `moments`.
-
-    The numbers that multiply the terms are `by_parameter` (q, s) times parameters `which` (s,), plus `fixed` (q,).
-    """
-
-    equations: MassEquations
-    matrix: Floats
-    products: Floats
-    moments: Floats
-    which: NDArray[np.intp]
-    by_parameter: Floats
-    fixed: Floats
-
-    @classmethod
-    def of(cls, equations: MassEquations, system: WeakEquations) -> Share | None:
-        """The share of one mass, or None where its equation holds no parameter."""
-        which, by_parameter, fixed = system.numbers_of(equations)
-        if not len(which):
-            return None
-        matrix = equations.matrix(system.rows)
-        products = matrix @ matrix.T
-        moments = products - equations.biases.total(equations.valid, matrix.shape[1])
-        return cls(equations, matrix, products, moments, which, by_parameter, fixed)
-
-    def numbers(self, values: Floats) -> Floats:
-        """(q,) what multiplies the terms at the parameters (p,)."""
-        return np.asarray(self.by_parameter @ values[self.which] + self.fixed)
-
-    def residual(self, values: Floats, thin: int = 1) -> Floats:
-        """(R',) the sum of all terms at the parameters (p,), in every `thin`-th window."""
-        return np.asarray(self.numbers(values) @ self.matrix[:, ::thin])
-
-    def power(self, values: Floats) -> float:
-        """Mean square of the residual, floored at rounding."""
-        numbers = self.numbers(values)
-        largest = float(np.max(self.products.diagonal() * numbers**2))
-        count = self.matrix.shape[1] if self.equations.valid is None else max(self.equations.valid.sum(), 1.0)
-        return float((max(numbers @ self.products @ numbers, 0.0) + _FLOOR * largest) / count) or 1.0
+FLOOR = 1e-24  # of the terms' power: residuals below are rounding
+_MEETING = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Slopes of the laws by d (N/m) and by v (N s/m) at every `thin`-th window: `stiffness` and `damping` (L, R').
+    """Slopes of a patch's laws by d (N/m) and by v (N s/m), `mean` (2, l, P) and, summed over the links of a mass, `own`
+    (2, m, P), at the windows `places` (P,) of `Window.places`, of which the first `inside` are those that were kept.
 
-    They are means over one deviation of noise over sqrt(2) to both sides, and `square` (2, L, R') are the means of their
-    squares: what noise makes of a curved law, right to its fourth power. `own` (2, n, R') are sums over the links of a mass.
+    They are means over one deviation of noise over sqrt(2) to both sides, and `square` (2, l, P) the means of their squares:
+    what noise makes of a curved law, right to its fourth power. `masses` (m,) are in kg.
     """
 
+    places: Places
+    inside: int
     masses: Floats
-    stiffness: Floats
-    damping: Floats
+    mean: Floats
     square: Floats
     own: Floats
-    thin: int
 
     @classmethod
-    def along(cls, system: WeakEquations, identified: Structure) -> Slopes:
-        """Along the smoothed motion."""
-        thin = min(max(1, system.d.shape[1] // _ENOUGH), _THINNEST)
-        aside = np.sqrt(0.5 * system.variances[system.ends].sum(axis=1))[:, None]
-        d = np.stack([system.d[:, ::thin] - aside, system.d[:, ::thin] + aside], axis=1)
-        both = np.empty((2, *d.shape))
-        for i, link in enumerate(identified.links):
-            both[0, i], both[1, i] = link.tangent(d[i], system.v[i, ::thin])
+    def along(cls, patch: Patch, system: WeakEquations, structure: Structure, unknowns: Unknowns) -> Slopes:
+        """Along the smoothed motion, for the coefficients of `structure`, those that are unknown as `unknowns` has them."""
+        places = system.places
+        deviation = np.sqrt(0.5 * system.motion.doubt[system.ends[patch.links]].sum(axis=1))
+        both = np.empty((2, len(patch.links), 2, len(places)))
+        for (law, _), which in law_groups(structure, patch.links, unknowns).items():
+            here, at = np.array(which), np.searchsorted(patch.links, which)
+            d, v = system.d[here[:, None], places], system.v[here[:, None], places]
+            aside = deviation[at, None, None] * np.array([[-1.0], [1.0]])
+            values = [
+                unknowns.value(structure.links, which, name)[:, None, None] for name in law.coefficients
+            ]
+            both[0, at], both[1, at] = _slopes(law)(d[:, None] + aside, v[:, None], *values)
         mean = 0.5 * (both[:, :, 0] + both[:, :, 1])
-        square = 0.5 * (both[:, :, 0] ** 2 + both[:, :, 1] ** 2)
-        holds = abs(identified.incidence)
-        own = np.stack([holds @ mean[0], holds @ mean[1]])
-        return cls(identified.mass_values, mean[0], mean[1], square, own, thin)
-
-    def extended(self, half: int) -> tuple[Floats, Floats, Floats]:
-        """`own`, `stiffness` and `damping`, then as at the first place and as at the last `half` times each."""
-        last = self.stiffness.shape[1] - 1
-        at = np.concatenate([np.arange(last + 1), np.zeros(half, dtype=int), np.full(half, last)])
-        return self.own[:, :, at], self.stiffness[:, at], self.damping[:, at]
+        both *= both
+        square = 0.5 * (both[:, :, 0] + both[:, :, 1])
+        masses = [unknowns.mass(structure.masses, mass) for mass in patch.masses.tolist()]
+        inside = len(places) - 2 * system.window.half
+        return cls(places, inside, np.array(masses), mean, square, np.abs(patch.holds) @ mean)
 
 
-def residual_excess(shares: list[Share], values: Floats, system: WeakEquations, slopes: Slopes) -> float:
-    """Power of the residuals over the power that the noise gives them."""
+@lru_cache(maxsize=512)
+def _slopes(law: Law) -> Program:
+    slopes = [differentiate(law.expression, name) for name in VARIABLES]
+    return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES)
+
+
+def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, system: WeakEquations) -> float:
+    """Power of the residuals at the parameters (p,) over the power that the noise gives them."""
     gram = system.window.kernels @ system.window.kernels.T
-    own, masses = slopes.own, slopes.masses[:, None]
-    scatter = slopes.square - np.stack([slopes.stiffness, slopes.damping]) ** 2
-    passed = gram[0, 0] * slopes.square[0] + gram[1, 1] * slopes.square[1]
-    curved = gram[0, 0] * scatter[0] + gram[1, 1] * scatter[1]
-    near = (
-        masses**2 * gram[2, 2]
-        + 2.0 * masses * own[0] * gram[0, 2]
-        + own[0] ** 2 * gram[0, 0]
-        + own[1] ** 2 * gram[1, 1]
-    )
+    doubt = system.motion.doubt
     total = count = 0.0
-    for share in shares:
-        i = share.equations.mass
-        links, others = system.neighbours(i)
-        expected = (
-            system.variances[i] * (near[i] + curved[links].sum(axis=0))
-            + system.variances[others] @ passed[links]
+    for patch, here in noisy:
+        mean, square, own = (
+            here.mean[:, :, : here.inside],
+            here.square[:, :, : here.inside],
+            here.own[:, :, : here.inside],
         )
-        floor = _FLOOR * np.max(share.products.diagonal()) / share.matrix.shape[1] + np.finfo(float).tiny
-        ratio = share.residual(values, slopes.thin) ** 2 / (expected + floor)
-        valid = share.equations.valid
-        total += float(ratio.sum() if valid is None else ratio @ valid[:: slopes.thin])
-        count += float(len(ratio) if valid is None else valid[:: slopes.thin].sum())
+        masses = here.masses[:, None]
+        by_kernel = gram[[PHI, PHI_1], [PHI, PHI_1]][:, None, None]
+        passed = (by_kernel * square).sum(axis=0)
+        curved = passed - (by_kernel * mean**2).sum(axis=0)
+        near = masses * (masses * gram[PHI_2, PHI_2] + 2.0 * own[0] * gram[PHI, PHI_2])
+        near += (by_kernel * own**2).sum(axis=0)
+        holds = np.abs(patch.holds)
+        expected = (
+            doubt[patch.masses, None] * (near + holds @ curved) + (holds * doubt[patch.others]) @ passed
+        )
+        floor = FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
+        kept = here.places[: here.inside]
+        residual = (patch.signs * patch.numbers(values)) @ patch.rows[:, kept]
+        valid = patch.valid[kept]
+        total += float((residual**2 / (expected + floor)).sum(axis=0) @ valid)
+        count += len(patch.masses) * float(valid.sum())
     return total / max(count, 1.0)
 
 
 def score_blocks(
-    shares: list[Share], weights: list[float], system: WeakEquations, slopes: Slopes
-) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """The covariance of the sum that is solved, in blocks: parameters (q,), some perhaps twice, and their (q, q)."""
-    columns = [
-        weight * (share.by_parameter.T @ share.matrix) for share, weight in zip(shares, weights, strict=True)
-    ]
-    gathered = np.concatenate(columns)
-    inside = system.window.spread(gathered, slopes.thin)
-    step = slopes.thin * system.window.stride  # samples for which a place inside stands; at the edges it is one
-    spread = np.concatenate([np.sqrt(step) * inside, system.window.edges(gathered)], axis=2)
-    own, stiffness, damping = slopes.extended(system.window.half)
-    seen_by: dict[int, list[tuple[NDArray[np.intp], Floats]]] = {}
-    first = 0
-    for share, weight in zip(shares, weights, strict=True):
-        i = share.equations.mass
-        phi, phi_1, phi_2 = spread[:, first : first + len(share.which)]
-        first += len(share.which)
-        near = own[0, i] * phi - own[1, i] * phi_1 + slopes.masses[i] * phi_2
-        seen_by.setdefault(i, []).append((share.which, near))
-        for link, other in zip(*system.neighbours(i), strict=True):
-            if system.variances[other] > 0.0:
-                far = damping[link] * phi_1 - stiffness[link] * phi
-                seen_by.setdefault(int(other), []).append((share.which, far))
-        yield share.which, (weight * system.variances[i]) ** 2 * _twice_noisy(share, system, slopes)
-    for channel, parts in seen_by.items():
-        seen = np.concatenate([part for _, part in parts])
-        yield np.concatenate([which for which, _ in parts]), system.variances[channel] * (seen @ seen.T)
+    noisy: Sequence[tuple[Patch, Slopes]], weights: Sequence[Floats], system: WeakEquations
+) -> Iterator[tuple[Places, Floats]]:
+    """The covariance of the sum that is solved, in blocks: parameters (s,), some perhaps twice, and their (s, s)."""
+    doubt = system.motion.doubt
+    awaited = Counter(channel for patch, _ in noisy for channel in _channels(patch, system))
+    heard: dict[int, list[tuple[Places, Floats, Floats]]] = {channel: [] for channel in awaited}
+    for (patch, here), weight in zip(noisy, weights, strict=True):
+        yield _twice_noisy(patch, here, weight, system)
+        for channel, part in _hearing(patch, here, weight, system):
+            heard[channel].append(part)
+            awaited[channel] -= 1
+            if not awaited[channel]:
+                which, scale, sums = (
+                    np.concatenate(pieces) for pieces in zip(*heard.pop(channel), strict=True)
+                )
+                yield which, doubt[channel] * np.outer(scale, scale) * (sums @ sums.T)
 
 
-def _twice_noisy(share: Share, system: WeakEquations, slopes: Slopes) -> Floats:
-    """(s, s): tr(Q Q) over sigma^4 for the noise in the mass's own displacement.
+def _channels(patch: Patch, system: WeakEquations) -> list[int]:
+    """Whose noise the equations of a patch hear: of the masses, and over each link of what is at its other end."""
+    return [*patch.masses.tolist(), *patch.others[system.motion.doubt[patch.others] > 0.0].tolist()]
+
+
+def _hearing(
+    patch: Patch, here: Slopes, weight: Floats, system: WeakEquations
+) -> Iterator[tuple[int, tuple[Places, Floats, Floats]]]:
+    """For each of `_channels` that the equation of a mass hears: parameters (s,), and G (s, P), to be scaled by (s,)."""
+    asked = np.flatnonzero(patch.parameter >= 0)
+    spread = system.window.spread(patch.rows[asked], system.thin)
+    signs = weight[:, None] * patch.signs[:, asked]
+    others, doubt = patch.others, system.motion.doubt
+    for i, mass in enumerate(patch.masses.tolist()):
+        its = np.flatnonzero(signs[i])
+        which, scale = patch.parameter[asked[its]], signs[i, its]
+        phi, phi_1, phi_2 = spread[its].transpose(1, 0, 2)
+        near = here.own[0, i] * phi
+        near -= here.own[1, i] * phi_1
+        near += here.masses[i] * phi_2
+        yield mass, (which, scale, near)
+        for link in np.flatnonzero(doubt[others[i]] > 0.0).tolist():
+            far = here.mean[1, link] * phi_1
+            far -= here.mean[0, link] * phi
+            yield int(others[i, link]), (which, scale, far)
+
+
+def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquations) -> tuple[Places, Floats]:
+    """tr(Q Q) for the noise in each mass's own displacement, over all masses: parameters (s,) and (s, s).
 
     Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs.
     """
-    i, window = share.equations.mass, system.window
-    thin = slopes.thin * _SMOOTHER
-    stiffness, damping = slopes.own[0, i, ::_SMOOTHER], slopes.own[1, i, ::_SMOOTHER]
-    kernels = np.stack([stiffness, -damping, np.full(stiffness.shape, slopes.masses[i])], axis=1)
-    shared = kernels @ window.overlaps
-    centres = window.half + window.stride * thin * np.arange(len(kernels))
-    by_d = np.zeros((3, len(share.which), len(kernels)))
-    for row, column in zip(*np.nonzero(share.by_parameter), strict=True):
-        term = share.equations.terms[row]
-        if term < len(system.atoms):
-            atom = system.atoms[term]
-            by_d[atom.kernel, column] += atom.sign * (
-                atom.slope if isinstance(atom.slope, float) else atom.slope[centres]
-            )
-        else:
-            by_d[PHI_2, column] += 1.0
-    total = np.zeros((len(share.which), len(share.which)))
-    for one, two in ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI)):
-        if by_d[one].any() and by_d[two].any():
-            both = np.einsum("kj,kj->k", shared[one], shared[two, :, ::-1])
-            total += (by_d[one] * both) @ by_d[two].T
-    return thin * total
+    window = system.window
+    at = np.flatnonzero(here.places[: here.inside] % system.every == 0)
+    own = here.own[:, :, at]
+    kernels = np.stack([own[0], -own[1], np.broadcast_to(here.masses[:, None], own[0].shape)], axis=2)
+    amount = system.every * (weight * system.motion.doubt[patch.masses]) ** 2
+    total = np.zeros((len(patch.kernel), len(patch.kernel)))
+    for one, two in _MEETING:
+        first, second = (
+            np.flatnonzero((patch.parameter >= 0) & (patch.kernel == kernel)) for kernel in (one, two)
+        )
+        if len(first) and len(second):
+            both = np.einsum("mkb,bc,mkc->mk", kernels, window.echoes[one, two], kernels)
+            sums = (patch.slopes[first] * both[:, None]) @ patch.slopes[second].T
+            holds = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
+            total[first[:, None], second] = np.einsum("m,mfs->fs", amount, holds * sums)
+    asked = np.flatnonzero(patch.parameter >= 0)
+    return patch.parameter[asked], total[np.ix_(asked, asked)]

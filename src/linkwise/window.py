@@ -8,7 +8,7 @@ rate; p = 8 keeps it below 1e-6 for windows of deviation 1.6 samples and more, w
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import ceil, pi, sqrt
 
 import numpy as np
@@ -34,7 +34,7 @@ class Window:
     @classmethod
     def of_deviation(cls, deviation: float, step: float) -> Window:
         """The window whose phi has the standard deviation `deviation` in samples; neighbours are 1.6 deviations apart."""
-        return cls(ceil(deviation * sqrt(2 * ORDER + 3)), max(1, round(1.6 * deviation)), step)
+        return _window(ceil(deviation * sqrt(2 * ORDER + 3)), max(1, round(1.6 * deviation)), step)
 
     @classmethod
     def for_band(cls, highest: float, rate: float, quiet: bool) -> Window:
@@ -91,46 +91,87 @@ class Window:
         return strided_filter(signals, kernels, self.stride)
 
     @cached_property
-    def overlaps(self) -> Floats:
-        """(3, 3, 2 J + 1): sums over samples of one kernel times another that is j windows later, j = -J .. J."""
+    def echoes(self) -> Floats:
+        """(3, 3, 3, 3): sums over windows j of <a, b at j> <c, d at -j>, at [a, c, b, d], for kernels a, b, c, d.
+
+        <a, b at j> is the sum over samples of kernel a times kernel b that is j windows later.
+        """
         lags = self.stride * np.arange(-self.neighbours, self.neighbours + 1)
         padded = np.pad(self.kernels, ((0, 0), (self.length, self.length)))
         later = np.stack([padded[:, self.length - lag : 2 * self.length - lag] for lag in lags], axis=2)
-        return np.einsum("at,btj->abj", self.kernels, later)
+        overlaps = np.einsum("at,btj->abj", self.kernels, later)
+        return np.asarray(np.einsum("abj,cdj->acbd", overlaps, overlaps[:, :, ::-1]))
 
     @property
     def neighbours(self) -> int:
         """Windows to each side whose centre lies within one window."""
         return self.half // self.stride
 
-    def spread(self, rows: Floats, thin: int) -> Floats:
-        """Sums of kernels over all windows, weighted by `rows` (S, R), near the centre of every `thin`-th: (3, S, R').
+    def coverage(self, kernels: Floats, valid: Floats, samples: int) -> Floats:
+        """(Q, N) sums over windows, weighted by `valid` (R,), of kernels (Q, length) at each of so many samples.
 
-        Every other place is moved half a stride, so that what the places see of all times is even.
+        A sum over samples and windows of a signal under a kernel is the product of the signal and this.
         """
-        reach = self.neighbours + 1
-        padded = np.pad(rows, ((0, 0), (reach, reach)))
-        found = np.empty((3, len(rows), -(-rows.shape[1] // thin)))
-        for phase, moved in enumerate((0, self.stride // 2)):
+        reach = -(-self.length // self.stride)
+        taps = np.zeros((len(kernels), reach * self.stride))
+        taps[:, : self.length] = kernels
+        taps = taps.reshape(len(kernels), reach, self.stride).transpose(1, 0, 2).reshape(reach, -1)
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(valid, reach - 1), reach)
+        sums = (windows @ taps[::-1]).reshape(len(windows), len(kernels), self.stride)
+        covered = np.zeros((len(kernels), samples))
+        count = min(samples, len(windows) * self.stride)
+        covered[:, :count] = sums.transpose(1, 0, 2).reshape(len(kernels), -1)[:, :count]
+        return covered
+
+    def places(self, windows: int, thin: int) -> NDArray[np.intp]:
+        """(P,) the window that is nearest to each place of `spread`.
+
+        First every second of every `thin`-th window, then the others of them, then `half` times the first and the last.
+        """
+        kept = np.arange(0, windows, thin)
+        return np.concatenate([kept[::2], kept[1::2], np.repeat(kept[[0, -1]], self.half)])
+
+    def spread(self, rows: Floats, thin: int) -> Floats:
+        """(S, 3, P) sums of kernels over all windows, weighted by `rows` (S, R), at places that stand for all samples.
+
+        Places lie near the centre of every `thin`-th window, every second of them moved half a stride, so that what they see
+        of all times is even; before the first and after the last centre every sample is a place, since what other windows
+        cancel inside the record stays there. The sums are multiplied by the root of the samples for which their place stands.
+        """
+        windows, reach = rows.shape[1], self.neighbours + 1
+        width = 2 * reach + 1
+        around = np.lib.stride_tricks.sliding_window_view(
+            np.pad(rows, ((0, 0), (reach, reach))), width, axis=1
+        )
+        found = np.empty((len(rows), 3, -(-windows // thin) + 2 * self.half))
+        first = 0
+        for start, moved in ((0, 0), (thin, self.stride // 2)):
             at = self.half + moved - self.stride * np.arange(-reach, reach + 1)
             inside = (at >= 0) & (at < self.length)
             taps = np.where(inside, self.kernels[:, np.where(inside, at, 0)], 0.0)
-            if found[:, :, phase::2].size:
-                found[:, :, phase::2] = strided_filter(padded[:, phase * thin :], taps, 2 * thin)
+            here = np.ascontiguousarray(around[:, start :: 2 * thin].transpose(0, 2, 1))
+            last = first + here.shape[2]
+            np.matmul(np.sqrt(thin * self.stride) * taps, here, out=found[:, :, first:last])
+            first = last
+        found[:, :, first:] = self._edges(rows)
         return found
 
-    def edges(self, rows: Floats) -> Floats:
-        """Sums of kernels over all windows, weighted by `rows` (S, R), before the first and after the last centre.
-
-        (3, S, 2 half): every sample, since what other windows cancel inside the record stays here.
-        """
+    def _edges(self, rows: Floats) -> Floats:
+        """(S, 3, 2 half) the sums of `spread` at every sample before the first and after the last centre."""
         count = min(self.neighbours + 1, rows.shape[1])
         taps = np.zeros((2, 3, count, self.half))
         for later in range(count):
             shift = later * self.stride
             taps[0, :, later, shift:] = self.kernels[:, : self.half - shift]
             taps[1, :, -1 - later, : self.half - shift] = self.kernels[:, self.half + 1 + shift :]
-        return np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
+        sums = np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
+        return sums.transpose(1, 0, 2)
+
+
+@lru_cache(maxsize=64)
+def _window(half: int, stride: int, step: float) -> Window:
+    """One object for equal windows: what follows from it is worked out once."""
+    return Window(half, stride, step)
 
 
 def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
