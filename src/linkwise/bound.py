@@ -225,7 +225,10 @@ def _table(limit: Limit) -> str:
         f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, in segments of "
         f"{limit.segment:g} s with free starts;\na fit that links segments may come out somewhat better."
     )
-    noise = [("noise", "deviation"), *((name, _noise_text(limit, name)) for name in limit.noise)]
+    noise: list[tuple[str, ...]] = [
+        ("noise", "deviation"),
+        *((name, _noise_text(limit, name)) for name in limit.noise),
+    ]
     title = ("coefficient", "value", "std. error", "relative", "smallest seen", "unit")
     forces = [(each.name, _percent(each.nmse), _force(each.detectable), "") for each in limit.links]
     blocks = [

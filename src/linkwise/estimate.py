@@ -14,6 +14,7 @@ from scipy.sparse import csc_array
 from linkwise.channel import Channel
 from linkwise.errors import StructureError
 from linkwise.findings import link_findings
+from linkwise.likelihood.optimum import Optimum
 from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
 from linkwise.linkmotion import LinkMotion
 from linkwise.record import Record
@@ -56,6 +57,7 @@ class Estimate:
     `status` is "converged", "not converged", "chi-square off" or, from a method that knows no noise, "forces unexplained", and
     `message` says what that means here; without convergence, or with residuals that noise does not explain
     (`chi_square_per_sample` far from 1), no interval is given.
+    `optimum` is where a likelihood fit ended, for `profile_interval` to look around.
     `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals` is False
     for methods whose covariance tells no more than the size of the residuals.
     """
@@ -76,6 +78,7 @@ class Estimate:
     record: Record
     remarks: tuple[str, ...] = ()
     intervals: bool = True
+    optimum: Optimum | None = None
 
     @property
     def trusted(self) -> bool:

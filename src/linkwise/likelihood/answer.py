@@ -60,6 +60,7 @@ def likelihood_estimate(
         motion=_motion(fit, identified, records[0]),
         record=records[0],
         remarks=_remarks(fit),
+        optimum=fit.optimum,
     )
 
 
