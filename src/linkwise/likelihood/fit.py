@@ -19,19 +19,21 @@ from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evaluate, linearise
-from linkwise.likelihood.start import channel_noise, nodes, start_states
+from linkwise.likelihood.start import carried, channel_noise, nodes, start_states
 from linkwise.record import Record
 from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
 SAMPLES = 5  # in a segment: shorter ones cost unknowns, longer ones make a chaotic flow steep
+_NEAR = Schedule(loose=0.1, fast=0.01, trust=10.0)  # from a start with known deviations: the weak fit's
 _FLOW_ERROR = 0.02  # of a noise deviation: what the steps of the flow may be wrong by
 _FINEST = 8
 _TRIED = 150  # segments that tell how fine the steps must be
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
+_LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 _LOOSENING = 3.0  # from rung to rung of the ladder of model errors
 _LOOSEST = 1e4
 _MOST_WORKERS = 8
@@ -141,7 +143,7 @@ def _fitted(
         np.zeros(len(offsets)),
     )
     segments = _fine_enough(records, structure, system, point, scales, offsets)
-    fit = annealer(segments, point, scales, Schedule())
+    fit = annealer(segments, carried(segments, point), scales, Schedule())
     limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
     model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
     off = bool(abs(chi_square - 1.0) > limit)
@@ -149,9 +151,9 @@ def _fitted(
     if off and coloured and wants_model_error:
         fit, model_error, factor = _with_model_error(segments, fit, annealer)
         chi_square = factor**2
-        off = (
-            any(name in record.noise for record in records for name in channels)
-            and abs(chi_square - 1.0) > limit
+        stated = any(name in record.noise for record in records for name in channels)
+        off = (stated and abs(chi_square - 1.0) > limit) or (
+            chi_square > _LARGEST_EXCESS and _colour(fit.misfit) > _WHITE
         )
     p = system.parameters.size
     return LikelihoodFit(
@@ -244,7 +246,7 @@ def _evidence(segments: Segments, fit: Fit, q: float, loss: Loss) -> tuple[float
     if factor is None:
         return 1.0, np.inf
     defects = 2 * segments.system.incidence.shape[0] * int(segments.linked.sum())
-    nodes = 2 * segments.system.incidence.shape[0] * segments.count
+    nodes = 2 * segments.system.incidence.shape[0] * int((~segments.lone).sum())
     free = ~fit.at_bound
     freedom = fit.samples + defects - nodes - int(free.sum())
     noise = np.sqrt(fit.misfit.cost(q) / freedom)
