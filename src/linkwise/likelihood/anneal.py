@@ -252,17 +252,23 @@ def _bounds(segments: Segments) -> tuple[Array, Array]:
 
 def _freedom(segments: Segments) -> float:
     """Share of the samples that is left when each chain has one free state and all share theta."""
-    chains = 1 + int((~segments.linked).sum())
     samples = int(segments.seen.sum())
-    return 1.0 - float(chains * 2 * segments.system.incidence.shape[0] + segments.parameters) / samples
+    return (
+        1.0 - float(segments.chains * 2 * segments.system.incidence.shape[0] + segments.parameters) / samples
+    )
 
 
 def covariance(factor: Factor | None, scales: Scales, free: Mask) -> Array:
-    """Of theta and offsets in their own units, zero where not free; infinite without a factor."""
+    """Of theta and offsets in their own units, zero where not free; infinite where the equations are singular."""
     size = len(scales.theta)
+    unknown = np.full((size, size), np.inf)
     if factor is None:
-        return np.full((size, size), np.inf)
+        return unknown
     chosen = np.ix_(free, free)
+    try:
+        inverse = np.linalg.inv(factor.schur[chosen])
+    except np.linalg.LinAlgError:
+        return unknown
     out = np.zeros((size, size))
-    out[chosen] = np.linalg.inv(factor.schur[chosen]) * np.outer(scales.theta[free], scales.theta[free])
+    out[chosen] = inverse * np.outer(scales.theta[free], scales.theta[free])
     return out

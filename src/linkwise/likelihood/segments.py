@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -63,6 +64,17 @@ class Segments:
     @property
     def parameters(self) -> int:
         return int(self.system.parameters.size + self.sensors.offsets)
+
+    @cached_property
+    def lone(self) -> Mask:
+        """(K,) segments of which nothing is known: neither a sample nor a link."""
+        before, after = np.append(False, self.linked), np.append(self.linked, False)
+        return np.asarray(~(before | after | self.seen.any(axis=(0, 1))))
+
+    @property
+    def chains(self) -> int:
+        """Runs of linked segments, each with one free state at its head."""
+        return 1 + int((~self.linked).sum()) - int(self.lone.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +223,7 @@ def linearise(
             strict=False,
         ):
             total += share
+    data.state[segments.lone] = np.eye(m)  # these nodes stay where they are
     return Linear(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
 
 
