@@ -1,0 +1,99 @@
+"""Test functions: sums obey integrals by parts, blocked filters equal loops, and noise is counted at every sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from linkwise.window import Window, strided_filter
+
+WINDOWS = [Window.of_deviation(deviation, 1e-3) for deviation in (1.8, 2.2, 5.0, 20.0)]
+
+
+@pytest.mark.parametrize("window", WINDOWS, ids=lambda window: f"half {window.half}")
+def test_sums_by_parts_are_exact_for_polynomials(window: Window) -> None:
+    """Sum phi' t^k = -k sum phi t^(k-1) and sum phi'' t^k = k (k-1) sum phi t^(k-2), to the fifth degree."""
+    t = window.step * np.arange(-window.half, window.half + 1)
+    phi, first, second = window.kernels
+    for k in range(6):
+        size_1, size_2 = np.abs(first) @ np.abs(t) ** k, np.abs(second) @ np.abs(t) ** k
+        assert abs(first @ t**k + (k * (phi @ t ** (k - 1)) if k else 0.0)) < 1e-12 * size_1
+        assert abs(second @ t**k - (k * (k - 1) * (phi @ t ** (k - 2)) if k > 1 else 0.0)) < 1e-12 * size_2
+
+
+def test_sums_by_parts_on_an_oscillation() -> None:
+    """sum phi'' x = sum phi x'' for 20 Hz: to the alias of phi, less in a wider window."""
+    t = np.arange(600) / 1000.0
+    x = np.sin(125.0 * t)
+    errors = []
+    for window in (Window.of_deviation(deviation, 1e-3) for deviation in (1.8, 3.0, 5.0, 8.0)):
+        by_parts = window.filter(x[None], window.kernels[2:])[0, 0]
+        direct = window.filter(-(125.0**2) * x[None], window.kernels[:1])[0, 0]
+        errors.append(np.abs(by_parts - direct).max() / np.abs(direct).max())
+    assert errors[0] < 1e-7 and errors[-1] < 1e-9
+    assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize("window", WINDOWS, ids=lambda window: f"half {window.half}")
+def test_slope_differentiates_the_sixth_degree(window: Window) -> None:
+    t = window.step * np.arange(-window.half, window.half + 1)
+    for k in range(7):
+        expected = 1.0 if k == 1 else 0.0
+        assert window.slope[0] @ t**k == pytest.approx(expected, abs=1e-11 * np.abs(window.slope[0]) @ np.abs(t) ** k)
+
+
+@pytest.mark.parametrize(("samples", "length", "stride"), [(100, 17, 3), (64, 64, 5), (301, 40, 80), (50, 3, 1)])
+def test_blocked_filter_equals_a_loop(samples: int, length: int, stride: int) -> None:
+    rng = np.random.default_rng(5)
+    signals, kernels = rng.normal(size=(2, samples)), rng.normal(size=(3, length))
+    found = strided_filter(signals, kernels, stride)
+    rows = (samples - length) // stride + 1
+    assert found.shape == (3, 2, rows)
+    for row in range(rows):
+        piece = signals[:, row * stride : row * stride + length]
+        assert found[:, :, row] == pytest.approx(kernels @ piece.T, abs=1e-12 * length)
+
+
+@pytest.mark.parametrize("window", WINDOWS[1:], ids=lambda window: f"half {window.half}")
+def test_coverage_is_what_all_windows_make_of_a_sample(window: Window) -> None:
+    samples = 3 * window.length + 5
+    valid = np.random.default_rng(2).uniform(size=window.rows(samples))
+    covered = np.zeros((3, samples))
+    for row, weight in enumerate(valid):
+        covered[:, row * window.stride : row * window.stride + window.length] += weight * window.kernels
+    assert window.coverage(window.kernels, valid, samples) == pytest.approx(covered, abs=1e-13)
+
+
+@pytest.mark.parametrize("thin", [1, 2])
+def test_places_stand_for_all_samples(thin: int) -> None:
+    """The sum of squares at the places is that at all samples, to 1 % for a motion of the window's width, and every sample
+    counts before the first and after the last centre.
+    """
+    window = Window.of_deviation(4.0, 1e-3)
+    windows = 400
+    rows = np.sin(1.0 * np.arange(windows) + np.array([[0.0], [1.0]]))
+    everywhere = np.zeros((2, 3, (windows - 1) * window.stride + window.length))
+    for row in range(windows):
+        here = slice(row * window.stride, row * window.stride + window.length)
+        everywhere[:, :, here] += rows[:, row, None, None] * window.kernels
+    found = window.spread(rows, thin)
+    assert len(window.places(windows, thin)) == found.shape[2]
+    edges = np.concatenate([everywhere[:, :, : window.half], everywhere[:, :, -window.half :]], axis=2)
+    assert found[:, :, -2 * window.half :] == pytest.approx(edges, abs=1e-13)
+    energy = np.sum(found**2, axis=2), np.sum(everywhere**2, axis=2)
+    assert energy[0] == pytest.approx(energy[1], rel=0.01)
+
+
+def test_a_record_shorter_than_a_window_has_no_rows() -> None:
+    window = Window.of_deviation(5.0, 1e-3)
+    assert [window.rows(samples) for samples in (1, window.length - 1, window.length)] == [0, 0, 1]
+    assert window.rows(window.length + 3 * window.stride) == 4
+
+
+def test_window_follows_the_band() -> None:
+    """Twice the frequency, half the window; never narrower than the sampling or wider than 400 samples of deviation."""
+    halves = [Window.for_band(highest, 1000.0, quiet=False).half for highest in (5.0, 10.0, 20.0)]
+    assert halves[0] == pytest.approx(2 * halves[1], abs=2) and halves[1] == pytest.approx(2 * halves[2], abs=2)
+    assert Window.for_band(500.0, 1000.0, quiet=False).half == 8
+    assert Window.for_band(500.0, 1000.0, quiet=True).half > 8
+    assert Window.for_band(1e-6, 1000.0, quiet=False) == Window.of_deviation(400.0, 1e-3)
