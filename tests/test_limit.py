@@ -181,6 +181,24 @@ def test_what_sensors_cannot_tell_is_said() -> None:
     assert told["links"]["damper"]["force_error"] == 0.0  # it has no force at rest
 
 
+def test_each_confusion_is_told_apart_from_the_others() -> None:
+    """Two masses that do not touch, each on two springs: two findings of two."""
+    springs = [
+        lw.Link(f"{mass}{side}", (mass, "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(value)})
+        for mass, value in (("m1", 100.0), ("m2", 150.0))
+        for side in "ab"
+    ]
+    masses = tuple(lw.Mass(name, lw.Coefficient.number(1.0)) for name in ("m1", "m2"))
+    found = lw.limit(
+        lw.Structure("pairs", masses, tuple(springs)),
+        duration=1.0,
+        rate=200.0,
+        noise=30.0,
+        release={"x:m1": 0.01, "x:m2": 0.01},
+    )
+    assert [line.partition(" are")[0] for line in found.findings] == ["m1a.k and m1b.k", "m2a.k and m2b.k"]
+
+
 def test_a_link_that_never_moves_leaves_no_trace(chain: lw.Structure) -> None:
     still = lw.limit(
         chain, duration=0.5, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-4}, release={"v:m1": 0.0}

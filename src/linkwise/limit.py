@@ -65,7 +65,7 @@ def limit(
     fineness = _fineness(record, true)
     fine = record
     if fineness > 1:
-        fine = simulate(true, duration=duration, rate=rate * fineness, sensors=sensors, **excitation)
+        fine = simulate(true, duration=record.duration, rate=rate * fineness, sensors=sensors, **excitation)
     values = np.array([true.coefficient(parameter.name).value for parameter in asked.parameters], dtype=float)
     pieces = _pieces(_thinned(fine, fineness), excitation.get("impulses", ()))
     told = information(

@@ -16,6 +16,7 @@ import click
 
 from linkwise.cli.console import fail
 from linkwise.cli.identify import identify
+from linkwise.cli.limit import limit
 from linkwise.cli.simulate import simulate
 from linkwise.cli.structure import structure
 from linkwise.errors import LinkwiseError
@@ -38,7 +39,7 @@ def linkwise(debug: bool) -> None:
     """
 
 
-for command in (structure, simulate, identify):
+for command in (structure, limit, simulate, identify):
     linkwise.add_command(command)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from linkwise.likelihood.flow import flow, tangents
 from linkwise.likelihood.segments import A, Point, Scales, Segments, V, X
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
 _BLIND = 1e-9  # of what would be known beside known states: below it single-precision tangents say nothing
 _SEEN_TOGETHER = 1e-3  # share of a combination in blind directions that makes it blind
+_RELATED = 0.01  # cosine between the blind parts of two parameters that are confused with each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +60,12 @@ class Precision:
 
     @property
     def confused(self) -> tuple[NDArray[np.intp], ...]:
-        """For each blind direction the parameters with a part in it: seen only together, or, where it is one, not at all."""
-        return tuple(np.flatnonzero(np.abs(direction) > 0.05) for direction in self.blind.T)
+        """Groups of parameters that are seen only together; a group of one leaves no trace at all."""
+        shares = np.linalg.norm(self.blind, axis=1)
+        lost = np.flatnonzero(shares > _SEEN_TOGETHER)
+        part = self.blind[lost] / shares[lost, None]
+        _, labels = connected_components(np.abs(part @ part.T) > _RELATED, directed=False)
+        return tuple(lost[labels == label] for label in range(labels.max(initial=-1) + 1))
 
 
 def information(segments: Segments, point: Point, scales: Scales) -> Information:
@@ -74,7 +80,7 @@ def information(segments: Segments, point: Point, scales: Scales) -> Information
     fisher, beside = np.zeros((p, p)), np.zeros(p)
     for first in range(0, segments.count, size):
         rows = _sensitivities(segments, point, scales, slice(first, min(first + size, segments.count)))
-        triangle = np.linalg.qr(rows, mode="r")
+        triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
         left = triangle[:, m:, m:].reshape(-1, p)
         fisher += left.T @ left
         beside += np.sum(triangle[..., m:] ** 2, axis=(0, 1))

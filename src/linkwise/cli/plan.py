@@ -1,0 +1,111 @@
+"""Options of commands that run a test on a structure: what drives it, and what is recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+import linkwise as lw
+from linkwise.cli.options import POSITIVE, grouped, number, pairs, split
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What sets the structure in motion, as typed."""
+
+    release: tuple[str, ...]
+    impulse: tuple[str, ...]
+    force: tuple[str, ...]
+    base: str | None
+
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.simulate`; raises UsageError and the errors of reading a drive's file."""
+        release = pairs(self.release, "--release", "v:m1=1.0")
+        return {
+            "release": {name: number(value, "--release", "v:m1=1.0") for name, value in release.items()},
+            "impulses": tuple(_impulse(text) for text in self.impulse),
+            "forces": {
+                mass: _time_function(value, f"force:{mass}")
+                for mass, value in pairs(self.force, "--force", 'm1="sin(2*pi*3*t)"').items()
+            },
+            "base": None if self.base is None else _time_function(self.base, "x:base"),
+        }
+
+
+def _impulse(text: str) -> lw.Impulse:
+    """`MASS=MOMENTUM` or `MASS=MOMENTUM@TIME`, in N s and s."""
+    mass, value = split(text, "--impulse", "m1=0.3@0.5")
+    momentum, _, time = value.partition("@")
+    return lw.Impulse(
+        mass, number(momentum, "--impulse", "m1=0.3@0.5"), number(time or "0", "--impulse", "m1=0.3@0.5")
+    )
+
+
+def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
+    """An expression of t, or samples: `FILE` with that channel, or `FILE:COLUMN`."""
+    for end in [*(i for i, character in enumerate(text) if character == ":"), len(text)]:
+        path = Path(text[:end])
+        if path.is_file():
+            column = text[end + 1 :]
+            record = lw.read_record(path, channels={channel: column} if column else {})
+            return lw.Sampled(record.start, record.rate, record.channel(channel))
+    return lw.TimeFunction(text)
+
+
+drive_options = grouped(
+    Drive,
+    "drive",
+    click.option(
+        "--release",
+        metavar="CHANNEL=VALUE",
+        multiple=True,
+        help="Start with this displacement (x:m1=0.01, m) or velocity (v:m1=1.0, m/s). Repeatable.",
+    ),
+    click.option(
+        "--impulse",
+        metavar="MASS=NS[@S]",
+        multiple=True,
+        help="Hit a mass: momentum in N s, at a time in s (default 0). Repeatable.",
+    ),
+    click.option(
+        "--force",
+        metavar="MASS=FORCE",
+        multiple=True,
+        help='Force in N: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
+    ),
+    click.option(
+        "--base", metavar="MOTION", help="Base displacement in m: an expression of t or FILE:COLUMN."
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """What is recorded, as typed."""
+
+    duration: float
+    rate: float
+    sensors: str
+
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.simulate`."""
+        sensors = tuple(kind.strip() for kind in self.sensors.split(","))
+        return {"duration": self.duration, "rate": self.rate, "sensors": sensors}
+
+
+sampling_options = grouped(
+    Sampling,
+    "sampling",
+    click.option("--duration", metavar="S", type=POSITIVE, required=True, help="Length of the record in s."),
+    click.option("--rate", metavar="HZ", type=POSITIVE, required=True, help="Samples per second."),
+    click.option(
+        "--sensors",
+        metavar="LIST",
+        default="x",
+        show_default=True,
+        help="Kinds (x,v,a) or channels (x:m1,a:m2).",
+    ),
+)

@@ -1,0 +1,115 @@
+"""`linkwise limit`: what it prints of a planned test, and what it says where sensors cannot tell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+
+PLAN = ["--duration", "0.5", "--rate", "500", "--release", "v:m1=1.0"]
+
+
+@pytest.fixture
+def chain(tmp_path: Path) -> Path:
+    path = tmp_path / "chain.toml"
+    lw.write_structure(lw.bnes_chain(2), path)
+    return path
+
+
+def told(chain: Path, *options: str, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+    """What --json prints."""
+    assert run(["limit", str(chain), *PLAN, *options, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return json.loads(out)
+
+
+def test_json_is_the_bound_of_the_library(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = told(chain, "--noise", "20", "--unknown", "nes1.alpha", "--unknown", "nes1.beta", capsys=capsys)
+    same = lw.limit(
+        lw.bnes_chain(2),
+        duration=0.5,
+        rate=500.0,
+        release={"v:m1": 1.0},
+        noise=20.0,
+        unknown=("nes1.alpha", "nes1.beta"),
+    )
+    assert list(found["coefficients"]) == ["nes1.alpha", "nes1.beta"]
+    alpha, error = found["coefficients"]["nes1.alpha"], same.standard_errors[0]
+    assert alpha["standard_error"] == pytest.approx(error, rel=1e-12)
+    assert alpha["relative_percent"] == pytest.approx(error, rel=1e-12)  # alpha is -100
+    assert alpha["detectable"] == pytest.approx(3.605 * error, rel=1e-12)
+    assert found["links"]["nes1"]["nmse_percent"] == pytest.approx(same.link("nes1").nmse, rel=1e-12)
+
+
+def test_excitation_sensors_noise_and_segment_reach_it(
+    chain: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--impulse", "m2=0.01@0.2", "--force", "m2=0.1*sin(2*pi*20*t)", "--sensors", "a:m2,v:m1"]
+    found = told(
+        chain, *options, "--noise-of", "a:m2=3", "--noise-of", "v:m1=0.01", "--segment", "0.1", capsys=capsys
+    )
+    same = lw.limit(
+        lw.bnes_chain(2),
+        duration=0.5,
+        rate=500.0,
+        release={"v:m1": 1.0},
+        impulses=(lw.Impulse("m2", 0.01, 0.2),),
+        forces={"m2": "0.1*sin(2*pi*20*t)"},
+        sensors=("a:m2", "v:m1"),
+        noise={"a:m2": 3.0, "v:m1": 0.01},
+        segment=0.1,
+    )
+    assert found["noise"] == {"a:m2": 3.0, "v:m1": 0.01} and found["segment"] == 0.1
+    errors = [each["standard_error"] for each in found["coefficients"].values()]
+    assert errors == pytest.approx(list(same.standard_errors), rel=1e-12)
+
+
+def test_prints_a_table(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["limit", str(chain), *PLAN, "--noise", "20"]) == 0
+    out = capsys.readouterr().out
+    assert "251 samples each of x:m1, x:m2 at 500 Hz, in segments of 0.25 s with free starts" in out
+    titles = ["coefficient", "value", "std. error", "relative", "smallest seen", "unit"]
+    assert all(title in out for title in titles)
+    assert "nes1.alpha" in out and "N/m^3" in out and "expected NMSE" in out and "nes1 barrier" in out
+
+
+def test_says_what_sensors_cannot_tell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a force on it, a motion is the same when mass, stiffness and damping grow together."""
+    path = tmp_path / "mass.toml"
+    path.write_text(
+        'name = "one"\n[[mass]]\nname = "m1"\nmass = 1.0\n[[link]]\nname = "spring"\nbetween = ["m1", "ground"]\n'
+        'law = "k*d + c*v"\ncoefficients = { k = 400.0, c = 0.5 }\n'
+    )
+    unknown = ["--unknown", "spring", "--unknown", "mass:m1"]
+    assert run(["limit", str(path), *PLAN, "--noise", "20", *unknown]) == 0
+    out = capsys.readouterr().out
+    assert "cannot be told" in out
+    assert "! spring.k, spring.c and m1.mass are seen only together: these sensors cannot tell" in out
+    assert run(["limit", str(path), *PLAN, "--noise", "20", *unknown, "--force", "m1=5*sin(15*t)"]) == 0
+    assert "cannot be told" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        ([], 2, "either --noise DB or --noise-of CHANNEL=SIGMA"),
+        (["--noise", "20", "--noise-of", "x:m1=1e-4"], 2, "either --noise DB or --noise-of CHANNEL=SIGMA"),
+        (["--noise-of", "x:m1=loud"], 2, "--noise-of: 'loud' is not a number"),
+        (["--noise-of", "x:m1=1e-4"], 1, "x:m2 is missing"),
+        (["--noise", "20", "--unknown", "nes9"], 2, '"nes9" is no link'),
+        (["--noise", "20", "--sensors", "x:m9"], 2, "there is no mass 'm9'"),
+        (["--noise", "20", "--segment", "0"], 2, "0.0 is not in the range x>0"),
+    ],
+)
+def test_what_cannot_be_planned_is_one_paragraph(
+    chain: Path, options: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["limit", str(chain), *PLAN, *options]) == code
+    out, err = capsys.readouterr()
+    assert out == "" and message in err
+    assert err.startswith("linkwise: ") and "Traceback" not in err and "\n\n" not in err
