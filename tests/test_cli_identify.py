@@ -24,7 +24,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure, fitted:
 
 
 def arguments(files: Path, *options: str) -> list[str]:
-    return ["identify", str(files / "run.csv"), str(files / "unknown.toml"), *options]
+    return ["identify", str(files / "run.csv"), str(files / "unknown.toml"), "--method", "weak", *options]
 
 
 def test_prints_the_table_of_the_library(
@@ -77,7 +77,7 @@ def test_columns_are_mapped(
     path = tmp_path / "laser.csv"
     np.savetxt(path, table, delimiter=",", header="time,Laser 1,Laser 2", comments="")
     mapping = ["--channel", "x:m1[mm]=Laser 1", "--channel", "x:m2[mm]=Laser 2"]
-    assert run(["identify", str(path), str(files / "unknown.toml"), *mapping, "--json"]) == 0
+    assert run(["identify", str(path), *arguments(files, *mapping, "--json")[2:]]) == 0
     sink = next(link for link in json.loads(capsys.readouterr().out)["links"] if link["name"] == "nes1")
     found = sink["coefficients"]["alpha"]["value"]
     assert found == pytest.approx(fitted.coefficient("nes1.alpha").value, rel=1e-6)  # the file has 18 digits
@@ -87,7 +87,7 @@ def test_an_answer_not_to_be_trusted_has_exit_code_3(
     files: Path, fitted: lw.Estimate, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = replace(fitted, status="not converged")
-    monkeypatch.setattr(lw, "identify", lambda record, structure, method: bad)
+    monkeypatch.setattr(lw, "identify", lambda record, structure, **_: bad)
     assert run(arguments(files)) == 3
     assert "not converged" in capsys.readouterr().out
 

@@ -1,30 +1,120 @@
-"""`linkwise identify`: a record and a structure with unknowns, to the force of every link."""
+"""`linkwise identify`: records and a structure with unknowns, to the force of every link."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import log10
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import linkwise as lw
 from linkwise.cli.console import progress, tell
-from linkwise.cli.options import FILE, FOLDER, RecordSource, record_options
+from linkwise.cli.options import FILE, FOLDER, RecordSource, grouped, record_options
 from linkwise.output import check_result_folder, to_json
 
+if TYPE_CHECKING:
+    from linkwise.likelihood.anneal import Progress
+
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
+_TIGHT = -5.0  # decades of q at which annealing ends, the end of the bar
+_DIFFERS = (
+    0.1  # of an interval's half: from here a profile interval says something that a standard error does not
+)
+
+Step = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """How to estimate, as typed."""
+
+    method: str
+    more: tuple[Path, ...]
+    offset: tuple[str, ...]
+    robust: str | None
+    profile: bool
+    derivative: str | None
+    regressor: str | None
+
+    def check(self) -> None:
+        """UsageError for options of one method given with another."""
+        ml = {
+            "--with": self.more,
+            "--offset": self.offset,
+            "--robust": self.robust,
+            "--profile": self.profile,
+        }
+        sindy = {"--derivative": self.derivative, "--regressor": self.regressor}
+        for method, options in (("ml", ml), ("sindy", sindy)):
+            given = [name for name, value in options.items() if value]
+            if given and self.method != method:
+                raise click.UsageError(f"{given[0]} is for --method {method}, not for {self.method}.")
+
+    def keywords(self, step: Step) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.identify`; `step` moves the bar."""
+        if self.method == "ml":
+            loss = {None: None, "huber": lw.Huber, "student": lw.Student}[self.robust]
+            return {
+                "offsets": self.offset,
+                "loss": loss and loss(),
+                "progress": lambda done: step(_fraction(done.q), _stage(done)),
+            }
+        if self.method == "sindy":
+            given: dict[str, Any] = {"derivative": self.derivative, "regressor": self.regressor}
+            return {"classical": lw.Classical(**{name: value for name, value in given.items() if value})}
+        return {}
+
+
+choices = grouped(
+    Choices,
+    "chosen",
+    click.option(
+        "--method",
+        type=click.Choice(["ml", "weak", "sindy"]),
+        default="ml",
+        show_default=True,
+        help="Maximum likelihood on the raw samples; the weak form, which starts it, alone; or the paper's sparse regression.",
+    ),
+    click.option(
+        "--with",
+        "more",
+        metavar="RECORD",
+        multiple=True,
+        type=FILE,
+        help="Another record of the same structure, read as RECORD is and fitted together with it (ml). Repeatable.",
+    ),
+    click.option(
+        "--offset",
+        metavar="CHANNEL",
+        multiple=True,
+        help="Find a constant error of this channel too (ml). Repeatable.",
+    ),
+    click.option(
+        "--robust",
+        type=click.Choice(["huber", "student"]),
+        help="Against outliers: what a residual costs (ml).",
+    ),
+    click.option("--profile", is_flag=True, help="Print profile-likelihood intervals too (ml)."),
+    click.option(
+        "--derivative",
+        type=click.Choice(["spline", "savgol", "differences"]),
+        help="How to differentiate (sindy; default spline).",
+    ),
+    click.option(
+        "--regressor",
+        type=click.Choice(["stlsq", "l1", "least-squares"]),
+        help="How to regress (sindy; default stlsq).",
+    ),
+)
 
 
 @click.command()
 @record_options
 @click.argument("structure", type=FILE)
-@click.option(
-    "--method",
-    type=click.Choice(["weak", "sindy"]),
-    default="weak",
-    show_default=True,
-    help="How to estimate.",
-)
+@choices
 @click.option(
     "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
 )
@@ -37,38 +127,100 @@ UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 def identify(
     source: RecordSource,
     structure: Path,
-    method: Literal["weak", "sindy"],
+    chosen: Choices,
     output: Path | None,
     truth: Path | None,
     as_json: bool,
 ) -> int:
     """Identify the unknown coefficients of STRUCTURE from RECORD.
 
-    Exit code 3 means that it finished but the answer is not to be trusted; the table says why.
+    Exit code 3 means that it finished but the answer is not to be trusted; the table says why. Ctrl-C ends the search with the
+    best so far, which is not to be trusted either.
 
     \b
-    Example:
+    Examples:
       linkwise identify run.csv unknown.toml -o answer
+      linkwise identify run.csv unknown.toml --with run2.csv --offset x:m1 --profile
+      linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
+      linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
+    chosen.check()
     if output is not None:
         check_result_folder(output)  # before the work, so that nobody waits for a refusal
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
     with progress("reading") as step:
-        record = source.read(subject.mass_names)
-        for note in record.notes:
-            tell(f"note: {note}")
+        records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
         step(0.0, "identifying")
-        estimate = lw.identify(record, subject, method=method)
+        estimate = lw.identify(
+            records[0] if len(records) == 1 else records,
+            subject,
+            method=chosen.method,  # type: ignore[arg-type]  # click has checked the choice
+            **chosen.keywords(step),
+        )
+        profiles = _profiles(estimate, step) if chosen.profile else {}
         if output is not None:
             lw.write_result(estimate, output, truth=true, progress=step)
     result = lw.result_of(estimate, true)
+    if chosen.profile:
+        result["profile_intervals"] = {name: list(ends) for name, ends in profiles.items()}
     click.echo(to_json(result) if as_json else str(estimate))
     if not as_json:
+        _tell_profiles(estimate, profiles)
         _compare(result)
         if output is not None:
             tell(f"written to {output}; open {output / 'report.html'}")
     return 0 if estimate.trusted else UNTRUSTED
+
+
+def _read(source: RecordSource, subject: lw.Structure) -> lw.Record:
+    record = source.read(subject.mass_names)
+    for note in record.notes:
+        tell(f"note: {note}")
+    return record
+
+
+def _fraction(q: float) -> float:
+    """Of the way from loose to tight; the same for a ladder of model errors, which climbs back."""
+    return min(max(log10(q) / _TIGHT, 0.0), 1.0)
+
+
+def _stage(done: Progress) -> str:
+    return f"q {done.q:.0e}, cost {done.cost:.6g}, chi-square {done.data_per_sample:.3f}"
+
+
+def _profiles(estimate: lw.Estimate, step: Step) -> dict[str, tuple[float, float]]:
+    """Profile intervals of all unknowns that have one; what cannot be followed is told, Ctrl-C leaves the rest out."""
+    found: dict[str, tuple[float, float]] = {}
+    if not estimate.trusted:
+        return found
+    names = [parameter.name for parameter in estimate.parameters]
+    try:
+        for number, name in enumerate(names):
+            step(number / len(names), f"profile of {name}")
+            try:
+                found[name] = lw.profile_interval(estimate, name)
+            except lw.IdentificationError as error:
+                tell(f"note: {error}")
+    except KeyboardInterrupt:
+        tell(f"note: interrupted; {len(names) - len(found)} profile intervals are left out")
+    return found
+
+
+def _tell_profiles(estimate: lw.Estimate, profiles: dict[str, tuple[float, float]]) -> None:
+    """Print profile intervals, marking those that the standard error does not tell."""
+    if not profiles:
+        return
+    width = max(map(len, profiles))
+    click.echo("\n95 % intervals that follow the likelihood (profiles)")
+    for name, ends in profiles.items():
+        each = estimate.coefficient(name)
+        asymmetric = each.interval is not None and any(
+            abs(end - other) > _DIFFERS * (each.interval[1] - each.value)
+            for end, other in zip(ends, each.interval, strict=True)
+        )
+        mark = "  differs from the table: trust this one" if asymmetric else ""
+        click.echo(f"  {name:{width}}  {ends[0]:.6g} to {ends[1]:.6g} {each.unit}{mark}")
 
 
 def _compare(result: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -77,6 +77,7 @@ class RecordSource:
     resample: float | None
     start: float | None
     stop: float | None
+    noise_of: tuple[str, ...]
 
     def read(self, masses: tuple[str, ...]) -> lw.Record:
         """The record, cut to the asked time; RecordError names file, line and channel. `masses` are those there are."""
@@ -84,6 +85,10 @@ class RecordSource:
         record = lw.read_record(
             self.record, channels=mapping, rate=self.rate, resample=self.resample, known_masses=masses
         )
+        sigmas = pairs(self.noise_of, "--noise-of", "x:m1=1e-4")
+        if sigmas:
+            known = {name: number(value, "--noise-of", "x:m1=1e-4") for name, value in sigmas.items()}
+            record = replace(record, noise={**record.noise, **known})
         if self.start is None and self.stop is None:
             return record
         start = record.start if self.start is None else self.start
@@ -107,4 +112,10 @@ record_options = grouped(
     click.option("--resample", metavar="HZ", type=POSITIVE, help="Resample uneven time to this rate."),
     click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
     click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
+    click.option(
+        "--noise-of",
+        metavar="CHANNEL=SIGMA",
+        multiple=True,
+        help="Standard deviation of a channel's noise in SI units, where it is known. Repeatable.",
+    ),
 )

@@ -1,0 +1,241 @@
+"""`linkwise identify --method ml`, the default: what its options reach, what it prints, how it is interrupted."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+from linkwise.likelihood import anneal
+
+command = import_module("linkwise.cli.identify")  # the package holds the command under that name
+OFFSET = 5e-4
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure) -> Path:
+    """A folder with the chain, two records of it, one with an offset, one with outliers."""
+    folder = tmp_path_factory.mktemp("ml")
+    lw.write_structure(chain, folder / "chain.toml")
+    lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
+    for name, speed, seed in (("run", 1.0, 1), ("run2", 0.7, 2)):
+        clean = lw.simulate(chain, release={"v:m1": speed}, duration=1.0, rate=1000.0)
+        lw.write_record(clean.with_noise(30.0, seed=seed), folder / f"{name}.csv")
+    record = lw.read_record(folder / "run.csv")
+    lw.write_record(replace(record, values=record.values + np.array([OFFSET, 0.0])), folder / "offset.csv")
+    spoilt = record.values.copy()
+    spoilt[::50] += 0.01
+    lw.write_record(replace(record, values=spoilt), folder / "outliers.csv")
+    return folder
+
+
+def arguments(files: Path, *options: str, record: str = "run.csv") -> list[str]:
+    return ["identify", str(files / record), str(files / "unknown.toml"), *options]
+
+
+def answer(files: Path, *options: str, record: str = "run.csv", code: int = 0) -> dict[str, object]:
+    """What --json prints."""
+    out = io.StringIO()
+    with redirect_stdout(out):
+        assert run(arguments(files, *options, "--json", record=record)) == code
+    return json.loads(out.getvalue())
+
+
+def alpha(result: dict[str, object]) -> dict[str, float]:
+    sink = next(link for link in result["links"] if link["name"] == "nes1")
+    return sink["coefficients"]["alpha"]
+
+
+def library(files: Path, *records: str, **keywords: object) -> float:
+    """The same coefficient from the library."""
+    found = lw.identify(
+        [lw.read_record(files / name) for name in records],
+        lw.read_structure(files / "unknown.toml"),
+        **keywords,
+    )
+    return found.coefficient("nes1.alpha").value
+
+
+def test_it_is_the_default(files: Path) -> None:
+    result = answer(files)
+    assert result["method"] == "ml" and result["status"] == "converged"
+    assert alpha(result)["value"] == pytest.approx(library(files, "run.csv"), rel=1e-8)
+
+
+def test_several_records_are_fitted_together(files: Path) -> None:
+    both = answer(files, "--with", str(files / "run2.csv"))
+    assert alpha(both)["value"] == pytest.approx(library(files, "run.csv", "run2.csv"), rel=1e-8)
+    assert both["fit"]["samples"] == 2 * answer(files)["fit"]["samples"]
+
+
+def test_an_offset_is_found_where_it_is_asked_for(files: Path) -> None:
+    found = answer(files, "--offset", "x:m1", record="offset.csv")
+    assert alpha(found)["value"] == pytest.approx(library(files, "offset.csv", offsets=("x:m1",)), rel=1e-8)
+    assert found["fit"]["chi_square_per_sample"] == pytest.approx(1.0, abs=0.1)
+    low, high = alpha(found)["interval"]
+    assert low < -100.0 < high
+
+
+@pytest.mark.parametrize(("word", "loss"), [("huber", lw.Huber()), ("student", lw.Student())])
+def test_a_robust_loss_is_chosen_by_name(
+    files: Path, word: str, loss: lw.Huber | lw.Student, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[object] = []
+    identify = lw.identify
+    monkeypatch.setattr(
+        lw, "identify", lambda *nouns, **options: asked.append(options["loss"]) or identify(*nouns, **options)
+    )
+    run(arguments(files, "--robust", word, record="outliers.csv"))
+    assert asked == [loss]
+
+
+def test_known_noise_reaches_the_fit(
+    files: Path, chain: lw.Structure, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The true noise is believed; noise stated a hundred times too small cannot explain what is left."""
+    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    noise = clean.with_noise(30.0, seed=1).simulated.noise
+    known = [f"--noise-of={name}={sigma}" for name, sigma in noise.items()]
+    chi_square = answer(files, *known)["fit"]["chi_square_per_sample"]
+    # 2000 samples: five deviations of chi-square
+    assert chi_square == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / 2000.0))
+    too_small = [f"--noise-of={name}={sigma / 100.0}" for name, sigma in noise.items()]
+    assert run(arguments(files, *too_small)) == 3
+    assert "NOT to be trusted" in capsys.readouterr().out
+
+
+def test_profiles_are_printed(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(arguments(files, "--profile")) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and "95 % intervals that follow the likelihood (profiles)" in out
+    row = re.search(r"^  nes1\.alpha  (\S+) to (\S+) N/m", out, flags=re.MULTILINE)
+    assert row is not None and float(row[1]) < -100.0 < float(row[2])
+    found = answer(files, "--profile")["profile_intervals"]
+    assert list(found) == ["nes1.alpha", "nes1.beta", "nes1.c"]
+    assert found["nes1.alpha"] == pytest.approx([float(row[1]), float(row[2])], rel=1e-5)  # six digits
+
+
+def test_a_profile_that_differs_is_marked(
+    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lw, "profile_interval", lambda estimate, name: (-200.0, np.inf))
+    assert run(arguments(files, "--profile")) == 0
+    assert "-200 to inf N/m  differs from the table: trust this one" in capsys.readouterr().out
+
+
+def test_an_interrupted_profile_leaves_the_rest_out(
+    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(estimate: lw.Estimate, name: str) -> tuple[float, float]:
+        if name == "nes1.beta":
+            raise KeyboardInterrupt
+        return estimate.coefficient(name).interval or (0.0, 0.0)
+
+    monkeypatch.setattr(lw, "profile_interval", interrupted)
+    assert run(arguments(files, "--profile")) == 0
+    out, err = capsys.readouterr()
+    assert err == "note: interrupted; 2 profile intervals are left out\n"
+    assert "nes1.alpha  -" in out.partition("(profiles)")[2] and "differs" not in out
+
+
+def test_a_profile_that_cannot_be_followed_is_told(
+    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(estimate: lw.Estimate, name: str) -> tuple[float, float]:
+        raise lw.IdentificationError(f"the profile of {name} cannot be followed")
+
+    monkeypatch.setattr(lw, "profile_interval", lost)
+    assert run(arguments(files, "--profile")) == 0
+    out, err = capsys.readouterr()
+    assert "note: the profile of nes1.beta cannot be followed" in err and "(profiles)" not in out
+
+
+def test_ctrl_c_returns_the_best_so_far(
+    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The third step is never taken; what the first two found is told, without intervals."""
+    steps = iter(range(100))
+    step = anneal._step
+
+    def interrupted(*nouns: object) -> object:
+        if next(steps) == 2:
+            raise KeyboardInterrupt
+        return step(*nouns)
+
+    monkeypatch.setattr(anneal, "_step", interrupted)
+    assert run(arguments(files)) == 3
+    out = capsys.readouterr().out
+    assert "not converged, NOT to be trusted" in out and "interrupted" in out and "alpha" in out
+
+
+def test_the_bar_shows_stage_cost_and_chi_square(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[float, str]] = []
+
+    @contextmanager
+    def bar(_: str) -> Iterator[Callable[[float, str], None]]:
+        yield lambda fraction, now: seen.append((fraction, now))
+
+    monkeypatch.setattr(command, "progress", bar)
+    assert run(arguments(files)) == 0
+    stages = [(fraction, now) for fraction, now in seen if now.startswith("q ")]
+    assert len(stages) >= 3
+    assert all(re.fullmatch(r"q \de[+-]\d\d, cost [\d.e+]+, chi-square \d+\.\d{3}", now) for _, now in stages)
+    fractions = [fraction for fraction, _ in stages]
+    assert fractions[0] == 0.0 and fractions[-1] == 1.0 and all(0.0 <= part <= 1.0 for part in fractions)
+
+
+def test_classical_choices_reach_the_fit(files: Path) -> None:
+    found = answer(files, "--method", "sindy", "--derivative", "savgol", "--regressor", "l1", code=3)
+    classical = lw.Classical("savgol", "l1")
+    same = lw.identify(
+        lw.read_record(files / "run.csv"),
+        lw.read_structure(files / "unknown.toml"),
+        method="sindy",
+        classical=classical,
+    )
+    assert alpha(found)["value"] == pytest.approx(same.coefficient("nes1.alpha").value, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--method", "weak", "--with", "run2.csv"], "--with is for --method ml, not for weak."),
+        (["--method", "sindy", "--profile"], "--profile is for --method ml, not for sindy."),
+        (["--derivative", "spline"], "--derivative is for --method sindy, not for ml."),
+        (["--robust", "brave"], "'brave' is not one of"),
+        (["--with", "nowhere.csv"], "nowhere.csv"),
+        (["--noise-of", "x:m1"], "--noise-of 'x:m1' is not NAME=VALUE"),
+        (["--noise-of", "x:m1=loud"], "--noise-of: 'loud' is not a number"),
+        (["--noise-of", "x:m7=1e-4"], "x:m7"),
+    ],
+)
+def test_wrong_usage_is_one_paragraph_and_exit_code_2(
+    files: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arguments(files, *options)) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and message in err
+    assert err.startswith("linkwise: ") and "Traceback" not in err and "\n\n" not in err
+
+
+def test_an_offset_of_a_channel_that_is_not_there_fails_with_a_reason(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arguments(files, "--offset", "x:m9")) == 1
+    assert "no offset of x:m9 can be found: the record has x:m1, x:m2" in capsys.readouterr().err
+
+
+def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["identify", "--help"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("linkwise identify run.csv unknown.toml") == 4 and "--profile" in out
