@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.atoms import Unknowns
+from linkwise.atoms import Unknowns, law_groups
 from linkwise.errors import IdentificationError
 from linkwise.motion import SeenMotion
 from linkwise.patch import Patch, Scene
 from linkwise.record import Record
 from linkwise.structure import BASE, GROUND, Structure
-from linkwise.weakform import PHI, PHI_1, PHI_2
+from linkwise.weakform import PHI, PHI_1, PHI_2, weak_law
 from linkwise.window import Window
 
 Floats = NDArray[np.float64]
@@ -170,12 +170,20 @@ def _patches(scene: Scene, pushes: dict[int, Floats]) -> tuple[Patch, ...]:
                 links_at[end].append(link)
     seen = np.append(scene.motion.seen, [scene.motion.base is not None, True])
     asked = {index for index, _ in scene.unknowns.places}
+    rated = {
+        link
+        for (law, free), which in law_groups(scene.structure, np.arange(len(scene.ends)), scene.unknowns).items()
+        if weak_law(law, free).needs_rate
+        for link in which
+    }
     whole = np.ones(scene.smooth.shape[2])
     alike: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
     for mass, links in enumerate(links_at):
         around = np.append(scene.ends[links], mass)
         if seen[around].all():
             lost = _lost(scene.motion, around[around >= 0], pushes.get(mass))
+            if not rated.isdisjoint(links):
+                lost = _without_rate(lost, scene)
             valid = whole if lost is None else _valid(lost, scene.window)
             key = (b"" if lost is None else valid.tobytes(), asked.isdisjoint([*links, -1 - mass]))
             alike.setdefault(key, (valid, []))[1].append(mass)
@@ -197,6 +205,16 @@ def _lost(motion: SeenMotion, masses: Places, push: Floats | None) -> NDArray[np
     if push is not None:
         lost |= np.isnan(push)
     return lost if lost.any() else None
+
+
+def _without_rate(lost: NDArray[np.bool_] | None, scene: Scene) -> NDArray[np.bool_]:
+    """(N,) where v cannot be told, since a window around the sample misses one or leaves the record."""
+    if lost is None:
+        lost = np.zeros(scene.motion.ends.shape[1], dtype=bool)
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(lost, scene.window.half, constant_values=True), scene.window.length
+    )
+    return np.asarray(around.any(axis=1))
 
 
 def _valid(lost: NDArray[np.bool_], window: Window) -> Floats:
