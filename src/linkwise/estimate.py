@@ -41,10 +41,15 @@ class NoiseEstimate:
     @classmethod
     def of(cls, record: Record, name: str, sigma: float) -> NoiseEstimate:
         """For channel `name` of `record`, whose samples hold noise of `sigma`."""
-        power = float(np.nanmean(record.channel(name) ** 2)) - sigma**2
+        return cls.beside(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
+
+    @classmethod
+    def beside(cls, power: float, name: str, sigma: float) -> NoiseEstimate:
+        """For channel `name`, whose samples have the mean square `power` and hold noise of `sigma`."""
+        motion = power - sigma**2
         ratio = (
-            10.0 * np.log10(power / sigma**2)
-            if sigma > 0.0 and power > 0.0
+            10.0 * np.log10(motion / sigma**2)
+            if sigma > 0.0 and motion > 0.0
             else (np.inf if sigma == 0.0 else -np.inf)
         )
         return cls(float(sigma), Channel.parse(name).unit, float(ratio))

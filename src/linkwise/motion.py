@@ -23,9 +23,9 @@ _QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when
 class SeenMotion:
     """Displacements `ends` (n + 2, N) in m of what links hold on to: masses, the base and the ground, 0 where not seen.
 
-    `variance` (n,) and `base_variance` are those of their noise in m^2, `power` (n + 2,) their mean squares; `seen` (n,) says
-    which masses have a displacement channel, `missing` (n, N) which samples are lost (None: no sample is), `base` (N,) is None
-    where it has no channel. `highest` is the frequency in Hz up to which motion stands above noise.
+    `variance` (n,) and `base_variance` are those of their noise in m^2, `power` (n + 2,) their mean squares where seen;
+    `seen` (n,) says which masses have a displacement channel, `missing` (n, N) which samples are lost (None: no sample is),
+    `base` (N,) is None where it has no channel. `highest` is the frequency in Hz up to which motion stands above noise.
     """
 
     ends: Floats
@@ -95,6 +95,7 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
     gaps = bool(missing.any())
     if gaps:
         ends[missing] = 0.0
+    whole = np.maximum(len(record) - missing.sum(axis=1), 1) if gaps else len(record)
     variance = np.zeros(len(names))
     variance[there] = found
     return SeenMotion(
@@ -102,7 +103,7 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
         base=ends[-2] if there[-1] else None,
         variance=variance[:-1],
         base_variance=float(variance[-1]),
-        power=np.einsum("ij,ij->i", ends, ends) / len(record),
+        power=np.einsum("ij,ij->i", ends, ends) / whole,
         seen=seen,
         missing=missing[:-2] | missing[-2] if gaps else None,
         highest=highest,

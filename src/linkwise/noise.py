@@ -42,7 +42,7 @@ def noise_sigma(samples: ArrayLike) -> Array:
         untold = np.isnan(sigma)
         if not untold.any():
             break
-        power = _cell_powers(channels[untold], block)
+        power = _cell_powers(channels if untold.all() else channels[untold], block)
         if power.shape[1] >= 2:
             sigma[untold] = np.sqrt(_shared_level(power, enough=8 if block > 16 else 2))
     return sigma
@@ -137,7 +137,7 @@ def _mean_powers(channels: Array, block: int) -> tuple[Array, NDArray[np.intp]]:
         for first in range(0, len(blocks), _AT_ONCE):
             waves = np.fft.rfft(blocks[first : first + _AT_ONCE] * hann)
             whole = np.isfinite(waves[:, 0].real)
-            parts = waves[whole, 1:-1].view(np.float64)
+            parts = (waves if whole.all() else waves[whole])[:, 1:-1].view(np.float64)
             total[channel] += np.einsum("bk,bk->k", parts, parts).reshape(-1, 2)
             counts[channel] += len(parts)
     return total.sum(axis=2) * unit / np.maximum(counts, 1)[:, None], counts

@@ -45,7 +45,7 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
         values=fit.values,
         covariance=fit.covariance,
         free=fit.free,
-        noise=_noise(record, structure, motion),
+        noise=_noise(structure, motion),
         chi_square_per_sample=fit.excess,
         samples=motion.samples,
         motion=LinkMotion(
@@ -53,7 +53,7 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
             time=equations.time,
             d=equations.d.T,
             v=equations.v.T,
-            visited=_visited(identified, motion, equations),
+            visited=_visited(motion, equations),
             leave=partial(weak_residual, equations, fit.values),
         ),
         record=record,
@@ -77,7 +77,9 @@ def weak_search(
     try:
         if held.parameters:
             equations = weak_equations(record, held, motion)
-            values.update(zip(equations.parameters, map(float, weak_fit(equations, held).values), strict=True))
+            values.update(
+                zip(equations.parameters, map(float, weak_fit(equations, held).values), strict=True)
+            )
         for _ in range(_STEPS):
             equations = weak_equations(record, structure, motion, values=values)
             fit = weak_fit(equations, structure)
@@ -90,7 +92,9 @@ def weak_search(
         if not starts:
             raise
         stood = ", ".join(f"{name} = {values[name]:.4g}" for name in starts)
-        raise IdentificationError(f"{error}. The search stood at {stood}: start it nearer, or bound it") from None
+        raise IdentificationError(
+            f"{error}. The search stood at {stood}: start it nearer, or bound it"
+        ) from None
     return equations, fit, False
 
 
@@ -109,9 +113,7 @@ def _nonlinear(structure: Structure) -> set[str]:
     }
 
 
-def _judged(
-    record: Record, identified: Structure, equations: WeakEquations, fit: WeakFit
-) -> tuple[str, str]:
+def _judged(record: Record, identified: Structure, equations: WeakEquations, fit: WeakFit) -> tuple[str, str]:
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
@@ -133,7 +135,9 @@ def _judged(
 def _limits(windows: float) -> tuple[float, float]:
     """Between which the excess of right laws lies; neighbouring windows share their noise, so two count as one."""
     freedom = 0.5 * max(windows, 2.0)
-    low, high = (float(gammaincinv(0.5 * freedom, chance)) * 2.0 / freedom for chance in (_CHANCE, 1.0 - _CHANCE))
+    low, high = (
+        float(gammaincinv(0.5 * freedom, chance)) * 2.0 / freedom for chance in (_CHANCE, 1.0 - _CHANCE)
+    )
     return min(low, 1.0 / _LARGEST_EXCESS), max(high, _LARGEST_EXCESS)
 
 
@@ -149,20 +153,22 @@ def _model_error(identified: Structure, equations: WeakEquations, fit: WeakFit) 
     return float(max(shares) * np.sqrt(1.0 - 1.0 / fit.excess))
 
 
-def _visited(identified: Structure, motion: SeenMotion, equations: WeakEquations) -> Floats:
+def _visited(motion: SeenMotion, equations: WeakEquations) -> Floats:
     """(L, 2) m, from the samples: windows would cut the peaks."""
-    x = motion.x if motion.missing is None else np.where(motion.missing, np.nan, motion.x)
+    d = motion.between(equations.ends)
+    if motion.missing is not None:
+        lost = np.concatenate([motion.missing, np.zeros((2, len(motion.missing.T)), dtype=bool)])
+        d[lost[equations.ends].any(axis=1)] = np.nan
     deviation = np.sqrt(motion.doubt[equations.ends].sum(axis=1))
-    return extremes(identified.elongations(x.T, motion.base), deviation)
+    return extremes(d.T, deviation)
 
 
-def _noise(record: Record, structure: Structure, motion: SeenMotion) -> dict[str, NoiseEstimate]:
-    variances = [*zip(structure.mass_names, motion.variance, motion.seen, strict=True)]
-    found = {f"x:{name}": variance for name, variance, seen in variances if seen}
-    if motion.base is not None:
-        found["x:base"] = motion.base_variance
+def _noise(structure: Structure, motion: SeenMotion) -> dict[str, NoiseEstimate]:
+    names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
+    there = np.flatnonzero([*motion.seen, motion.base is not None]).tolist()
     return {
-        name: NoiseEstimate.of(record, name, float(np.sqrt(variance))) for name, variance in found.items()
+        names[i]: NoiseEstimate.beside(float(motion.power[i]), names[i], float(np.sqrt(motion.noise[i])))
+        for i in there
     }
 
 
@@ -176,9 +182,7 @@ def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[st
             "missing from the laws. All intervals are widened by as much."
         )
     curved = [
-        link.name
-        for link in structure.links
-        if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
+        link.name for link in structure.links if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
     ]
     if curved:
         yield (

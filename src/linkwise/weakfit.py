@@ -13,7 +13,7 @@ from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
@@ -93,7 +93,7 @@ def _power(patch: Patch, values: Floats) -> Floats:
     """(m,) mean squares of the residuals at the parameters (p,), floored at rounding."""
     numbers = patch.numbers(values)
     signed = patch.signs * numbers
-    sums = np.maximum(np.einsum("mq,qr,mr->m", signed, patch.products, signed, optimize=True), 0.0)
+    sums = np.maximum(((signed @ patch.products) * signed).sum(axis=1), 0.0)
     power = (sums + FLOOR * patch.largest(numbers)) / max(patch.windows, 1.0)
     return np.where(power > 0.0, power, 1.0)
 
@@ -115,13 +115,11 @@ def _normal(
 
 def _assembled(blocks: Iterable[tuple[NDArray[np.intp], Floats]], count: int) -> Floats | csc_array:
     """The sum of square blocks at their places in (count, count); a place may stand in one block twice."""
-    parts = [
-        (np.repeat(which, len(which)), np.tile(which, len(which)), block.ravel()) for which, block in blocks
-    ]
-    rows, columns, data = (np.concatenate(part) for part in zip(*parts, strict=True))
+    parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
+    places, data = (np.concatenate(part) for part in zip(*parts, strict=True))
     if count <= _DENSE:
-        return np.bincount(rows * count + columns, data, count * count).reshape(count, count)
-    return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
+        return np.bincount(places, data, count * count).reshape(count, count)
+    return csc_array(coo_array((data, divmod(places, count)), shape=(count, count)))
 
 
 def _bounded(
@@ -158,13 +156,10 @@ def _solve(h: Floats | csc_array, right: Floats, names: list[str]) -> Floats:
     scaled_right = (right.T * scale).T
     if isinstance(h, np.ndarray):
         scaled = h * np.outer(scale, scale)
-        try:
-            factor = cho_factor(scaled, lower=True)
-        except LinAlgError:
+        factor, failed = dpotrf(scaled)
+        if failed or not np.min(factor.diagonal()) ** 2 >= _SINGULAR:
             _raise_together(_null_names(scaled, names))
-        if np.min(np.diagonal(factor[0])) ** 2 < _SINGULAR:
-            _raise_together(_null_names(scaled, names))
-        return np.asarray((cho_solve(factor, scaled_right).T * scale).T)
+        return np.asarray((dpotrs(factor, scaled_right)[0].T * scale).T)
     factor = splu(csc_array(h.multiply(scale[:, None]).multiply(scale[None, :])))
     pivots = np.abs(factor.U.diagonal())
     if pivots.min() < _SINGULAR:

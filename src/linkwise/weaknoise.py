@@ -172,9 +172,9 @@ def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquatio
             np.flatnonzero((patch.parameter >= 0) & (patch.kernel == kernel)) for kernel in (one, two)
         )
         if len(first) and len(second):
-            both = np.einsum("mkb,bc,mkc->mk", kernels, window.echoes[one, two], kernels)
+            both = ((kernels @ window.echoes[one, two]) * kernels).sum(axis=2)
             sums = (patch.slopes[first] * both[:, None]) @ patch.slopes[second].T
             holds = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
-            total[first[:, None], second] = np.einsum("m,mfs->fs", amount, holds * sums)
+            total[first[:, None], second] = (amount[:, None, None] * holds * sums).sum(axis=0)
     asked = np.flatnonzero(patch.parameter >= 0)
     return patch.parameter[asked], total[np.ix_(asked, asked)]

@@ -20,7 +20,7 @@ ORDER = 8
 _NARROWEST = 1.8  # samples of deviation: the alias of a narrower phi shows above noise of 40 dB
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
-_BLOCK_SAMPLES = 64  # about so many samples make one row of the blocked product in `strided_filter`
+_BLOCK = 8  # places that make one row of the blocked product in `strided_filter`
 
 
 @dataclass(frozen=True)
@@ -139,19 +139,20 @@ class Window:
         cancel inside the record stays there. The sums are multiplied by the root of the samples for which their place stands.
         """
         windows, reach = rows.shape[1], self.neighbours + 1
-        width = 2 * reach + 1
-        around = np.lib.stride_tricks.sliding_window_view(
-            np.pad(rows, ((0, 0), (reach, reach))), width, axis=1
-        )
+        width = thin + 2 * reach + 1
+        padded = np.pad(rows, ((0, 0), (reach, reach + thin)))
+        around = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: 2 * thin]
+        around = np.ascontiguousarray(around.transpose(0, 2, 1))
         found = np.empty((len(rows), 3, -(-windows // thin) + 2 * self.half))
         first = 0
         for start, moved in ((0, 0), (thin, self.stride // 2)):
-            at = self.half + moved - self.stride * np.arange(-reach, reach + 1)
+            at = self.half + moved - self.stride * (np.arange(width) - start - reach)
             inside = (at >= 0) & (at < self.length)
             taps = np.where(inside, self.kernels[:, np.where(inside, at, 0)], 0.0)
-            here = np.ascontiguousarray(around[:, start :: 2 * thin].transpose(0, 2, 1))
-            last = first + here.shape[2]
-            np.matmul(np.sqrt(thin * self.stride) * taps, here, out=found[:, :, first:last])
+            last = first + len(range(start, windows, 2 * thin))
+            np.matmul(
+                np.sqrt(thin * self.stride) * taps, around[:, :, : last - first], out=found[:, :, first:last]
+            )
             first = last
         found[:, :, first:] = self._edges(rows)
         return found
@@ -181,7 +182,7 @@ def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
     """
     (count, samples), (filters, length) = signals.shape, kernels.shape
     rows = (samples - length) // stride + 1
-    per_block = max(1, min(rows, _BLOCK_SAMPLES // stride))
+    per_block = max(1, min(rows, _BLOCK))
     blocks = -(-rows // per_block)
     span = (per_block - 1) * stride + length
     needed = (blocks - 1) * per_block * stride + span
