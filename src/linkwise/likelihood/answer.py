@@ -22,7 +22,7 @@ from linkwise.weakfit import weak_fit
 
 Array = NDArray[np.float64]
 
-_LITTLE = 0.2  # of the forces on a mass: a model error beyond it is no small one
+_LITTLE = 0.1  # of the forces on a mass: a model error beyond it is no small one
 
 
 def likelihood_estimate(

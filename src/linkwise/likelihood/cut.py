@@ -20,7 +20,6 @@ from linkwise.structure import Structure
 Floats = NDArray[np.float64]
 
 _KINDS = {"x": X, "v": V, "a": A}
-_BRIDGED = 2  # segments without a sample of a mass over which the laws still lead from one side to the other
 
 
 def cut(
@@ -45,7 +44,6 @@ def cut(
     seen = np.isfinite(data)
     linked = np.ones(data.shape[2] - 1, dtype=bool)
     linked[np.cumsum(counts)[:-1] - 1] = False
-    linked[_breaks(seen, channels)] = False
     step = np.concatenate(
         [np.full(k, record.step / refine) for record, k in zip(records, counts, strict=True)]
     )
@@ -103,28 +101,6 @@ def _piece(record: Record, channels: tuple[str, ...], samples: int) -> Floats:
     padded = np.full((count * samples, len(channels)), np.nan)
     padded[: len(record)] = values
     return np.ascontiguousarray(padded.reshape(count, samples, len(channels)).transpose(1, 2, 0))
-
-
-def _breaks(seen: NDArray[np.bool_], channels: Sequence[str]) -> NDArray[np.intp]:
-    """Links that are not kept at gaps of more than `_BRIDGED` segments.
-
-    Over a long gap a chaotic motion has many ways to the other side, between which no search decides; the state there is
-    free instead, as at the start of a record. Where all sensors are silent no segment of the gap is linked to another;
-    where those of one mass are, the laws carry it through the gap from its near side.
-    """
-    masses = np.array([Channel.parse(name).mass for name in channels])
-    broken = [np.concatenate([np.arange(first - 1, last) for first, last in _gaps(seen)] or [[]])]
-    for mass in np.unique(masses):
-        broken.append(np.array([last - 1 for _, last in _gaps(seen[:, masses == mass])]))
-    links = np.unique(np.concatenate(broken)).astype(int)
-    return links[(links >= 0) & (links < seen.shape[2] - 1)]
-
-
-def _gaps(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First segment of every long gap and the first after it."""
-    blind = np.concatenate([[False], ~seen.any(axis=(0, 1)), [False]])
-    turns = np.flatnonzero(np.diff(blind)).reshape(-1, 2)
-    return [(int(first), int(last)) for first, last in turns if last - first > _BRIDGED]
 
 
 def inputs(

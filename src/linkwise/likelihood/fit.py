@@ -15,11 +15,12 @@ from threadpoolctl import ThreadpoolController
 
 from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status, anneal
 from linkwise.likelihood.cut import cut
+from linkwise.likelihood.gaps import broken, carried
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evaluate, linearise
-from linkwise.likelihood.start import carried, channel_noise, nodes, start_states
+from linkwise.likelihood.start import channel_noise, nodes, start_states
 from linkwise.record import Record
 from linkwise.structure import Structure
 
@@ -35,7 +36,8 @@ _SIGMAS = 5.0  # and its own scatter
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 _LOOSENING = 3.0  # from rung to rung of the ladder of model errors
-_LOOSEST = 1e4
+_JOINING = 30  # steps that linking the sides of a gap may take
+_RUNGS = 19  # from q = 1e-5 to 4e3
 _MOST_WORKERS = 8
 
 
@@ -143,13 +145,22 @@ def _fitted(
         np.zeros(len(offsets)),
     )
     segments = _fine_enough(records, structure, system, point, scales, offsets)
-    fit = annealer(segments, carried(segments, point), scales, Schedule())
+    whole, segments = segments, broken(segments)
+    point = carried(segments, point)
+    fit = annealer(segments, point, scales, Schedule())
     limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
+    joined = _joined(whole, fit, limit, annealer) if whole.chains < segments.chains else None
+    if joined is not None:
+        fit, segments = joined, whole
     model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
     off = bool(abs(chi_square - 1.0) > limit)
+    lost = fit.status in (Status.EXHAUSTED, Status.STUCK)
     coloured = fit.status is Status.CONVERGED and chi_square > 1.0 and _colour(fit.misfit) > _WHITE
-    if off and coloured and wants_model_error:
-        fit, model_error, factor = _with_model_error(segments, fit, annealer)
+    rung = None
+    if wants_model_error and (lost or (off and coloured)):
+        rung = _with_model_error(segments, fit, point, annealer)
+    if rung is not None:
+        fit, model_error, factor = rung.fit, rung.q, rung.noise
         chi_square = factor**2
         stated = any(name in record.noise for record in records for name in channels)
         off = (stated and abs(chi_square - 1.0) > limit) or (
@@ -218,25 +229,61 @@ def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> 
     return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
 
 
-def _with_model_error(segments: Segments, fit: Fit, annealer: Annealer) -> tuple[Fit, float, float]:
+def _joined(whole: Segments, fit: Fit, limit: float, annealer: Annealer) -> Fit | None:
+    """The fit with both sides of every long gap linked, None where laws and samples do not tell how."""
+    if fit.status is not Status.CONVERGED:
+        return None
+    joined = annealer(whole, carried(whole, fit.point), fit.scales, Schedule(steps=_JOINING))
+    return (
+        joined if joined.status is Status.CONVERGED and joined.chi_square < fit.chi_square + limit else None
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A fit at relaxation q, the factor on the noise that it asks for, and -2 log of its marginal likelihood."""
+
+    fit: Fit
+    q: float
+    noise: float
+    cost: float
+
+
+def _with_model_error(segments: Segments, fit: Fit, start: Point, annealer: Annealer) -> Rung | None:
     """The most likely split of what the laws leave into noise of the sensors and errors of the flow.
 
     For every relaxation q on a ladder the orbit is fitted again and the noise profiled out; the marginal likelihood, Gaussian
-    in nodes and theta about their optimum (Laplace), chooses q. Returns the fit there, q, and the factor on the noise.
+    in nodes and theta about their optimum (Laplace), chooses q. A tight fit is loosened; where there is none, for laws too
+    wrong for it, the `start` is tightened. None where no rung is the best.
     """
-    best, best_cost, worse = None, np.inf, 0
-    q, current = fit.q, fit
-    while q < _LOOSEST and worse < 2:
-        current = annealer(segments, current.point, current.scales, Schedule(loose=q, tight=q))
-        noise, cost = _evidence(segments, current, q, annealer.loss)
-        if cost < best_cost:
-            best, best_cost, best_q, best_noise, worse = current, cost, q, noise, 0
+    if fit.status is Status.CONVERGED:
+        rungs = [fit.q * _LOOSENING**rung for rung in range(_RUNGS)]
+        return _climb(segments, fit.point, fit.scales, rungs, annealer)
+    best = _climb(segments, start, fit.scales, [_LOOSENING**-rung for rung in range(_RUNGS)], annealer)
+    if best is not None and best.q == 1.0:
+        rungs = [_LOOSENING**rung for rung in range(_RUNGS)]
+        return _climb(segments, best.fit.point, fit.scales, rungs, annealer)
+    return best
+
+
+def _climb(
+    segments: Segments, point: Point, scales: Scales, rungs: Sequence[float], annealer: Annealer
+) -> Rung | None:
+    """The best rung, once two worse ones follow it; None where the ladder ends before, or a rung is out of reach."""
+    best, worse = None, 0
+    for q in rungs:
+        fit = annealer(segments, point, scales, Schedule(loose=q, tight=q))
+        if fit.status is not Status.CONVERGED:
+            return None
+        point = fit.point
+        noise, cost = _evidence(segments, fit, q, annealer.loss)
+        if best is None or cost < best.cost:
+            best, worse = Rung(fit, q, noise, cost), 0
         else:
             worse += 1
-        q *= _LOOSENING
-    if best is None:
-        return fit, 0.0, 1.0
-    return best, best_q, best_noise
+        if worse == 2:
+            return best
+    return None
 
 
 def _evidence(segments: Segments, fit: Fit, q: float, loss: Loss) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.likelihood.mechanics import Array, Mechanics
+from linkwise.likelihood.mechanics import Array, Indices, Mechanics
 from linkwise.likelihood.tableau import (
     CLOSING,
     MIDDLE,
@@ -38,7 +38,7 @@ class Inputs:
     force: Array | None = None
     base: Array | None = None
 
-    def part(self, segments: slice) -> Inputs:
+    def part(self, segments: slice | Indices) -> Inputs:
         return Inputs(*(None if a is None else a[..., segments] for a in (self.force, self.base)))
 
 

@@ -7,14 +7,12 @@ acceleration twice, with the drift of the sums taken out. A mass without a senso
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from linkwise.likelihood.flow import Inputs, flow
-from linkwise.likelihood.segments import Point, Segments
 from linkwise.noise import bandwidth, noise_sigma
 from linkwise.record import Record
 from linkwise.smooth import savitzky_golay, savitzky_golay_half
@@ -81,35 +79,6 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
 def nodes(states: Sequence[States], samples: int) -> Array:
     """(2, n, K) the states at the first sample of every segment, record after record."""
     return np.concatenate([np.stack([each.x[:, ::samples], each.v[:, ::samples]]) for each in states], axis=2)
-
-
-def carried(segments: Segments, point: Point) -> Point:
-    """The start with masses carried on by the laws where their sensors are silent, instead of along a straight line."""
-    n = point.nodes.shape[1]
-    silent = np.zeros((n, segments.count), dtype=bool)
-    for mass in np.unique(segments.sensors.mass):
-        silent[mass] = ~segments.seen[:, segments.sensors.mass == mass].any(axis=(0, 1))
-    silent[:, 0] = False
-    silent[:, 1:] &= segments.linked
-    depth = np.zeros(segments.count, dtype=int)
-    for k in np.flatnonzero(silent.any(axis=0)):
-        depth[k] = depth[k - 1] + 1
-    nodes, mechanics = point.nodes.copy(), segments.system.at(point.theta)
-    for reached in range(1, int(depth.max(initial=0)) + 1):
-        here = np.flatnonzero(depth == reached)
-        before, step = here - 1, segments.step[here - 1]
-        driven = Inputs(
-            *(
-                None if each is None else each[..., before]
-                for each in (segments.inputs.force, segments.inputs.base)
-            )
-        )
-        with np.errstate(over="ignore", invalid="ignore"):
-            end = flow(mechanics, nodes[..., before], step, segments.steps, driven).states[-1]
-        end[1] /= step
-        wanted = silent[:, here] & np.isfinite(end).all(axis=0)
-        nodes[..., here] = np.where(wanted, end, nodes[..., here])
-    return replace(point, nodes=nodes)
 
 
 def _smoothed(record: Record, name: str, sigma: dict[str, float]) -> tuple[Array, Array]:
