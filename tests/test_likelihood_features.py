@@ -1,0 +1,375 @@
+"""Everything that the likelihood must take in its stride: laws, sensors, inputs, several records, bounds, outliers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.likelihood.loss import Huber, Student
+
+PENDULUM = """
+[[mass]]
+name = "m1"
+mass = 1.0
+[[mass]]
+name = "m2"
+mass = 0.2
+[[link]]
+name = "frame"
+between = ["m1", "{ground}"]
+law = "k*d + c*v"
+coefficients = {{ k = 4000.0, c = 2.0 }}
+[[link]]
+name = "{name}"
+between = ["m2", "m1"]
+law = "{law}"
+coefficients = {{ {coefficients} }}
+"""
+FORCE = "30*sin(50*t) + 20*sin(71*t + 1)"
+
+
+def two(law: str, coefficients: str, *, name: str = "link", ground: str = "ground") -> lw.Structure:
+    """A frame of 1 kg at 10 Hz that carries 0.2 kg through a link under `law`."""
+    return lw.parse_structure(PENDULUM.format(law=law, coefficients=coefficients, name=name, ground=ground))
+
+
+def starting(structure: lw.Structure, **starts: float) -> lw.Structure:
+    """`structure` with link's coefficients unknown and begun elsewhere."""
+    text = lw.format_structure(structure)
+    for name, start in starts.items():
+        old = f"{name} = {structure.coefficient(f'link.{name}').value!r}"
+        assert old in text
+        text = text.replace(old, f"{name} = {{ start = {start!r} }}")
+    return lw.parse_structure(text)
+
+
+def shaken(structure: lw.Structure, *, sensors=("x",), duration=2.0, rate=1000.0, **drives) -> lw.Record:
+    return lw.simulate(
+        structure,
+        duration=duration,
+        rate=rate,
+        sensors=sensors,
+        forces={"m1": FORCE} if not drives else {},
+        **drives,
+    )
+
+
+def errors(fit: lw.Estimate, true: lw.Structure) -> np.ndarray:
+    """(p,) errors in standard errors. A fit without intervals has none."""
+    assert fit.status == "converged", fit.message
+    found = [fit.coefficient(p.name) for p in fit.parameters]
+    masses = dict(zip(true.mass_names, true.mass_values, strict=True))
+    expected = [
+        masses[each.name.removesuffix(".mass")]
+        if each.name.endswith(".mass")
+        else true.coefficient(each.name).value
+        for each in found
+    ]
+    return np.array([(a.value - b) / a.standard_error for a, b in zip(found, expected, strict=True)])
+
+
+WITHIN = 4.0  # standard errors: 6e-5 of chance for each
+
+
+@pytest.fixture(scope="module")
+def chain() -> lw.Structure:
+    return lw.bnes_chain(2)
+
+
+@pytest.fixture(scope="module")
+def clean(chain) -> lw.Record:
+    return lw.simulate(
+        chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a")
+    )  # one second of jumps between the wells
+
+
+# --- laws ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_gap_is_found_with_its_stiffness():
+    true = two("k*d + c*v + s*max(d - g, 0)", "k = 500.0, c = 0.5, s = 8000.0, g = 0.004")
+    asked = starting(true, k=600.0, c=0.3, s=5000.0, g=0.005)
+    fit = lw.identify(shaken(true).with_noise(40.0, seed=1), asked)
+    assert np.abs(errors(fit, true)).max() < WITHIN
+    gap = fit.coefficient("link.g")
+    assert gap.standard_error < 2e-5  # 20 um in 4 mm
+
+
+def test_friction_is_found_with_the_width_of_its_step():
+    true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
+    asked = starting(true, k=600.0, F=2.0, s=0.2)
+    fit = lw.identify(shaken(true).with_noise(40.0, seed=2), asked)
+    assert np.abs(errors(fit, true)).max() < WITHIN
+    assert fit.coefficient("link.s").standard_error < 0.02
+
+
+def test_a_shared_coefficient_is_one_unknown():
+    true = lw.bnes_chain(4)
+    text = lw.format_structure(true.unknown("nes"))
+    first, second = 'alpha = "unknown"', 'alpha = "=nes1.alpha"'
+    place = text.rindex(first)
+    shared = lw.parse_structure(text[:place] + second + text[place + len(first) :])
+    record = lw.simulate(true, release={"v:m1": 3.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=3)
+    fit, apart = lw.identify(record, shared), lw.identify(record, true.unknown("nes"))
+    assert len(fit.parameters) == 5
+    assert np.abs(errors(fit, true)).max() < WITHIN
+    assert fit.coefficient("nes1.alpha").value == fit.coefficient("nes2.alpha").value
+    assert fit.coefficient("nes1.alpha").standard_error < min(
+        apart.coefficient(f"nes{i}.alpha").standard_error for i in (1, 2)
+    )  # two sinks tell more of it than the better one
+
+
+def test_a_bound_that_stops_a_coefficient_is_said(chain, clean):
+    text = lw.format_structure(chain.unknown("nes"))
+    bounded = lw.parse_structure(
+        text.replace('alpha = "unknown"', "alpha = { start = -80.0, lower = -90.0, upper = 0.0 }")
+    )
+    fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=4), bounded)
+    alpha = fit.coefficient("nes1.alpha")
+    assert alpha.value == -90.0 and alpha.interval is None and alpha.standard_error is None
+    assert any("nes1.alpha was stopped by its bound" in line for line in fit.findings)
+    wide = lw.parse_structure(
+        text.replace('alpha = "unknown"', "alpha = { start = -80.0, lower = -200.0, upper = 0.0 }")
+    )
+    free = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=4), wide)
+    assert np.abs(errors(free, chain)).max() < WITHIN and not free.findings
+
+
+def test_a_mass_is_found_where_a_force_sets_the_scale():
+    true = two("k*d + c*v", "k = 500.0, c = 0.5")
+    record = shaken(true).with_noise(40.0, seed=5)
+    assert "force:m1" in record.channels
+    fit = lw.identify(record, true.unknown("all", "mass:m1", "mass:m2"))
+    assert np.abs(errors(fit, true)).max() < WITHIN
+    assert fit.coefficient("m2.mass").interval[1] - fit.coefficient("m2.mass").interval[0] < 0.02 * 0.2
+
+
+# --- inputs ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_structure_on_a_moving_base():
+    true = two("k*d + c*v + b*d**3", "k = 500.0, c = 0.5, b = 1e6", ground="base")
+    record = shaken(true, base="0.002*sin(55*t) + 0.001*sin(83*t)").with_noise(40.0, seed=6)
+    assert record.inputs == ("x:base",)
+    fit = lw.identify(record, true.unknown("all"))
+    assert np.abs(errors(fit, true)).max() < WITHIN
+    still = lw.parse_structure(lw.format_structure(true.unknown("all")).replace('"base"', '"ground"'))
+    wrong = lw.identify(record.select(["x:m1", "x:m2"]), still)
+    assert not wrong.trusted  # the ground does not move that frame
+
+
+# --- records ---------------------------------------------------------------------------------------------------------
+
+
+def test_gaps_and_single_losses_carry_no_weight(chain, clean):
+    record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=7)
+    values = record.values.copy()
+    values[500:560] = np.nan  # 60 ms of both, five periods of the frame in all
+    values[np.random.default_rng(1).random(len(values)) < 0.1, 1] = np.nan
+    fit = lw.identify(replace(record, values=values), chain.unknown("all"))
+    assert np.abs(errors(fit, chain)).max() < WITHIN
+    assert fit.samples == np.isfinite(values).sum()
+    whole = lw.identify(record, chain.unknown("all"))
+    # what is lost widens the intervals a little
+    ratio = np.sqrt(np.diag(fit.covariance) / np.diag(whole.covariance))
+    assert (ratio > 1.0).all() and (ratio < 1.5).all()
+
+
+def test_two_records_tell_more_than_either(chain):
+    first = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.5, rate=1000.0).with_noise(30.0, seed=8)
+    second = lw.simulate(chain, release={"v:m2": -3.0}, duration=0.8, rate=1500.0).with_noise(30.0, seed=9)
+    asked = chain.unknown("all")
+    both = lw.identify([first, second], asked)
+    alone = [lw.identify(each, asked) for each in (first, second)]
+    assert np.abs(errors(both, chain)).max() < WITHIN
+    assert both.samples == sum(each.samples for each in alone)
+    information = sum(np.linalg.inv(each.covariance) for each in alone)
+    joint = np.linalg.inv(both.covariance)
+    # Fisher's information adds up. The noise is one figure for both records, which were at different levels
+    assert (np.diag(both.covariance) < np.min([np.diag(each.covariance) for each in alone], axis=0)).all()
+    assert np.trace(np.linalg.solve(information, joint)) / 5 == pytest.approx(1.0, abs=0.5)
+
+
+# --- sensors ---------------------------------------------------------------------------------------------------------
+
+
+def test_an_offset_of_a_channel_is_found(chain, clean):
+    record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=10)
+    values = record.values.copy()
+    values[:, 1] += 0.002  # a fifth of the distance to the well
+    shifted = replace(record, values=values)
+    fit = lw.identify(shifted, chain.unknown("all"), offsets=["x:m2"])
+    assert np.abs(errors(fit, chain)).max() < WITHIN
+    (remark,) = [line for line in fit.findings if "x:m2 is off by" in line]
+    assert float(remark.split("off by ")[1].split()[0]) == pytest.approx(0.002, abs=2e-5)
+    assert not lw.identify(shifted, chain.unknown("all")).trusted
+
+
+@pytest.mark.parametrize(
+    "channels",
+    [
+        ("x:m1", "v:m2"),
+        ("v:m1", "x:m2"),
+        ("x:m1", "a:m2"),
+        ("x:m1", "x:m2", "v:m2"),
+        ("x:m1", "a:m1", "x:m2"),
+    ],
+    ids=" ".join,
+)
+def test_mixed_sensors(chain, clean, channels):
+    record = clean.select(channels).with_noise(40.0, seed=11)
+    asked = chain.unknown("all")
+    starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
+    fit = lw.identify(record, asked, starts=starts)
+    assert np.abs(errors(fit, chain)).max() < WITHIN
+    assert set(fit.noise) == set(channels)
+    for name, found in fit.noise.items():
+        assert found.sigma == pytest.approx(record.simulated.noise[name], rel=0.1)  # 5 / sqrt(2 2001)
+
+
+def test_a_second_sensor_on_a_mass_sharpens(chain, clean):
+    starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
+    one, more = (
+        lw.identify(clean.select(names).with_noise(40.0, seed=12), chain.unknown("all"), starts=starts)
+        for names in (("x:m1", "x:m2"), ("x:m1", "x:m2", "v:m2"))
+    )
+    assert one.trusted and more.trusted
+    assert (np.diag(more.covariance) < np.diag(one.covariance)).all()
+
+
+# --- what is not as stated -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("loss", [Huber(), Student()], ids=["Huber", "Student"])
+def test_outliers_bend_the_gaussian_and_not_the_robust(chain, clean, loss):
+    record = clean.select(["x:m1", "x:m2"]).with_noise(40.0, seed=13)
+    random = np.random.default_rng(2)
+    values = record.values.copy()
+    bad = random.random(values.shape) < 0.03
+    sigma = np.array([record.simulated.noise[name] for name in record.channels])
+    values[bad] += (random.uniform(20.0, 60.0, values.shape) * sigma)[bad]  # all to one side
+    spoiled = replace(record, values=values, noise=dict(record.simulated.noise))
+    asked = chain.unknown("all")
+    plain, robust = lw.identify(spoiled, asked), lw.identify(spoiled, asked, loss=loss)
+    assert not plain.trusted
+    true = np.array([chain.coefficient(p.name).value for p in asked.parameters])
+    wrong, right = (np.abs(fit.values - true) / np.abs(true) for fit in (plain, robust))
+    assert right.max() < 0.5 * wrong.max()
+    deviation = np.sqrt(np.diag(lw.identify(replace(record, noise={}), asked).covariance))
+    assert np.abs((robust.values - true) / deviation).max() < 2.0 * WITHIN
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_noise_stated_wrong_is_caught(chain, clean, factor):
+    record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=14)
+    stated = {name: factor * sigma for name, sigma in record.simulated.noise.items()}
+    fit = lw.identify(replace(record, noise=stated), chain.unknown("all"))
+    assert fit.status == "chi-square off" and "no interval is given" in fit.message
+    assert fit.chi_square_per_sample == pytest.approx(1.0 / factor**2, rel=0.1)
+    assert fit.coefficient("nes1.alpha").interval is None
+    told = lw.identify(replace(record, noise=dict(record.simulated.noise)), chain.unknown("all"))
+    assert told.trusted and told.coefficient("nes1.alpha").interval is not None
+
+
+def test_a_wrong_law_is_not_trusted(chain, clean):
+    straight = lw.parse_structure(
+        lw.format_structure(chain).replace("alpha*d + beta*d**3 + c*v", "k*d + c*v").replace(
+            "{ alpha = -100.0, beta = 1000000.0, c = 0.02 }", '{ k = "unknown", c = "unknown" }'
+        )
+    )  # fmt: skip
+    fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=15), straight)
+    assert not fit.trusted
+    assert fit.coefficient("nes1.k").interval is None
+    assert "missing" in fit.message
+
+
+def test_a_law_that_is_a_little_wrong_is_trusted_with_wider_intervals():
+    """The true law has a small quintic term more; the intervals count it in and cover the best cubic law."""
+    law = "k*d + b*d**3 + c*v"
+    true = two(f"{law} + z*d**5", "k = 500.0, b = 1e6, c = 0.5, z = 4e8")
+    asked = two(law, "k = 500.0, b = 1e6, c = 0.5").unknown("link")
+    record = shaken(true)
+    fits = [lw.identify(record.with_noise(50.0, seed=seed), asked) for seed in range(5)]
+    for fit in fits:
+        assert fit.trusted, fit.message
+        assert "explains the record to within" in fit.message and "model error" in fit.message
+    # the pseudo-truth: the cubic law nearest to the true one along the true motion
+    motion = record.simulated
+    d = motion.displacement[:, 1] - motion.displacement[:, 0]
+    v = motion.velocity[:, 1] - motion.velocity[:, 0]
+    columns = np.stack([d, d**3, v], axis=1)
+    pseudo = np.linalg.lstsq(columns, true.link("link").force(d, v), rcond=None)[0]
+    expected = dict(zip("kbc", pseudo, strict=True))
+    z = [
+        (fit.coefficient(f"link.{name}").value - value) / fit.coefficient(f"link.{name}").standard_error
+        for fit in fits
+        for name, value in expected.items()
+    ]
+    assert np.sqrt(np.mean(np.square(z))) < 2.0  # another weight over the motion is another nearest law
+    exact = lw.identify(record.with_noise(50.0, seed=0), true.unknown("link"))
+    assert "explain the record to within its noise" in exact.message
+
+
+# --- the search ------------------------------------------------------------------------------------------------------
+
+
+def test_two_runs_are_equal_to_the_last_bit(chain, clean, monkeypatch):
+    record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=16)
+    first, second = (lw.identify(record, chain.unknown("all")) for _ in range(2))
+    assert np.array_equal(first.values, second.values)
+    assert np.array_equal(first.covariance, second.covariance)
+    monkeypatch.setattr("linkwise.likelihood.fit._workers", lambda: 1)
+    alone = lw.identify(record, chain.unknown("all"))
+    assert np.array_equal(first.values, alone.values)
+
+
+def test_an_interrupt_returns_the_best_so_far(chain, clean):
+    record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=17)
+    seen = []
+
+    def stop(progress):
+        seen.append(progress)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    fit = lw.identify(record, chain.unknown("all"), progress=stop)
+    assert len(seen) == 2 and seen[0].step == 0 and seen[0].q > seen[1].q
+    assert fit.status == "not converged" and "nterrupted" in fit.message and "best so far" in fit.message
+    assert fit.coefficient("nes1.alpha").interval is None
+    assert fit.coefficient("nes1.alpha").value == pytest.approx(-100.0, rel=0.2)
+
+
+def test_steps_that_run_out_give_no_interval(chain, clean, monkeypatch):
+    module = __import__("linkwise.likelihood.fit", fromlist=["Schedule"])
+    few = replace(module.Schedule(), steps=2)
+    monkeypatch.setattr(module, "Schedule", lambda **given: replace(few, **given))
+    fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=18), chain.unknown("all"))
+    assert fit.status == "not converged" and "ran out" in fit.message
+    assert all(each.interval is None for link in fit.links for each in link.coefficients)
+    assert not fit.trusted
+
+
+def test_progress_tells_every_step(chain, clean):
+    seen = []
+    record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=19)
+    lw.identify(record, chain.unknown("all"), progress=seen.append)
+    assert [each.step for each in seen] == list(range(len(seen)))
+    assert seen[0].q == 1.0 and seen[-1].q == pytest.approx(1e-5)
+    assert seen[-1].data_per_sample == pytest.approx(1.0, abs=0.1)
+
+
+def test_without_any_start_it_says_which_is_missing():
+    true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
+    record = shaken(true, sensors=("v:m1",)).with_noise(40.0, seed=20)
+    with pytest.raises(lw.IdentificationError, match=r"needs a start for .*link\.s.*start = "):
+        lw.identify(record, true.unknown("link"))
+
+
+def test_options_of_ml_are_refused_elsewhere(chain, clean):
+    with pytest.raises(lw.IdentificationError, match='are for method "ml", not for "weak"'):
+        lw.identify(clean, chain.unknown("nes"), method="weak", offsets=["x:m2"])
+    with pytest.raises(lw.IdentificationError, match="there is no record"):
+        lw.identify([], chain.unknown("nes"))
