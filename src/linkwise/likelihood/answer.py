@@ -12,7 +12,10 @@ from linkwise.errors import IdentificationError
 from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.lawstart import law_start
 from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.seen import tells_links
+from linkwise.likelihood.start import channel_noise
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
 from linkwise.motion import read_motion
 from linkwise.record import Record
@@ -72,6 +75,11 @@ def _start(
     given = {p.name: p.start for p in parameters if p.start is not None} | starts
     if all(p.name in starts for p in parameters):
         return np.array([starts[p.name] for p in parameters]), None
+    if tells_links(records[0], structure) and not all(
+        f"x:{name}" in records[0].channels for name in structure.mass_names
+    ):
+        found = law_start(records[0], structure, channel_noise(records[0]), given)
+        return np.array([found[p.name] for p in parameters]), None
     try:
         motion = read_motion(records[0], structure)
         fit = weak_fit(weak_equations(records[0], structure, motion, values=given), structure)

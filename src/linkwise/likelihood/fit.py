@@ -130,7 +130,8 @@ def _fitted(
 ) -> LikelihoodFit:
     system = System.of(structure)
     noise = _shared_noise(records)
-    starts = [start_states(record, structure, noise, SAMPLES) for record in records]
+    valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
+    starts = [start_states(record, valued, noise, SAMPLES) for record in records]
     channels = records[0].responses
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
     unit = np.where(unit > 0.0, unit, 1.0)

@@ -11,16 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
-from linkwise.noise import bandwidth, noise_sigma
+from linkwise.likelihood.inversion import inverted
+from linkwise.likelihood.seen import (
+    highpassed,
+    masses_from_links,
+    seen_links,
+    smoothed,
+    summed,
+    tells_links,
+)
+from linkwise.noise import noise_sigma
 from linkwise.record import Record
-from linkwise.smooth import savitzky_golay, savitzky_golay_half
 from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
-_DEGREE = 5
 _DRIFT = 3.0  # Hz: below it a twice integrated acceleration is drift
 _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden mass is free to move at q = 1
 
@@ -46,69 +52,78 @@ def channel_noise(record: Record) -> dict[str, float]:
 
 
 def start_states(record: Record, structure: Structure, sigma: dict[str, float], samples: int) -> States:
-    """The motion as the sensors tell it. `samples` is the length of a segment, over which a velocity defect builds up."""
-    shape = (structure.size, len(record))
-    x, v, scale = np.zeros(shape), np.zeros(shape), np.full((2, structure.size), np.nan)
+    """The motion as the sensors tell it. `samples` is the length of a segment, over which a velocity defect builds up.
+
+    Where `structure` has all its numbers and every mass a sensor, what velocities and accelerations do not tell of the place
+    is read from the forces (`inversion`).
+    """
+    kinds = {
+        name: [kind for kind in "xva" if f"{kind}:{name}" in record.channels] for name in structure.mass_names
+    }
+    x, v = _told(record, structure, sigma, kinds)
+    scale = np.full((2, structure.size), np.nan)
     reach = np.sqrt(samples) / 4.0
-    for i, mass in enumerate(structure.mass_names):
-        kinds = [kind for kind in "xva" if f"{kind}:{mass}" in record.channels]
-        if not kinds:
+    for i, name in enumerate(structure.mass_names):
+        if not kinds[name]:
             continue
-        seen = {kind: _smoothed(record, f"{kind}:{mass}", sigma) for kind in kinds}
-        ratio = max(
-            sigma[f"{kinds[0]}:{mass}"] / np.sqrt(np.nanmean(record.channel(f"{kinds[0]}:{mass}") ** 2)),
-            1e-12,
-        )
-        v[i] = (
-            seen["v"][0]
-            if "v" in seen
-            else seen["x"][1]
-            if "x" in seen
-            else _undrifted(seen["a"][0], record.rate)
-        )
-        x[i] = seen["x"][0] if "x" in seen else _integrated(v[i], record.rate, drifts="v" not in seen)
-        scale[0, i] = sigma[f"x:{mass}"] if "x" in seen else ratio * _rms(x[i])
-        scale[1, i] = sigma[f"x:{mass}"] * record.rate * reach if "x" in seen else ratio * _rms(v[i])
+        channel = f"{kinds[name][0]}:{name}"
+        ratio = max(sigma[channel] / np.sqrt(np.nanmean(record.channel(channel) ** 2)), 1e-12)
+        seen = kinds[name][0] == "x"
+        scale[0, i] = sigma[channel] if seen else ratio * _rms(x[i])
+        scale[1, i] = sigma[channel] * record.rate * reach if seen else ratio * _rms(v[i])
     hidden = np.isnan(scale[0])
     for order, motion in enumerate((x, v)):
-        seen_motion = np.sqrt(np.mean(motion[~hidden] ** 2))
-        scale[order, hidden] = _UNSEEN * seen_motion
+        scale[order, hidden] = _UNSEEN * np.sqrt(np.mean(motion[~hidden] ** 2))
     return States(x, v, scale.ravel())
+
+
+def _told(
+    record: Record,
+    structure: Structure,
+    sigma: dict[str, float],
+    kinds: dict[str, list[str]],
+) -> tuple[Array, Array]:
+    """Displacements and velocities (n, N), zero for masses without a sensor."""
+    lost = any(kinds[name][:1] in (["v"], ["a"]) for name in structure.mass_names)
+    if lost and tells_links(record, structure) and _numbered(structure):
+        seen = seen_links(record, structure, sigma)
+        return masses_from_links(record, structure, *inverted(seen, structure.links))
+    x, v = (
+        np.zeros((structure.size, len(record))),
+        np.zeros((structure.size, len(record))),
+    )
+    for i, name in enumerate(structure.mass_names):
+        if not kinds[name]:
+            continue
+        seen_by = {kind: smoothed(record, f"{kind}:{name}", sigma) for kind in kinds[name]}
+        if "v" in seen_by:
+            v[i] = seen_by["v"][0]
+        elif "x" in seen_by:
+            v[i] = seen_by["x"][1]
+        else:
+            v[i] = highpassed(summed(seen_by["a"][0], record.step), record.rate, _DRIFT)
+        if "x" in seen_by:
+            x[i] = seen_by["x"][0]
+        else:
+            total = summed(v[i], record.step)
+            x[i] = total if "v" in seen_by else highpassed(total, record.rate, _DRIFT)
+    return x, v
+
+
+def _numbered(structure: Structure) -> bool:
+    return all(
+        structure.coefficient(f"{link.name}.{name}").value is not None
+        for link in structure.links
+        for name in link.coefficients
+    )
 
 
 def nodes(states: Sequence[States], samples: int) -> Array:
     """(2, n, K) the states at the first sample of every segment, record after record."""
-    return np.concatenate([np.stack([each.x[:, ::samples], each.v[:, ::samples]]) for each in states], axis=2)
-
-
-def _smoothed(record: Record, name: str, sigma: dict[str, float]) -> tuple[Array, Array]:
-    """Value and rate (N,) of a channel; missing samples bridged by straight lines, which only a start may do."""
-    values = record.channel(name)
-    lost = np.isnan(values)
-    if lost.any():
-        places = np.arange(len(values))
-        values = np.interp(places, places[~lost], values[~lost])
-    highest = float(bandwidth(values, record.rate, [sigma[name]])[0])
-    half = min(savitzky_golay_half(highest, record.rate, degree=_DEGREE), (len(values) - 1) // 2)
-    value, rate, _ = savitzky_golay(values, record.rate, half=half, degree=_DEGREE)
-    return value[:, 0], rate[:, 0]
-
-
-def _integrated(values: Array, rate: float, *, drifts: bool) -> Array:
-    total = np.asarray(cumulative_trapezoid(values, dx=1.0 / rate, initial=0.0))
-    return _highpassed(total, rate) if drifts else total
-
-
-def _undrifted(acceleration: Array, rate: float) -> Array:
-    return _highpassed(np.asarray(cumulative_trapezoid(acceleration, dx=1.0 / rate, initial=0.0)), rate)
-
-
-def _highpassed(values: Array, rate: float) -> Array:
-    """`values` without what is slower than the drift: a Gaussian in frequency, ends mirrored."""
-    mirrored = np.concatenate([values, values[::-1]])
-    frequency = np.fft.rfftfreq(len(mirrored), 1.0 / rate)
-    kept = 1.0 - np.exp(-0.5 * (frequency / _DRIFT) ** 2)
-    return np.asarray(np.fft.irfft(np.fft.rfft(mirrored) * kept, len(mirrored))[: len(values)])
+    return np.concatenate(
+        [np.stack([each.x[:, ::samples], each.v[:, ::samples]]) for each in states],
+        axis=2,
+    )
 
 
 def _rms(values: Array) -> float:

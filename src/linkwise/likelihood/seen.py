@@ -1,0 +1,139 @@
+"""What sensors on every mass tell of the links of a tree: force, and elongation up to an unknown line.
+
+Accelerations of all masses give the force of every link, B f = w - M a, where the links close no circles. A displacement tells
+elongations outright; a velocity up to a constant, an acceleration up to a line, both of which drift with the noise
+that is summed up on the way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_simpson
+
+from linkwise.noise import bandwidth
+from linkwise.record import Record
+from linkwise.smooth import savitzky_golay, savitzky_golay_half
+from linkwise.structure import Structure
+
+Array = NDArray[np.float64]
+
+_DEGREE = 5
+
+
+@dataclass(frozen=True, eq=False)
+class SeenLinks:
+    """`d`, `v`, `force` (L, N) of the links in m, m/s, N; `step` in s.
+
+    `lost` (L,) is how many integrations the elongation has behind it: it is known up to a polynomial with so many numbers.
+    `jitter` (L,) is the standard deviation of the noise that drives this polynomial, in units of its highest derivative, per
+    sample.
+    """
+
+    d: Array
+    v: Array
+    force: Array
+    lost: NDArray[np.intp]
+    jitter: Array
+    step: float
+
+
+def tells_links(record: Record, structure: Structure) -> bool:
+    """Whether every mass has a sensor and a known size, and the links form a tree that hangs on the ground or the base."""
+    if not all(any(f"{kind}:{name}" in record.channels for kind in "xva") for name in structure.mass_names):
+        return False
+    if any(mass.mass.value is None for mass in structure.masses):
+        return False
+    incidence = structure.incidence.toarray()
+    return bool(
+        incidence.shape[0] == incidence.shape[1] and np.linalg.matrix_rank(incidence) == len(incidence)
+    )
+
+
+def seen_links(record: Record, structure: Structure, sigma: dict[str, float]) -> SeenLinks:
+    """The links of a `structure` that the record `tells_links` of, with `sigma` of the channels' noise."""
+    motions, lost, noise = [], [], []
+    for name in structure.mass_names:
+        kind = next(kind for kind in "xva" if f"{kind}:{name}" in record.channels)
+        motions.append(_motion(record, f"{kind}:{name}", kind, sigma))
+        lost.append("xva".index(kind))
+        noise.append(sigma[f"{kind}:{name}"])
+    x, v, a = np.stack(motions, axis=1)
+    pushes = np.stack(
+        [
+            record.channel(f"force:{name}") if f"force:{name}" in record.channels else np.zeros(len(record))
+            for name in structure.mass_names
+        ]
+    )
+    incidence = structure.incidence.toarray()
+    base = record.channel("x:base") if "x:base" in record.channels else None
+    touched = incidence.T != 0.0
+    most = np.where(touched, lost, 0).max(axis=1)
+    driven = touched & (np.asarray(lost) == most[:, None])
+    return SeenLinks(
+        d=structure.elongations(x.T, base).T,
+        v=structure.elongations(v.T, None if base is None else np.gradient(base, record.step)).T,
+        force=np.linalg.solve(incidence, pushes - structure.mass_values[:, None] * a),
+        lost=most,
+        jitter=np.sqrt((driven * np.square(noise)).sum(axis=1)),
+        step=record.step,
+    )
+
+
+def masses_from_links(record: Record, structure: Structure, d: Array, v: Array) -> tuple[Array, Array]:
+    """Displacements and velocities (n, N) of the masses from elongations and rates (L, N) of a tree."""
+    base = record.channel("x:base") if "x:base" in record.channels else np.zeros(len(record))
+    still = np.zeros((len(record), structure.size))
+    fixed = structure.elongations(still, base).T
+    rates = structure.elongations(still, np.gradient(base, record.step)).T
+    across = structure.incidence.toarray().T
+    return np.linalg.solve(across, d - fixed), np.linalg.solve(across, v - rates)
+
+
+def filled(record: Record, name: str) -> Array:
+    """A channel (N,) with missing samples bridged by straight lines, which only a start may do."""
+    values = record.channel(name)
+    lost = np.isnan(values)
+    if lost.any():
+        places = np.arange(len(values))
+        values = np.interp(places, places[~lost], values[~lost])
+    return values
+
+
+def smoothed(record: Record, name: str, sigma: dict[str, float]) -> tuple[Array, Array, Array]:
+    """Value, rate and second rate (N,) of a channel."""
+    values = filled(record, name)
+    highest = float(bandwidth(values, record.rate, [sigma[name]])[0])
+    half = min(
+        savitzky_golay_half(highest, record.rate, degree=_DEGREE),
+        (len(values) - 1) // 2,
+    )
+    value, rate, bend = savitzky_golay(values, record.rate, half=half, degree=_DEGREE)
+    return value[:, 0], rate[:, 0], bend[:, 0]
+
+
+def summed(values: Array, step: float) -> Array:
+    """The integral (N,) from the first sample on, by Simpson's rule."""
+    return np.asarray(cumulative_simpson(values, dx=step, initial=0.0))
+
+
+def _motion(record: Record, name: str, kind: str, sigma: dict[str, float]) -> Array:
+    """(3, N) displacement, velocity and acceleration, the sums starting at 0."""
+    if kind == "x":
+        return np.stack(smoothed(record, name, sigma))
+    values = filled(record, name)
+    if kind == "v":
+        value, rate, _ = smoothed(record, name, sigma)
+        return np.stack([summed(values, record.step), value, rate])
+    velocity = summed(values, record.step)
+    return np.stack([summed(velocity, record.step), velocity, values])
+
+
+def highpassed(values: Array, rate: float, cut: float) -> Array:
+    """`values` (N,) without what is slower than `cut` Hz: a Gaussian in frequency, ends mirrored."""
+    mirrored = np.concatenate([values, values[::-1]])
+    frequency = np.fft.rfftfreq(len(mirrored), 1.0 / rate)
+    kept = 1.0 - np.exp(-0.5 * (frequency / cut) ** 2)
+    return np.asarray(np.fft.irfft(np.fft.rfft(mirrored) * kept, len(mirrored))[: len(values)])
