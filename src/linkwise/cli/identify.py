@@ -34,6 +34,7 @@ class Choices:
     method: str
     more: tuple[Path, ...]
     offset: tuple[str, ...]
+    gain: tuple[str, ...]
     robust: str | None
     profile: bool
     derivative: str | None
@@ -44,6 +45,7 @@ class Choices:
         ml = {
             "--with": self.more,
             "--offset": self.offset,
+            "--gain": self.gain,
             "--robust": self.robust,
             "--profile": self.profile,
         }
@@ -58,14 +60,16 @@ class Choices:
         if self.method == "ml":
             loss = {None: None, "huber": lw.Huber, "student": lw.Student}[self.robust]
             return {
+                "method": "ml",
                 "offsets": self.offset,
+                "gains": self.gain,
                 "loss": loss and loss(),
                 "progress": lambda done: step(_fraction(done.q), _stage(done)),
             }
         if self.method == "sindy":
             given: dict[str, Any] = {"derivative": self.derivative, "regressor": self.regressor}
-            return {"classical": lw.Classical(**{name: value for name, value in given.items() if value})}
-        return {}
+            return {"method": lw.Classical(**{name: value for name, value in given.items() if value})}
+        return {"method": self.method}
 
 
 choices = grouped(
@@ -91,6 +95,12 @@ choices = grouped(
         metavar="CHANNEL",
         multiple=True,
         help="Find a constant error of this channel too (ml). Repeatable.",
+    ),
+    click.option(
+        "--gain",
+        metavar="CHANNEL",
+        multiple=True,
+        help="Find a constant factor of this channel too (ml). Repeatable.",
     ),
     click.option(
         "--robust",
@@ -155,7 +165,6 @@ def identify(
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,
             subject,
-            method=chosen.method,  # type: ignore[arg-type]  # click has checked the choice
             **chosen.keywords(step),
         )
         profiles = _profiles(estimate, step) if chosen.profile else {}
