@@ -263,7 +263,7 @@ def test_records_of_other_channels_are_refused(three):
     other = record.select(["x:m1", "x:m2", "force:m2", "x:base"])
     with pytest.raises(lw.IdentificationError, match=r"same channels in the same order.*record\.select"):
         cut([record, other], three, System.of(three), samples=5, refine=1, offsets=())
-    with pytest.raises(lw.IdentificationError, match="no offset of x:m9"):
+    with pytest.raises(lw.IdentificationError, match="no offset or gain of x:m9"):
         cut([record], three, System.of(three), samples=5, refine=1, offsets=["x:m9"])
     with pytest.raises(lw.IdentificationError, match="has no response"):
         only = record.select(["force:m2", "x:base"])

@@ -25,23 +25,27 @@ def identify(
     record: Record | Sequence[Record],
     structure: Structure,
     *,
-    method: Method = "ml",
+    method: Method | Classical = "ml",
     starts: Mapping[str, float] | None = None,
     offsets: Sequence[str] = (),
+    gains: Sequence[str] = (),
     loss: Loss | None = None,
-    classical: Classical | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Estimate:
     """The unknown coefficients and masses of `structure` from `record`, or from several records of it together ("ml").
 
     `method` "ml" (default, METHODS section 5: maximum likelihood on the raw samples), "weak" (section 4: no signal is
-    differentiated, noise bias removed; milliseconds) or "sindy" (the paper's physics-informed SINDy, run as `classical` says).
-    For "ml" only: `starts` of parameters by name (else the weak fit's), `offsets` names channels with an unknown constant
-    error, `loss` is Gaussian() or, against outliers, Huber() or Student(), and `progress` is told every step.
+    differentiated, noise bias removed; milliseconds) or "sindy" (the paper's physics-informed SINDy; `Classical(...)` in its
+    place says how).
+    For "ml" only: `starts` of parameters by name (else the weak fit's), `offsets` and `gains` name channels with an unknown
+    constant error or factor, `loss` is Gaussian() or, against outliers, Huber() or Student(), and `progress` is told every
+    step.
 
     Raises IdentificationError where the records cannot tell an unknown at all.
     """
     records = [record] if isinstance(record, Record) else list(record)
+    classical = method if isinstance(method, Classical) else Classical()
+    method = "sindy" if isinstance(method, Classical) else method
     if method not in _METHODS:
         raise IdentificationError(f'"{method}" is no method; there are {", ".join(_METHODS)}')
     if not records:
@@ -50,17 +54,17 @@ def identify(
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
         )
-    if method != "ml" and (len(records) > 1 or starts or offsets or loss is not None):
+    if method != "ml" and (len(records) > 1 or starts or offsets or gains or loss is not None):
         raise IdentificationError(
-            f'several records, starts, offsets and a loss are for method "ml", not for "{method}"'
+            f'several records, starts, offsets, gains and a loss are for method "ml", not for "{method}"'
         )
     started = perf_counter()
     if method == "ml":
         estimate = likelihood_estimate(
-            records, structure, starts=starts, offsets=offsets, loss=loss, report=progress
+            records, structure, starts=starts, offsets=offsets, gains=gains, loss=loss, report=progress
         )
     elif method == "weak":
         estimate = weak_estimate(records[0], structure)
     else:
-        estimate = classical_estimate(records[0], structure, classical or Classical())
+        estimate = classical_estimate(records[0], structure, classical)
     return replace(estimate, seconds=perf_counter() - started)

@@ -197,7 +197,7 @@ def _fit(
     status: Status,
     path: tuple[Progress, ...],
 ) -> Fit:
-    theta = np.concatenate([misfit.point.theta, misfit.point.offsets])
+    theta = misfit.point.border
     lower, upper = _bounds(segments)
     free = (theta > lower) & (theta < upper)
     samples = int(segments.seen.sum())
@@ -224,7 +224,7 @@ def _step(
     if factor is None:
         return None
     lower, upper = _bounds(segments)
-    old = np.concatenate([misfit.point.theta, misfit.point.offsets])
+    old = misfit.point.border
     free = np.ones(segments.parameters, bool)
     while True:
         solved = factor.solve(free)
@@ -239,13 +239,13 @@ def _step(
     new = np.clip(new, lower, upper)
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
     moved = (nodes * scales.state).T.reshape(2, n, -1)
-    point = Point(misfit.point.nodes + moved, new[:p], new[p:])
+    point = Point(misfit.point.nodes + moved, *np.split(new, [p, p + segments.sensors.offsets]))
     return point, (2.0 - control.stride) * equations.drop(nodes, border)
 
 
 def _bounds(segments: Segments) -> tuple[Array, Array]:
-    """Of theta and offsets; the latter have none."""
-    open_ = np.full(segments.sensors.offsets, np.inf)
+    """Of theta, offsets and gains; the latter two have none."""
+    open_ = np.full(segments.sensors.offsets + segments.sensors.gains, np.inf)
     parameters = segments.system.parameters
     return np.concatenate([parameters.lower, -open_]), np.concatenate([parameters.upper, open_])
 

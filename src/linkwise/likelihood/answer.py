@@ -34,16 +34,20 @@ def likelihood_estimate(
     *,
     starts: Mapping[str, float] | None = None,
     offsets: Sequence[str] = (),
+    gains: Sequence[str] = (),
     loss: Loss | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> Estimate:
     """The most likely unknowns of `structure` given `records` (METHODS section 5).
 
     The search starts from `starts` by name, else from the weak fit of the first record, else from the starts of the structure.
-    `offsets` names channels with an unknown constant error. Raises IdentificationError where there is no start.
+    `offsets` and `gains` name channels with an unknown constant error or factor. Raises IdentificationError where
+    there is no start.
     """
     theta, spread = _start(records, structure, dict(starts or {}))
-    fit = likelihood_fit(records, structure, theta, spread=spread, offsets=offsets, loss=loss, report=report)
+    fit = likelihood_fit(
+        records, structure, theta, spread=spread, offsets=offsets, gains=gains, loss=loss, report=report
+    )
     found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(found)
     status, message = _judged(fit, identified)
@@ -152,7 +156,11 @@ def _residual(identified: Structure, record: Record) -> Array | None:
 
 
 def _remarks(fit: LikelihoodFit) -> tuple[str, ...]:
-    return tuple(
+    off = [
         f"{name} is off by {value:.4g} throughout (found with the rest)."
         for name, value in fit.offsets.items()
-    )
+    ]
+    gained = [
+        f"{name} shows {value:.6g} of its motion (found with the rest)." for name, value in fit.gains.items()
+    ]
+    return (*off, *gained)

@@ -29,12 +29,15 @@ def cut(
     *,
     samples: int,
     refine: int,
-    offsets: Sequence[str],
+    offsets: Sequence[str] = (),
+    gains: Sequence[str] = (),
+    loudness: Sequence[Floats] | None = None,
 ) -> Segments:
     """Segments of so many `samples` each, with `refine` steps of the flow a sample; records follow one another.
 
-    All records have the same response channels. `offsets` names the channels with an unknown constant error. Raises
-    IdentificationError where channels differ, inputs have gaps, or a response belongs to no mass.
+    All records have the same response channels. `offsets` and `gains` name the channels with an unknown constant error or
+    factor; `loudness` has for each record the noise of its channels (C,) over the common one. Raises IdentificationError where
+    channels differ, inputs have gaps, or a response belongs to no mass.
     """
     channels = records[0].responses
     _require_alike(records, structure, channels)
@@ -49,30 +52,33 @@ def cut(
     )
     return Segments(
         system=system,
-        sensors=sensors(channels, structure, offsets),
+        sensors=sensors(channels, structure, offsets, gains),
         samples=np.where(seen, data, 0.0),
         seen=seen,
         step=step,
         linked=linked,
         inputs=inputs(records, structure, counts, samples=samples, refine=refine),
         refine=refine,
+        loudness=None if loudness is None else np.repeat(np.stack(loudness, axis=1), counts, axis=1),
     )
 
 
-def sensors(channels: Sequence[str], structure: Structure, offsets: Sequence[str]) -> Sensors:
-    """What each channel measures, and which unknown offset it has."""
+def sensors(
+    channels: Sequence[str], structure: Structure, offsets: Sequence[str], gains: Sequence[str]
+) -> Sensors:
+    """What each channel measures, and which unknown offset and gain it has."""
     parsed = [Channel.parse(name) for name in channels]
     index = {name: i for i, name in enumerate(structure.mass_names)}
-    lost = [name for name in offsets if name not in channels]
+    lost = [name for name in (*offsets, *gains) if name not in channels]
     if lost:
         raise IdentificationError(
-            f"no offset of {lost[0]} can be found: the record has {', '.join(channels)}"
+            f"no offset or gain of {lost[0]} can be found: the record has {', '.join(channels)}"
         )
-    numbers = {name: number for number, name in enumerate(offsets)}
     return Sensors(
         kind=np.array([_KINDS[each.kind] for each in parsed]),
         mass=np.array([index[each.mass] for each in parsed]),
-        offset=np.array([numbers.get(name, -1) for name in channels]),
+        offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
+        gain=np.array([gains.index(name) if name in gains else -1 for name in channels]),
     )
 
 

@@ -43,7 +43,9 @@ _MOST_WORKERS = 8
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    """`values` (p,) with `covariance` (p, p), `free` (p,) False at a bound; `offsets` and `noise` by channel.
+    """`values` (p,) with `covariance` (p, p), `free` (p,) False at a bound; `offsets`, `gains` and `noise` by
+    channel (the noise of the first
+    record).
 
     `chi_square` compares what is left to the noise that was stated or found beforehand; `model_error` is the relaxation q of
     the flow where the laws alone leave residuals that are no noise, else 0, and `force_error` (n,) in N on each mass what
@@ -54,6 +56,7 @@ class LikelihoodFit:
     covariance: Array
     free: NDArray[np.bool_]
     offsets: dict[str, float]
+    gains: dict[str, float]
     noise: dict[str, float]
     chi_square: float
     chi_square_off: bool
@@ -81,6 +84,43 @@ class Annealer:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """Which channels have an unknown offset or gain, and the `noise` of every channel in each record."""
+
+    offsets: tuple[str, ...]
+    gains: tuple[str, ...]
+    noise: tuple[dict[str, float], ...]
+
+    @classmethod
+    def of(cls, records: Sequence[Record], offsets: Sequence[str], gains: Sequence[str]) -> Sensing:
+        """With the noise that the records state, else what is found in them."""
+        return cls(tuple(offsets), tuple(gains), tuple(channel_noise(record) for record in records))
+
+    @property
+    def sigma(self) -> Array:
+        """(C,) noise in the first record; that of the others is `cut` in as a factor."""
+        return np.array(list(self.noise[0].values()))
+
+    def cut(self, records: Sequence[Record], structure: Structure, system: System, refine: int) -> Segments:
+        """The segments of the records."""
+        loudness = (
+            [np.array(list(noise.values())) / self.sigma for noise in self.noise]
+            if len(self.noise) > 1
+            else None
+        )
+        return cut(
+            records,
+            structure,
+            system,
+            samples=SAMPLES,
+            refine=refine,
+            offsets=self.offsets,
+            gains=self.gains,
+            loudness=loudness,
+        )
+
+
 @lru_cache(maxsize=1)
 def _pools() -> ThreadpoolController:
     """The BLAS libraries of this process; finding them costs milliseconds."""
@@ -105,18 +145,21 @@ def likelihood_fit(
     *,
     spread: Array | None = None,
     offsets: Sequence[str] = (),
+    gains: Sequence[str] = (),
     loss: Loss | None = None,
     model_error: bool = True,
     report: Callable[[Progress], None] | None = None,
 ) -> LikelihoodFit:
     """The most likely parameters of `structure` given `records`, from a start `theta` (p,) with deviations `spread` (p,).
 
-    `offsets` names channels with an unknown constant error. Where the laws leave what is no noise, the flow is relaxed by the
+    `offsets` and `gains` name channels with an unknown constant error or factor. Where the laws leave what is no
+    noise, the flow is relaxed by the
     `model_error` that is most likely, unless that is False. Raises IdentificationError for records that do not fit together.
     """
     with _one_thread_each(), ThreadPoolExecutor(_workers()) as executor:
         annealer = Annealer(executor, loss or Gaussian(), report)
-        return _fitted(records, structure, theta, spread, offsets, model_error, annealer)
+        sensing = Sensing.of(records, tuple(offsets), tuple(gains))
+        return _fitted(records, structure, theta, spread, sensing, model_error, annealer)
 
 
 def _fitted(
@@ -124,28 +167,31 @@ def _fitted(
     structure: Structure,
     theta: Array,
     spread: Array | None,
-    offsets: Sequence[str],
+    sensing: Sensing,
     wants_model_error: bool,
     annealer: Annealer,
 ) -> LikelihoodFit:
     system = System.of(structure)
-    noise = _shared_noise(records)
-    valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
-    starts = [start_states(record, valued, noise, SAMPLES) for record in records]
     channels = records[0].responses
+    pairs = zip(records, sensing.noise, strict=True)
+    valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
+    starts = [start_states(record, valued, noise, SAMPLES) for record, noise in pairs]
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
     unit = np.where(unit > 0.0, unit, 1.0)
     scales = Scales(
-        np.array([noise[name] for name in channels]),
-        np.sqrt(np.mean([each.scale**2 for each in starts], axis=0)),
-        np.concatenate([unit, [noise[name] for name in offsets]]),
+        sensing.sigma,
+        np.min([each.scale for each in starts], axis=0),  # the quietest record asks for the tightest flow
+        np.concatenate(
+            [unit, [sensing.noise[0].get(name, 1.0) for name in sensing.offsets], np.ones(len(sensing.gains))]
+        ),
     )
     point = Point(
         nodes(starts, SAMPLES),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
-        np.zeros(len(offsets)),
+        np.zeros(len(sensing.offsets)),
+        np.ones(len(sensing.gains)),
     )
-    segments = _fine_enough(records, structure, system, point, scales, offsets)
+    segments = _fine_enough(records, structure, system, point, scales, sensing)
     whole, segments = segments, broken(segments)
     point = carried(segments, point)
     fit = annealer(segments, point, scales, Schedule())
@@ -172,7 +218,8 @@ def _fitted(
         values=fit.point.theta,
         covariance=factor**2 * fit.covariance[:p, :p],
         free=~fit.at_bound[:p],
-        offsets=dict(zip(offsets, map(float, fit.point.offsets), strict=True)),
+        offsets=dict(zip(sensing.offsets, map(float, fit.point.offsets), strict=True)),
+        gains=dict(zip(sensing.gains, map(float, fit.point.gains), strict=True)),
         noise=_found_noise(fit, channels),
         chi_square=chi_square,
         chi_square_off=off,
@@ -187,27 +234,21 @@ def _fitted(
     )
 
 
-def _shared_noise(records: Sequence[Record]) -> dict[str, float]:
-    """Noise by channel, root mean square over the records."""
-    each = [channel_noise(record) for record in records]
-    return {name: float(np.sqrt(np.mean([noise[name] ** 2 for noise in each]))) for name in each[0]}
-
-
 def _fine_enough(
     records: Sequence[Record],
     structure: Structure,
     system: System,
     point: Point,
     scales: Scales,
-    offsets: Sequence[str],
+    sensing: Sensing,
 ) -> Segments:
     """Segments whose flow is exact to a small part of the noise: the steps are halved until nothing changes."""
     refine = 1
-    segments = cut(records, structure, system, samples=SAMPLES, refine=refine, offsets=offsets)
+    segments = sensing.cut(records, structure, system, refine)
     every = max(1, segments.count // _TRIED)
     residuals = _predicted(segments, point, scales, every)
     while refine < _FINEST:
-        finer = cut(records, structure, system, samples=SAMPLES, refine=2 * refine, offsets=offsets)
+        finer = sensing.cut(records, structure, system, 2 * refine)
         exact = _predicted(finer, point, scales, every)
         change = exact - residuals
         if np.isfinite(exact).all() and np.sqrt(np.mean(change[np.isfinite(change)] ** 2)) < _FLOW_ERROR:
@@ -226,6 +267,7 @@ def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> 
         step=segments.step[which],
         linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
         inputs=segments.inputs.part(which),
+        loudness=None if segments.loudness is None else segments.loudness[:, which],
     )
     return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
 

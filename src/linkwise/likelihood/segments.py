@@ -8,7 +8,7 @@ has weight zero; so has the padding behind the last sample of a record.
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,22 +26,31 @@ CHUNK = 60_000
 
 @dataclass(frozen=True)
 class Sensors:
-    """kind (C,) X, V or A; mass (C,); offset (C,): index of the channel's unknown offset, -1 for none."""
+    """kind (C,) X, V or A; mass (C,); offset, gain (C,): index of the channel's unknown offset or gain, -1 for none.
+
+    A sensor shows gain * motion + offset.
+    """
 
     kind: Indices
     mass: Indices
     offset: Indices
+    gain: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
 
     @property
     def offsets(self) -> int:
         return int(self.offset.max(initial=-1)) + 1
+
+    @property
+    def gains(self) -> int:
+        return int(self.gain.max(initial=-1)) + 1
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
     """M samples a segment, `refine` (1 or even) steps of the flow a sample.
 
-    samples (M, C, K) with 0 where missing; seen (M, C, K) bool; step (K,) s; linked (K - 1,) bool.
+    samples (M, C, K) with 0 where missing; seen (M, C, K) bool; step (K,) s; linked (K - 1,) bool; loudness (C, K) the
+    noise of a channel there over `Scales.sigma`, None where it is the same in all records.
     """
 
     system: System
@@ -52,6 +61,7 @@ class Segments:
     linked: Mask
     inputs: Inputs
     refine: int = 1
+    loudness: Array | None = None
 
     @property
     def count(self) -> int:
@@ -63,7 +73,7 @@ class Segments:
 
     @property
     def parameters(self) -> int:
-        return int(self.system.parameters.size + self.sensors.offsets)
+        return int(self.system.parameters.size + self.sensors.offsets + self.sensors.gains)
 
     @cached_property
     def lone(self) -> Mask:
@@ -79,16 +89,22 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The unknowns: nodes (2, n, K) in m and m/s, theta (p,), offsets (o,)."""
+    """The unknowns: nodes (2, n, K) in m and m/s, theta (p,), offsets (o,) and gains (g,) of sensors."""
 
     nodes: Array
     theta: Array
     offsets: Array
+    gains: Array = field(default_factory=lambda: np.ones(0))
+
+    @property
+    def border(self) -> Array:
+        """(p + o + g,) all that the nodes share."""
+        return np.concatenate([self.theta, self.offsets, self.gains])
 
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Units of the unknowns: sigma (C,) noise of the channels; state (2n,): a defect's natural size; theta (p + o,)."""
+    """Units of the unknowns: sigma (C,) noise of the channels; state (2n,): a defect's natural size; theta (p + o + g,)."""
 
     sigma: Array
     state: Array
@@ -124,10 +140,16 @@ def evaluate(segments: Segments, point: Point, scales: Scales, loss: Loss) -> Mi
     ):
         chosen = np.flatnonzero(sensors.kind == kind)
         residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
+    for channel in np.flatnonzero(sensors.gain >= 0):
+        residuals[:, channel] -= (point.gains[sensors.gain[channel]] - 1.0) * (
+            segments.samples[:, channel] - residuals[:, channel]
+        )
     for channel in np.flatnonzero(sensors.offset >= 0):
         residuals[:, channel] -= point.offsets[sensors.offset[channel]]
     residuals *= segments.seen
     residuals /= scales.sigma[:, None]
+    if segments.loudness is not None:
+        residuals /= segments.loudness
     ends = orbit.states[-1].copy()
     ends[1] *= rate
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state.reshape(2, -1, 1)
@@ -241,6 +263,8 @@ def _chunk(
     jacobian = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * residuals).transpose(2, 0, 1)
     whiten = (root / scales.sigma[:, None]).astype(np.float32)
+    if segments.loudness is not None:
+        whiten /= segments.loudness[:, part].astype(np.float32)
     chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A)]
     rates = (1.0, 1.0 / step, 1.0 / step**2)
     orbit = misfit.orbit.part(part).thinned(segments.refine)
@@ -257,11 +281,35 @@ def _chunk(
     for channel in np.flatnonzero(sensors.offset >= 0):
         column = width + sensors.offset[channel]
         jacobian[:, :, channel, column] = whiten[:, channel].T * scales.theta[p + sensors.offset[channel]]
+    _calibrate_gains(jacobian, segments, misfit, scales, root, part)
     ends = np.zeros((K, 2 * n, P))
     ends[:, :n, :width] = state[0].transpose(2, 0, 1)
     ends[:, n:, :width] = (state[1] * rates[V]).transpose(2, 0, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _calibrate_gains(
+    jacobian: Array, segments: Segments, misfit: Misfit, scales: Scales, root: Array, part: slice
+) -> None:
+    """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened as they are.
+
+    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing.
+    """
+    sensors, point = segments.sensors, misfit.point
+    moved = 2 * segments.system.incidence.shape[0] + len(point.theta)
+    first = len(point.theta) + len(point.offsets)
+    for channel in np.flatnonzero(sensors.gain >= 0):
+        number = sensors.gain[channel]
+        loud = 1.0 if segments.loudness is None else segments.loudness[channel, part]
+        sigma = scales.sigma[channel] * loud
+        shown = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
+        if sensors.offset[channel] >= 0:
+            shown = shown - point.offsets[sensors.offset[channel]] / sigma
+        jacobian[:, :, channel, :moved] *= np.float32(point.gains[number])
+        unit = scales.theta[first + number] / point.gains[number]
+        column = moved + len(point.offsets) + number
+        jacobian[:, :, channel, column] = (root[:, channel] * shown * unit).T
 
 
 def refined(segments: Segments, refine: int, inputs: Inputs) -> Segments:

@@ -1,0 +1,83 @@
+"""Sensors with an unknown gain, and records of different noise fitted together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.likelihood.cut import cut
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.loss import Gaussian, Huber
+from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.segments import Point, Scales, evaluate, linearise
+
+
+@pytest.fixture(scope="module")
+def quiet() -> lw.Record:
+    return lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
+
+
+def scaled(record: lw.Record, name: str, gain: float) -> lw.Record:
+    """The record with one channel multiplied."""
+    values = record.values.copy()
+    values[:, record.channels.index(name)] *= gain
+    return replace(record, values=values)
+
+
+def test_an_unknown_gain_is_found_with_the_laws(quiet: lw.Record) -> None:
+    chain = lw.bnes_chain(2)
+    record = scaled(quiet.with_noise(40.0, seed=1), "x:m1", 1.1)
+    asked = chain.unknown("nes")
+    fit = lw.identify(record, asked, gains=["x:m1"])
+    assert fit.trusted
+    for name in ("nes1.alpha", "nes1.beta", "nes1.c"):
+        low, high = fit.coefficient(name).interval or (np.nan, np.nan)
+        spare = 0.5 * (high - low)  # five deviations, for a seed that was not picked
+        assert low - 1.5 * spare < chain.coefficient(name).value < high + 1.5 * spare
+    assert any(line.startswith(("x:m1 shows 1.1", "x:m1 shows 1.09")) for line in fit.findings)
+    assert fit.message == "The laws explain the record to within its noise."
+    assert lw.identify(record, asked).message != fit.message  # with the gain taken as 1 they do not
+
+
+@pytest.mark.parametrize("loss", [Gaussian(), Huber()])
+def test_the_column_of_a_gain_is_its_difference_quotient(quiet: lw.Record, loss: Gaussian | Huber) -> None:
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("nes")
+    system = System.of(asked)
+    record = quiet[:60].with_noise(20.0, seed=0)
+    segments = cut([record], asked, system, samples=5, refine=1, offsets=["x:m2"], gains=["x:m2"])
+    theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
+    states = quiet.simulated
+    assert states is not None
+    nodes = np.stack([states.displacement[:60:5].T, states.velocity[:60:5].T])
+    scales = Scales(np.array([1e-3, 2e-3]), np.ones(4), np.append(np.abs(theta), [1e-3, 1.0]))
+
+    def data(gain: float) -> float:
+        point = Point(nodes, theta, np.array([1e-3]), np.array([gain]))
+        return evaluate(segments, point, scales, loss).data
+
+    misfit = evaluate(segments, Point(nodes, theta, np.array([1e-3]), np.array([1.2])), scales, loss)
+    gradient = -2.0 * linearise(segments, misfit, scales, loss).data.corner_gradient[-1]
+    quotient = (data(1.2 + 1e-5) - data(1.2 - 1e-5)) / 2e-5
+    assert gradient == pytest.approx(quotient, rel=1e-4)  # tangents are kept in single precision
+
+
+def test_each_record_has_its_own_noise(quiet: lw.Record) -> None:
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("nes")
+    loud, soft = quiet.with_noise(20.0, seed=2), quiet.with_noise(50.0, seed=3)
+    theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
+    both = likelihood_fit([loud, soft], asked, theta)
+    alone = likelihood_fit([soft], asked, theta)
+    assert both.chi_square == pytest.approx(1.0, abs=0.05)  # of 12002 samples, and the estimate of their noise
+    ratio = np.sqrt(np.diag(both.covariance) / np.diag(alone.covariance))
+    assert np.all(ratio < 1.0)  # a loud record adds, it does not spoil ...
+    assert np.all(ratio > 0.95)  # ... and it adds little: 30 dB are a factor of 1000 in weight
+
+
+def test_a_gain_of_no_channel_is_refused(quiet: lw.Record) -> None:
+    with pytest.raises(lw.IdentificationError, match="no offset or gain of x:m9 can be found"):
+        lw.identify(quiet.with_noise(30.0, seed=0), lw.bnes_chain(2).unknown("nes"), gains=["x:m9"])
