@@ -88,13 +88,9 @@ def test_equals_the_dense_fisher_matrix(chain: lw.Structure, kind: str) -> None:
     np.testing.assert_allclose(
         found.covariance / np.outer(scale, scale), dense / np.outer(scale, scale), atol=2e-3
     )
-
-
-def test_the_dense_comparison_can_fail(chain: lw.Structure) -> None:
-    found = lw.limit(chain, sensors=("x",), noise=20.0, **SHORT)
-    other = lw.limit(chain, sensors=("x",), noise=19.0, **SHORT)
-    dense = dense_covariance(chain, found, 0)
-    assert np.abs(other.covariance / dense - 1.0).max() > 0.1
+    if kind == "x":  # and what must be refused: a tenth more noise
+        louder = lw.limit(chain, sensors=("x",), noise=19.0, **SHORT)
+        assert np.abs(louder.covariance / np.outer(scale, scale) - dense / np.outer(scale, scale)).max() > 0.1
 
 
 def test_scales_with_the_noise_and_with_the_samples(chain: lw.Structure) -> None:
