@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
 from linkwise.structure import Link
-from linkwise.wells import barrier, wells
+from linkwise.wells import way_out, wells
 
 Floats = NDArray[np.float64]
+Found = TypeVar("Found")
 
 NORMAL_95 = 1.959963984540054  # deviations that hold 95 % of a normal distribution
 _STEP = 1e-2  # of a standard error: small against the curvature of what is derived, large against rounding
@@ -83,33 +85,24 @@ class LinkEstimate:
     @cached_property
     def wells(self) -> tuple[Derived, ...]:
         """The stable elongations of a link with two wells or more; empty for others."""
-        places = self._places(self.link)
-        if len(places) < 2:
+        places = self._found(wells)
+        if places is None or len(places) < 2:
             return ()
-        return tuple(
-            self._derived("well", "m", value, partial(self._well, i, len(places)))
-            for i, value in enumerate(places)
-        )
+        return tuple(self._derived("well", "m", value, partial(_well_near, value)) for value in places)
 
     @cached_property
     def barrier(self) -> Derived | None:
         """The energy that carries the link out of its deepest well, or None with fewer than two wells."""
-        if not self.wells:
+        way = self._found(way_out)
+        if way is None:
             return None
-        low, high = self._reach
-        value = barrier(self.link, low, high)
-        if value is None:
-            return None
-        return self._derived("barrier", "J", value, lambda link: barrier(link, low, high) or np.nan)
+        return self._derived("barrier", "J", _climb(way, self.link), partial(_climb, way))
 
     @cached_property
     def frequencies(self) -> tuple[Derived, ...]:
         """In-well frequencies in Hz: small free swings of its two ends against each other in each well."""
-        count = len(self.wells)
-        return tuple(
-            self._derived("frequency", "Hz", self._swing(i, count, self.link), partial(self._swing, i, count))
-            for i in range(count)
-        )
+        swings = [partial(_swing_near, well.value, self.moving_mass) for well in self.wells]
+        return tuple(self._derived("frequency", "Hz", swing(self.link), swing) for swing in swings)
 
     @property
     def _reach(self) -> tuple[float, float]:
@@ -117,24 +110,12 @@ class LinkEstimate:
         largest = max(abs(end) for end in self.d_range) * (1.0 + _BEYOND)
         return -largest, largest
 
-    def _places(self, link: Link) -> tuple[float, ...]:
+    def _found(self, search: Callable[[Link, float, float], Found]) -> Found | None:
+        """What a search finds within reach; None for a law that vanishes everywhere."""
         try:
-            return wells(link, *self._reach)
-        except StructureError:  # a law that vanishes everywhere, or a coefficient that left its domain
-            return ()
-
-    def _near(self, link: Link, count: int) -> tuple[float, ...]:
-        """The wells of a link with coefficients a little aside; NaN where their number changed."""
-        places = self._places(link)
-        return places if len(places) == count else (np.nan,) * count
-
-    def _well(self, number: int, count: int, link: Link) -> float:
-        return self._near(link, count)[number]
-
-    def _swing(self, number: int, count: int, link: Link) -> float:
-        """Frequency in Hz of small swings in one well of a link with coefficients a little aside."""
-        stiffness = float(link.stiffness(self._well(number, count, link)))
-        return float(np.sqrt(max(stiffness, 0.0) / self.moving_mass) / (2.0 * np.pi))
+            return search(self.link, *self._reach)
+        except StructureError:
+            return None
 
     def _derived(self, name: str, unit: str, value: float, of: Callable[[Link], float]) -> Derived:
         """The delta method: the gradient by central differences of a small part of each standard error."""
@@ -153,3 +134,21 @@ class LinkEstimate:
     def _moved(self, coefficient: str, step: float) -> Link:
         moved = Coefficient.number(self.link.values[coefficient] + step)
         return replace(self.link, coefficients={**self.link.coefficients, coefficient: moved})
+
+
+def _well_near(place: float, link: Link) -> float:
+    """The well of a link whose coefficients are a little aside of those that gave one at `place`: a step of Newton's."""
+    stiffness = float(link.stiffness(place))
+    return place - float(link.force(place)) / stiffness if stiffness > 0.0 else np.nan
+
+
+def _swing_near(place: float, mass: float, link: Link) -> float:
+    """Frequency in Hz of small swings of a mass in kg in that well."""
+    stiffness = float(link.stiffness(_well_near(place, link)))
+    return float(np.sqrt(stiffness / mass) / (2.0 * np.pi)) if stiffness > 0.0 else np.nan
+
+
+def _climb(way: tuple[float, float], link: Link) -> float:
+    """Energy in J from a well to a top; where both of them lie does not matter to the first order."""
+    low, high = link.potential(np.array(way))
+    return float(high - low)

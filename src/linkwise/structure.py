@@ -57,7 +57,7 @@ class Structure:
 
     def _check_ends(self) -> None:
         names = set(self.mass_names)
-        held = set()
+        held: set[str] = set()
         for link in self.links:
             for end in link.between:
                 if end not in names and end not in (GROUND, BASE):

@@ -50,6 +50,15 @@ def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> flo
 
     From `lo` to `hi` or, without them, anywhere. Raises StructureError as `wells` does.
     """
+    way = way_out(link, lo, hi)
+    if way is None:
+        return None
+    low, high = link.potential(np.array(way))
+    return float(high - low)
+
+
+def way_out(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[float, float] | None:
+    """Elongations in m of the deepest well and of the lowest top that leads from it into a neighbouring one, as `barrier`."""
     points = _of_link(link, lo, hi)
     places = np.array([point.d for point in points])
     minima = np.flatnonzero([point.well for point in points])
@@ -57,10 +66,12 @@ def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> flo
         return None
     energy = link.potential(places)
     deepest = int(minima[np.argmin(energy[minima])])
-    passes = [
-        float(energy[first : last + 1].max()) for first, last in pairwise(minima) if deepest in (first, last)
+    tops = [
+        first + int(np.argmax(energy[first : last + 1]))
+        for first, last in pairwise(minima.tolist())
+        if deepest in (first, last)
     ]
-    return min(passes) - float(energy[deepest])
+    return float(places[deepest]), float(places[min(tops, key=lambda top: float(energy[top]))])
 
 
 def rest_points(
@@ -127,7 +138,7 @@ def _grid(lo: float | None, hi: float | None) -> Array:
     grid = np.concatenate([-side[::-1], [0.0], side])
     low, high = grid[0] if lo is None else lo, grid[-1] if hi is None else hi
     inner = grid[(grid >= low) & (grid <= high)]
-    across = [] if lo is None or hi is None else np.linspace(low, high, _ACROSS)
+    across = np.empty(0) if lo is None or hi is None else np.linspace(low, high, _ACROSS)
     return np.unique(np.concatenate([inner, across, [low, high]]))
 
 
