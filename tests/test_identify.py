@@ -1,0 +1,238 @@
+"""What `identify` answers: right laws with intervals, wrong laws refused, and what cannot be told said."""
+
+from __future__ import annotations
+
+import doctest
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise import classical
+
+UNKNOWN = lw.Coefficient.unknown
+SAMPLING = {"duration": 4.0, "rate": 1000.0}
+
+
+def link(name: str, between: tuple[str, str], law: str, **values: float | lw.Coefficient) -> lw.Link:
+    given = {
+        name: value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
+        for name, value in values.items()
+    }
+    return lw.Link(name, between, lw.Law.parse(law), given)
+
+
+def masses(**values: float) -> tuple[lw.Mass, ...]:
+    return tuple(lw.Mass(name, lw.Coefficient.number(value)) for name, value in values.items())
+
+
+def weak(record: lw.Record, structure: lw.Structure) -> lw.Estimate:
+    return lw.identify(record, structure, method="weak")
+
+
+def misses(fit: lw.Estimate, true: lw.Structure) -> dict[str, float]:
+    """How many standard errors each parameter is off; 4 are reached once in 16 000."""
+    found = {}
+    for parameter in fit.parameters:
+        owner, _, name = parameter.name.rpartition(".")
+        value = true.mass(owner).mass.value if name == "mass" else true.link(owner).values[name]
+        estimate = fit.coefficient(parameter.name)
+        found[parameter.name] = abs(estimate.value - value) / estimate.standard_error
+    return found
+
+
+@pytest.fixture(scope="module")
+def chain() -> lw.Structure:
+    return lw.bnes_chain(2)
+
+
+@pytest.fixture(scope="module")
+def record(chain: lw.Structure) -> lw.Record:
+    return lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+
+
+@pytest.fixture(scope="module")
+def pair() -> lw.Structure:
+    """A mass on a spring, a smaller one on a hardening spring."""
+    return lw.Structure(
+        "pair",
+        masses(m1=1.0, m2=0.1),
+        (
+            link("spring", ("m1", "ground"), "k*d + c*v", k=3e3, c=4.0),
+            link("hard", ("m2", "m1"), "k*d + k3*d**3 + c*v", k=200.0, k3=1e6, c=0.3),
+        ),
+    )
+
+
+# --- what is found
+
+
+def test_every_mass_and_coefficient_where_a_force_sets_the_scale(pair: lw.Structure) -> None:
+    force = "30*sin(50*t) + 40*sin(31*t + 1) + 30*sin(97*t)"
+    record = lw.simulate(pair, forces={"m1": force}, **SAMPLING).with_noise(45.0, seed=2)
+    fit = weak(record, pair.unknown("all", "mass:m1", "mass:m2"))
+    assert fit.trusted and max(misses(fit, pair).values()) < 4.0
+    assert [mass.known for mass in fit.masses] == [False, False]
+
+
+def test_a_known_mass_sets_the_scale_of_another(record: lw.Record, chain: lw.Structure) -> None:
+    fit = weak(record, chain.unknown("nes", "mass:m2"))
+    assert fit.trusted and max(misses(fit, chain).values()) < 4.0
+
+
+def test_base_motion(pair: lw.Structure) -> None:
+    shaken = replace(pair, links=(replace(pair.links[0], between=("m1", "base")), pair.links[1]))
+    record = lw.simulate(shaken, base="0.01*sin(50*t) + 0.004*sin(31*t + 1)", **SAMPLING).with_noise(35.0, seed=1)
+    fit = weak(record, shaken.unknown("all"))
+    assert fit.trusted and max(misses(fit, shaken).values()) < 4.0
+    assert fit.noise["x:base"].snr_db > 100.0
+    with pytest.raises(lw.LinkwiseError, match=r"spring.*base, whose motion is not given|missing x:base"):
+        weak(record.select(["x:m1", "x:m2"]), shaken.unknown("all"))
+
+
+def test_a_constant_force_is_a_law(pair: lw.Structure) -> None:
+    loaded = replace(pair, links=(*pair.links, link("load", ("m1", "ground"), "f0", f0=-3.0)))
+    record = lw.simulate(loaded, release={"v:m1": 1.0}, **SAMPLING).with_noise(40.0, seed=1)
+    fit = weak(record, loaded.unknown("all"))
+    assert fit.trusted and max(misses(fit, loaded).values()) < 4.0
+    assert fit.coefficient("load.f0").unit == "N"
+
+
+def test_a_clearance_is_found_from_a_start() -> None:
+    """g enters k*max(d - g, 0) nonlinearly: Gauss-Newton from a start half as large."""
+    spring = link("spring", ("m1", "ground"), "k*d + c*v", k=1e3, c=1.0)
+    law = "k*max(d - g, 0)"
+    true = lw.Structure("gap", masses(m1=1.0), (spring, link("stop", ("m1", "ground"), law, k=2e4, g=0.005)))
+    record = lw.simulate(true, release={"v:m1": 1.0}, **SAMPLING).with_noise(40.0, seed=1)
+
+    def asked(start: float | None) -> lw.Structure:
+        stop = link("stop", ("m1", "ground"), law, k=UNKNOWN(), g=UNKNOWN(start))
+        return replace(true, links=(replace(true.unknown("spring").links[0]), stop))
+
+    fit = weak(record, asked(0.0025))
+    assert fit.trusted and max(misses(fit, true).values()) < 4.0
+    with pytest.raises(lw.IdentificationError, match=r'link "stop": g enters the law .* nonlinearly, so its search needs'):
+        weak(record, asked(None))
+    with pytest.raises(lw.IdentificationError, match=r"cannot tell stop\.k.*The search stood at stop\.g = 1: start it"):
+        weak(record, asked(1.0))
+
+
+def test_friction_that_is_curved_in_v() -> None:
+    """F*tanh(v/s): v comes from smoothed displacements, which is said."""
+    law = "k*d + F*tanh(v/s)"
+    true = lw.Structure("friction", masses(m1=1.0), (link("slide", ("m1", "ground"), law, k=1e3, F=2.0, s=0.2),))
+    record = lw.simulate(true, release={"v:m1": 1.0}, **SAMPLING).with_noise(50.0, seed=1)
+    fit = weak(record, replace(true, links=(link("slide", ("m1", "ground"), law, k=UNKNOWN(), F=UNKNOWN(), s=UNKNOWN(0.1)),)))
+    assert fit.trusted and max(misses(fit, true).values()) < 4.0
+    assert "The law of slide is curved in v" in fit.findings[0]
+
+
+def test_gaps_and_single_missing_samples(record: lw.Record, chain: lw.Structure) -> None:
+    values = record.values.copy()
+    values[1000:1300] = np.nan
+    values[np.random.default_rng(0).integers(0, len(record), 60), 0] = np.nan
+    fit = weak(replace(record, values=values), chain.unknown("all"))
+    lost = int(np.isnan(values).sum())
+    assert fit.trusted and max(misses(fit, chain).values()) < 4.0
+    assert f"{lost} samples are missing; equations that need them are left out." in fit.findings
+    assert fit.samples == values.size - lost
+
+
+# --- what is refused
+
+
+def test_a_law_without_its_cubic_term_is_refused(record: lw.Record, chain: lw.Structure) -> None:
+    short = link("nes1", ("m2", "m1"), "alpha*d + c*v", alpha=UNKNOWN(), c=UNKNOWN())
+    fit = weak(record, replace(chain, links=(chain.links[0], short)))
+    assert not fit.trusted and fit.status == "chi-square off"
+    assert fit.chi_square_per_sample > 10.0
+    assert "a term is missing from a law, a link from the structure" in fit.message
+    assert all(each.interval is None and each.standard_error is None for each in fit.links[1].coefficients)
+    assert np.isnan(fit.force_band("nes1", 0.01)[1])
+
+
+def test_a_missing_link_is_refused(pair: lw.Structure) -> None:
+    """The small mass is also held by the ground, and the structure does not say so."""
+    held = replace(pair, links=(*pair.links, link("extra", ("m2", "ground"), "k*d", k=150.0)))
+    record = lw.simulate(held, release={"v:m1": 1.0}, **SAMPLING).with_noise(40.0, seed=1)
+    assert weak(record, held.unknown("all")).trusted
+    assert not weak(record, pair.unknown("all")).trusted
+
+
+@pytest.mark.parametrize(("factor", "told"), [(3.0, "the noise is smaller than stated"), (1 / 3, "or larger than stated")])
+def test_noise_that_is_stated_wrong_is_refused(
+    record: lw.Record, chain: lw.Structure, factor: float, told: str
+) -> None:
+    stated = {name: factor * sigma for name, sigma in record.simulated.noise.items()}
+    fit = weak(replace(record, noise=stated), chain.unknown("nes"))
+    assert not fit.trusted and told in fit.message
+    assert weak(replace(record, noise=record.simulated.noise), chain.unknown("nes")).trusted
+
+
+def test_a_force_that_is_not_in_the_record_is_seen(pair: lw.Structure) -> None:
+    """Either the residuals tell, or a damper that feeds the motion does."""
+    record = lw.simulate(pair, forces={"m1": "30*sin(50*t)"}, **SAMPLING).with_noise(40.0, seed=1)
+    fit = weak(record.select(["x:m1", "x:m2"]), pair.unknown("all"))
+    assert not fit.trusted or any("gives energy to the motion" in finding for finding in fit.findings)
+
+
+def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.Structure) -> None:
+    """Residuals between 1.3 and 2 times the noise in power keep their intervals, and that is said."""
+    stated = {name: 0.82 * sigma for name, sigma in record.simulated.noise.items()}
+    fit = weak(replace(record, noise=stated), chain.unknown("nes"))
+    assert fit.trusted and 1.3 < fit.chi_square_per_sample < 2.0
+    assert any("larger than the noise explains: something small is missing" in each for each in fit.findings)
+
+
+def test_nothing_to_identify(record: lw.Record, chain: lw.Structure) -> None:
+    with pytest.raises(lw.IdentificationError, match='nothing to identify, every coefficient is a number: write "unknown"'):
+        weak(record, chain)
+
+
+def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Structure) -> None:
+    with pytest.raises(lw.IdentificationError, match='"strong" is no method; there are ml, weak, sindy'):
+        lw.identify(record, chain.unknown("nes"), method="strong")
+    with pytest.raises(lw.IdentificationError, match=r'several records, .* are for method "ml", not for "weak"'):
+        lw.identify([record, record], chain.unknown("nes"), method="weak")
+    with pytest.raises(lw.IdentificationError, match="no record to identify from"):
+        lw.identify([], chain.unknown("nes"))
+    with pytest.raises(lw.IdentificationError, match='"ridge" is no regressor; there are stlsq, l1, least-squares'):
+        lw.Classical(regressor="ridge")
+
+
+# --- the paper's method
+
+
+@pytest.mark.parametrize("regressor", ["stlsq", "l1", "least-squares"])
+def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure, regressor: str) -> None:
+    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=2000.0)
+    fit = lw.identify(clean, chain.unknown("all"), method=lw.Classical(regressor=regressor))
+    assert fit.trusted and fit.chi_square_per_sample is None
+    for each in chain.links:
+        found = fit.structure.link(each.name).values
+        assert found == pytest.approx(each.values, rel=0.02 if regressor == "l1" else 2e-3)  # l1 shrinks
+        assert lw.nmse(each, fit.structure.link(each.name), clean) < 0.05
+    assert all(each.interval is None and each.standard_error is not None for each in fit.links[0].coefficients)
+
+
+@pytest.mark.parametrize("derivative", ["spline", "savgol", "differences"])
+def test_noise_in_derivatives_is_not_trusted(record: lw.Record, chain: lw.Structure, derivative: str) -> None:
+    """At 30 dB alpha is 9 % off or more, by every derivative: no standard error of the regression tells."""
+    fit = lw.identify(record, chain.unknown("nes"), method=lw.Classical(derivative=derivative))
+    assert not fit.trusted and fit.status == "forces unexplained"
+    assert "% of the forces unexplained: a term is missing, or noise in the derivatives hides them" in fit.message
+    assert abs(fit.coefficient("nes1.alpha").value / -100.0 - 1.0) > 0.05
+
+
+def test_a_term_that_adds_nothing_is_dropped_and_named(chain: lw.Structure) -> None:
+    wide = link("nes1", ("m2", "m1"), "alpha*d + beta*d**3 + c*v + q*d**2", alpha=-100.0, beta=1e6, c=0.02, q=0.0)
+    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=2000.0, sensors=("x", "v", "a"))
+    fit = lw.identify(clean, replace(chain, links=(chain.links[0], wide)).unknown("nes"), method="sindy")
+    assert fit.findings[0] == "nes1.q was dropped: its term adds less than the threshold."
+    assert fit.coefficient("nes1.q").value == 0.0
+
+
+def test_the_example_of_the_paper_library_runs() -> None:
+    found = doctest.testmod(classical)
+    assert found.attempted > 0 and found.failed == 0
