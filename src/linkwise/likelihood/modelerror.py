@@ -1,0 +1,105 @@
+"""Laws that are a little wrong: the error of the flow that is most likely, beside the noise of the sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status, anneal
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, linearise
+
+_LOOSENING = 3.0  # from rung to rung of the ladder of model errors
+_RUNGS = 19  # from q = 1e-5 to 4e3
+
+
+@dataclass(frozen=True)
+class Annealer:
+    """How annealing runs: on which threads, what a residual costs, and whom it tells."""
+
+    executor: Executor
+    loss: Loss
+    report: Callable[[Progress], None] | None
+
+    def __call__(self, segments: Segments, start: Point, scales: Scales, schedule: Schedule) -> Fit:
+        return anneal(
+            segments, start, scales, schedule, loss=self.loss, executor=self.executor, report=self.report
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A fit at relaxation q, the factor on the noise that it asks for, and -2 log of its marginal likelihood."""
+
+    fit: Fit
+    q: float
+    noise: float
+    cost: float
+
+
+def with_model_error(segments: Segments, fit: Fit, start: Point, annealer: Annealer) -> Rung | None:
+    """The most likely split of what the laws leave into noise of the sensors and errors of the flow.
+
+    For every relaxation q on a ladder the orbit is fitted again and the noise profiled out; the marginal likelihood, Gaussian
+    in nodes and theta about their optimum (Laplace), chooses q. A tight fit is loosened; where there is none, for laws too
+    wrong for it, the `start` is tightened. None where no rung is the best.
+    """
+    if fit.status is Status.CONVERGED:
+        rungs = [fit.q * _LOOSENING**rung for rung in range(_RUNGS)]
+        return _climb(segments, fit.point, fit.scales, rungs, annealer)
+    best = _climb(segments, start, fit.scales, [_LOOSENING**-rung for rung in range(_RUNGS)], annealer)
+    if best is not None and best.q == 1.0:
+        rungs = [_LOOSENING**rung for rung in range(_RUNGS)]
+        return _climb(segments, best.fit.point, fit.scales, rungs, annealer)
+    return best
+
+
+def _climb(
+    segments: Segments, point: Point, scales: Scales, rungs: Sequence[float], annealer: Annealer
+) -> Rung | None:
+    """The best rung, once two worse ones follow it; None where the ladder ends before, or a rung is out of reach.
+
+    An interrupt from the keyboard ends the climb on the rung where it was."""
+    best, worse = None, 0
+    for q in rungs:
+        fit = annealer(segments, point, scales, Schedule(loose=q, tight=q))
+        if fit.status is Status.INTERRUPTED:
+            return Rung(fit, q, 1.0, np.inf)
+        if fit.status is not Status.CONVERGED:
+            return None
+        point = fit.point
+        noise, cost = _evidence(segments, fit, q, annealer.loss)
+        if best is None or cost < best.cost:
+            best, worse = Rung(fit, q, noise, cost), 0
+        else:
+            worse += 1
+        if worse == 2:
+            return best
+    return None
+
+
+def _evidence(segments: Segments, fit: Fit, q: float, loss: Loss) -> tuple[float, float]:
+    """The factor on the noise (and on q) that this orbit asks for, and -2 log of the marginal likelihood with it."""
+    linear = linearise(segments, fit.misfit, fit.scales, loss)
+    factor = linear.equations(q).factor()
+    if factor is None:
+        return 1.0, np.inf
+    defects = 2 * segments.system.incidence.shape[0] * int(segments.linked.sum())
+    nodes = 2 * segments.system.incidence.shape[0] * int((~segments.lone).sum())
+    free = ~fit.at_bound
+    freedom = fit.samples + defects - nodes - int(free.sum())
+    noise = np.sqrt(fit.misfit.cost(q) / freedom)
+    return float(noise), float(
+        2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(free)
+    )
+
+
+def colour(misfit: Misfit) -> float:
+    """Largest autocorrelation at one sample among the channels' residuals."""
+    r = misfit.residuals
+    before, after = r[:-1], r[1:]
+    power = np.maximum(np.sum(r**2, axis=(0, 2)) * (1.0 - 1.0 / len(r)), np.finfo(float).tiny)
+    return float(np.max(np.sum(before * after, axis=(0, 2)) / power))
