@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -132,11 +133,11 @@ def test_a_place_that_cannot_be_written_is_named(
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["structure", "bnes"], ["structure", "show"], ["simulate"], ["identify"]]
+    "command", [[], ["structure", "bnes"], ["structure", "show"], ["simulate"], ["identify"], ["limit"]]
 )
 def test_every_help_has_an_example(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*command, "--help"]) == 0
-    example = capsys.readouterr().out.partition("Example:\n")[2]
+    example = re.split("Examples?:\n", capsys.readouterr().out)[-1]
     assert example.strip().startswith(" ".join(["linkwise", *command]))
 
 
