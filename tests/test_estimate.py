@@ -1,0 +1,177 @@
+"""The answer as an object: names, intervals, what follows from them, and what result.json says."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.estimate import NoiseEstimate
+from linkwise.link_estimate import LinkEstimate
+from linkwise.output import to_json
+
+ALPHA, BETA, MOVING = -100.0, 1e6, 0.0099
+COVARIANCE = np.diag([0.5, 4000.0, 1e-3]) @ np.array([[1, 0.6, 0], [0.6, 1, 0], [0, 0, 1]]) @ np.diag([0.5, 4000.0, 1e-3])
+
+
+def sink(alpha: float = ALPHA, beta: float = BETA, covariance: np.ndarray | None = COVARIANCE) -> LinkEstimate:
+    law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
+    values = {"alpha": alpha, "beta": beta, "c": 0.02}
+    link = lw.Link("nes1", ("m2", "m1"), law, {name: lw.Coefficient.number(value) for name, value in values.items()})
+    return LinkEstimate(link, (), (-0.03, 0.03), (-5.0, 5.0), ("alpha", "beta", "c"), covariance, MOVING)
+
+
+@pytest.fixture(scope="module")
+def chain() -> lw.Structure:
+    return lw.bnes_chain(2)
+
+
+@pytest.fixture(scope="module")
+def record(chain: lw.Structure) -> lw.Record:
+    return lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+
+
+@pytest.fixture(scope="module")
+def fit(record: lw.Record, chain: lw.Structure) -> lw.Estimate:
+    return lw.identify(record, chain.unknown("nes", "mass:m2"), method="weak")
+
+
+@pytest.fixture(scope="module")
+def refused(record: lw.Record, chain: lw.Structure) -> lw.Estimate:
+    stated = {name: sigma / 4 for name, sigma in record.simulated.noise.items()}
+    return lw.identify(replace(record, noise=stated), chain.unknown("nes", "mass:m2"), method="weak")
+
+
+def test_wells_barrier_and_frequency_in_closed_form() -> None:
+    found = sink()
+    assert [well.value for well in found.wells] == pytest.approx([-0.01, 0.01], rel=1e-12)
+    assert found.barrier.value == pytest.approx(ALPHA**2 / (4 * BETA), rel=1e-12)
+    expected = np.sqrt(-2 * ALPHA / MOVING) / (2 * np.pi)
+    assert [each.value for each in found.frequencies] == pytest.approx([expected, expected], rel=1e-9)
+
+
+def test_their_intervals_are_the_delta_method() -> None:
+    """Against the gradients written out: well sqrt(-alpha/beta), barrier alpha^2/(4 beta), frequency from -2 alpha."""
+    found = sink()
+    root = 1.0 / (2 * np.pi * np.sqrt(MOVING))
+    gradients = {
+        "well": np.array([-0.01 / (2 * -ALPHA), -0.01 / (2 * BETA)]),
+        "barrier": np.array([ALPHA / (2 * BETA), -(ALPHA**2) / (4 * BETA**2)]),
+        "frequency": np.array([-root / np.sqrt(-2 * ALPHA), 0.0]),
+    }
+    for each in (found.wells[1], found.barrier, found.frequencies[0]):
+        slope = gradients[each.name]
+        half = 1.959964 * np.sqrt(slope @ COVARIANCE[:2, :2] @ slope)
+        assert each.interval == pytest.approx((each.value - half, each.value + half), rel=1e-6)
+
+
+def test_their_intervals_hold_the_middle_of_drawn_coefficients() -> None:
+    """Coefficients drawn from the covariance: 95 % of what follows from them lies in the interval, to 1 % of 20 000 draws."""
+    found, rng = sink(), np.random.default_rng(4)
+    alpha, beta, _ = rng.multivariate_normal([ALPHA, BETA, 0.02], COVARIANCE, 20_000).T
+    drawn = {
+        "well": np.sqrt(-alpha / beta),
+        "barrier": alpha**2 / (4 * beta),
+        "frequency": np.sqrt(-2 * alpha / MOVING) / (2 * np.pi),
+    }
+    for each in (found.wells[1], found.barrier, found.frequencies[0]):
+        low, high = each.interval
+        assert np.mean((drawn[each.name] > low) & (drawn[each.name] < high)) == pytest.approx(0.95, abs=0.01)
+
+
+def test_the_band_of_a_force_is_that_of_its_coefficients() -> None:
+    d = np.array([0.0, 0.005, 0.02])
+    force, lower, upper = sink().force_band(d)
+    slope = np.stack([d, d**3])
+    half = 1.959964 * np.sqrt(np.einsum("in,ij,jn->n", slope, COVARIANCE[:2, :2], slope))
+    assert force == pytest.approx(ALPHA * d + BETA * d**3)
+    assert upper - force == pytest.approx(half, rel=1e-6, abs=1e-15)
+    assert force - lower == pytest.approx(half, rel=1e-6, abs=1e-15)
+
+
+def test_a_link_with_one_well_has_no_barrier() -> None:
+    found = sink(alpha=100.0)
+    assert found.wells == () and found.barrier is None and found.frequencies == ()
+
+
+def test_without_covariance_nothing_has_an_interval() -> None:
+    found = sink(covariance=None)
+    assert all(each.interval is None for each in (*found.wells, found.barrier, *found.frequencies))
+    assert np.isnan(found.force_band(0.01)[1:]).all()
+
+
+def test_what_is_known_has_neither_error_nor_band(fit: lw.Estimate) -> None:
+    spring = fit.coefficient("spring1.k")
+    assert (spring.known, spring.value, spring.standard_error, spring.interval) == (True, 30000.0, None, None)
+    force, lower, upper = fit.force_band("spring1", [0.001, 0.002])
+    assert (force == lower).all() and (force == upper).all()
+
+
+def test_intervals_are_two_standard_errors_wide(fit: lw.Estimate) -> None:
+    for name in ("nes1.alpha", "nes1.c", "m2.mass"):
+        found = fit.coefficient(name)
+        number = [parameter.name for parameter in fit.parameters].index(name)
+        assert found.standard_error == pytest.approx(np.sqrt(fit.covariance[number, number]))
+        assert found.interval == pytest.approx(
+            (found.value - 1.959964 * found.standard_error, found.value + 1.959964 * found.standard_error)
+        )
+
+
+def test_the_structure_is_complete(fit: lw.Estimate, chain: lw.Structure) -> None:
+    assert fit.structure.parameters == ()
+    assert fit.structure.link("nes1").values["alpha"] == fit.coefficient("nes1.alpha").value
+    assert fit.structure.mass("m2").mass.value == fit.coefficient("m2.mass").value
+    assert fit.structure.link("spring1") == chain.link("spring1")
+
+
+def test_unknown_names_list_those_there_are(fit: lw.Estimate) -> None:
+    with pytest.raises(lw.StructureError, match=r'"nes1\.gamma" is not in the answer; there are spring1\.k, .*m2\.mass'):
+        fit.coefficient("nes1.gamma")
+    with pytest.raises(lw.StructureError, match='"nes7" is not in the answer; there are spring1, nes1'):
+        fit.link("nes7")
+
+
+def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
+    result = json.loads(to_json(fit.to_dict()))
+    assert set(result) == {"method", "status", "message", "seconds", "noise", "fit", "findings", "masses", "links"}
+    assert set(result["fit"]) == {"chi_square_per_sample", "samples"}
+    assert set(result["noise"]["x:m1"]) == {"sigma", "unit", "snr_db"}
+    spring, found = result["links"]
+    assert set(spring) == {"name", "between", "law", "coefficients", "range"}
+    assert set(found) == set(spring) | {"wells", "barrier", "in_well_frequencies"}
+    assert set(found["coefficients"]["alpha"]) == {"value", "unit", "known", "standard_error", "interval"}
+    assert spring["coefficients"]["k"] == {"value": 30000.0, "unit": "N/m", "known": True}
+    assert set(found["range"]) == {"d", "v"} and set(found["wells"][0]) == {"d", "interval"}
+    assert set(found["barrier"]) == {"value", "unit", "interval"}
+    assert result["masses"]["m1"] == {"value": 1.0, "unit": "kg", "known": True}
+    assert result["masses"]["m2"]["interval"][0] < 0.01 < result["masses"]["m2"]["interval"][1]
+
+
+def test_a_refused_answer_keeps_its_values_and_gives_no_interval(refused: lw.Estimate) -> None:
+    result = refused.to_dict()
+    assert not refused.trusted and result["status"] == "chi-square off"
+    for coefficient in (*result["links"][1]["coefficients"].values(), result["masses"]["m2"]):
+        assert coefficient["standard_error"] is None and coefficient["interval"] is None
+        assert np.isfinite(coefficient["value"])
+    assert result["links"][1]["barrier"]["interval"] is None
+
+
+def test_the_range_is_what_was_visited(fit: lw.Estimate, record: lw.Record) -> None:
+    """To the noise, which would stretch it: three of its deviations."""
+    d = record.simulated.displacement[:, 1] - record.simulated.displacement[:, 0]
+    sigma = np.hypot(*record.simulated.noise.values())
+    assert fit.link("nes1").d_range == pytest.approx((d.min(), d.max()), abs=3 * sigma)
+
+
+def test_signal_to_noise_counts_the_motion_alone() -> None:
+    samples = 2.0 * np.sin(np.arange(1000) * 0.1) + 0.0
+    record = lw.Record(0.0, 1000.0, ("x:m1",), samples[:, None])
+    power = np.mean(samples**2)
+    found = NoiseEstimate.of(record, "x:m1", 0.2)
+    assert found.snr_db == pytest.approx(10 * np.log10((power - 0.04) / 0.04))
+    assert found.unit == "m"
+    assert NoiseEstimate.of(record, "x:m1", 0.0).snr_db == np.inf
+    assert NoiseEstimate.of(record, "x:m1", 9.0).snr_db == -np.inf
