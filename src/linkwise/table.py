@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 _MANY = 12  # channels or links that are shown
 _WIDTH = 100  # at which sentences are broken
+_HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 
 def text_table(estimate: Estimate) -> str:
@@ -19,7 +20,8 @@ def text_table(estimate: Estimate) -> str:
     blocks = [_verdict(estimate), _noise(estimate)]
     unknown = [mass for mass in estimate.masses if not mass.known]
     if unknown:
-        blocks.append("\n".join(columns([_row(mass, mass.name) for mass in unknown])))
+        rows = [_row(mass, mass.name.removesuffix(".mass")) for mass in unknown]
+        blocks.append("\n".join(["masses", *columns([_HEAD, *rows])]))
     shown = [link for link in estimate.links if link.free]
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:
@@ -40,7 +42,7 @@ def number(value: float, error: float | None = None) -> str:
     last = floor(log10(error)) - 1
     if last >= 0 and abs(value) < 1e7:
         return f"{value:.0f}"
-    if -7 <= last < 0 and abs(value) >= 1e-3:
+    if -7 <= last < 0 and (abs(value) >= 1e-3 or value == 0.0):
         return f"{value:.{-last}f}"
     digits = floor(log10(abs(value))) - last if value else 0
     return f"{value:.{max(digits, 1)}e}"
@@ -89,7 +91,7 @@ def _link(link: LinkEstimate) -> str:
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
     seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
     return "\n".join(
-        [head, *columns([("", "value", "std. error", "95 % interval", "unit"), *rows]), f"  {seen}"]
+        [head, *columns([_HEAD, *rows]), f"  {seen}"]
     )
 
 
