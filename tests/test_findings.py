@@ -1,0 +1,104 @@
+"""What the record cannot tell is said, and only then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.findings import link_findings
+from linkwise.link_estimate import CoefficientEstimate, LinkEstimate
+
+TIME = np.arange(400) / 1000.0
+
+
+def found(
+    law: str, values: dict[str, float], errors: list[float], reach: tuple[float, float], correlation: float = 0.0
+) -> LinkEstimate:
+    """A link identified with these standard errors, the first two coefficients correlated."""
+    link = lw.Link(
+        "sink", ("m2", "m1"), lw.Law.parse(law), {name: lw.Coefficient.number(value) for name, value in values.items()}
+    )
+    covariance = np.diag(np.square(errors))
+    if len(errors) > 1:
+        covariance[0, 1] = covariance[1, 0] = correlation * errors[0] * errors[1]
+    told = tuple(
+        CoefficientEstimate(f"sink.{name}", value, "?", False, error, (value - 2 * error, value + 2 * error))
+        for (name, value), error in zip(values.items(), errors, strict=True)
+    )
+    return LinkEstimate(link, told, reach, (-1.0, 1.0), tuple(values), covariance, 0.01)
+
+
+def sentences(estimate: LinkEstimate) -> list[str]:
+    low, high = estimate.d_range
+    d = 0.5 * (low + high) + 0.5 * (high - low) * np.sin(40 * TIME)
+    return list(link_findings(estimate, d, 20 * (high - low) * np.cos(40 * TIME)))
+
+
+SINK = {"alpha": -100.0, "beta": 1e6, "c": 0.02}
+LAW = "alpha*d + beta*d**3 + c*v"
+SMALL = [0.1, 1e3, 1e-4]
+
+
+def test_nothing_is_said_where_all_is_well() -> None:
+    assert sentences(found(LAW, SINK, SMALL, (-0.02, 0.02))) == []
+
+
+def test_a_sink_that_never_left_its_well() -> None:
+    [told] = sentences(found(LAW, SINK, SMALL, (0.004, 0.015)))
+    assert told.startswith("sink never left the well at +0.01 m (d from 0.004 to 0.015 m): its barrier and its other wells")
+    assert told.endswith("Hit it harder.")
+
+
+def test_a_sink_that_reached_no_well() -> None:
+    [told] = sentences(found(LAW, SINK, SMALL, (0.011, 0.012)))
+    assert told.startswith("sink reached none of its wells (d from 0.011 to 0.012 m)")
+
+
+def test_one_well_of_three_that_was_not_reached() -> None:
+    """d (d^2 - 1) (d^2 - 4) has wells at -2, 0 and 2."""
+    three = found("k*d - 5*d**3 + d**5", {"k": 4.0}, [0.01], (-2.2, 1.9))
+    [told] = sentences(three)
+    assert told.startswith("sink never reached the well at +2 m")
+
+
+def test_two_coefficients_that_move_together() -> None:
+    estimate = found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.998)
+    [told] = sentences(estimate)
+    assert told.startswith("sink: alpha and beta move together (correlation -0.9980)")
+    assert sentences(found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.99)) == []
+
+
+def test_a_coefficient_that_may_be_zero() -> None:
+    [told] = sentences(found(LAW, SINK, [0.1, 1e3, 0.015], (-0.02, 0.02)))
+    assert told == "sink.c cannot be told from zero: 0.02 within ±0.015 ?."
+
+
+@pytest.mark.parametrize(("c", "error", "said"), [(-0.02, 1e-4, True), (-0.02, 0.05, False), (0.02, 1e-4, False)])
+def test_a_link_that_gives_energy(c: float, error: float, said: bool) -> None:
+    """Only where its sign is beyond doubt."""
+    told = sentences(found(LAW, {**SINK, "c": c}, [0.1, 1e3, error], (-0.02, 0.02)))
+    assert any("sink gives energy to the motion" in each for each in told) == said
+
+
+def test_a_damper_that_gives_here_and_takes_there_counts_on_the_whole() -> None:
+    """c v (d^2 - e^2): negative about the middle, but positive over this swing."""
+    law = "c*v*(d**2 - 0.001**2)"
+    assert sentences(found(law, {"c": 5.0}, [0.1], (-0.02, 0.02))) == []
+
+
+def test_an_answer_without_intervals_claims_nothing_about_coefficients() -> None:
+    refused = replace(found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.999), covariance=None, coefficients=())
+    assert sentences(refused) == []
+
+
+def test_a_record_says_what_its_sink_did() -> None:
+    """From the record on: after the second in which it crosses, the sink of the paper's chain stays in one well."""
+    chain = lw.bnes_chain(2)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    early = lw.identify(record.between(0.0, 3.0), chain.unknown("nes"), method="weak")
+    late = lw.identify(record.between(3.0, 6.0), chain.unknown("nes"), method="weak")
+    assert early.findings == ()
+    assert late.findings[0].startswith("nes1 never left the well at +0.01")
