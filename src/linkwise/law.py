@@ -77,6 +77,9 @@ class Law:
     def __str__(self) -> str:
         return self.text
 
+    def __hash__(self) -> int:
+        return hash(self.text)
+
     def __add__(self, other: Law) -> Law:
         """Both laws acting together; a name that both use is one coefficient, so its unit must be the same in both."""
         if not isinstance(other, Law):

@@ -23,7 +23,7 @@ _CELL_BINS, _CELL_BLOCKS = 6, 4  # one cell of the plane averages so many bins a
 _QUIET = 0.25  # quantile of the cells that is surely free of motion ...
 _QUIET_LEVEL = 0.8  # ... and where it stands when all cells are noise: gamma law, shape about 11
 _LOUD = 2.2  # a cell above twice the level holds motion
-_AT_ONCE = 64  # blocks transformed together: they stay in the cache, and no product is worth a second thread
+_AT_ONCE = 192  # blocks transformed together: they stay in the cache
 
 
 def noise_sigma(samples: ArrayLike) -> Array:

@@ -216,7 +216,7 @@ class Structure:
             for name in self._leaders
             if self._slots[name].coefficient.known
         }
-        return self._with(plain)
+        return self._with(plain) if plain else self
 
     def _with(self, changes: Mapping[str, Coefficient]) -> Structure:
         masses, links = _replaced(self.masses, self.links, self._slots, changes)

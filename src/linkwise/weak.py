@@ -163,25 +163,26 @@ def _patches(scene: Scene, pushes: dict[int, Floats]) -> tuple[Patch, ...]:
 
     Masses in one patch miss the same windows, and either each of their equations holds a parameter or none does.
     """
+    ends = scene.ends.tolist()
     links_at: list[list[int]] = [[] for _ in range(scene.structure.size)]
-    for link, pair in enumerate(scene.ends.tolist()):
+    for link, pair in enumerate(ends):
         for end in pair:
             if end >= 0:
                 links_at[end].append(link)
-    seen = np.append(scene.motion.seen, [scene.motion.base is not None, True])
+    seen = [*scene.motion.seen.tolist(), scene.motion.base is not None, True]
     asked = {index for index, _ in scene.unknowns.places}
     rated = {
         link
-        for (law, free), which in law_groups(scene.structure, np.arange(len(scene.ends)), scene.unknowns).items()
+        for (law, free), which in law_groups(scene.structure, np.arange(len(ends)), scene.unknowns).items()
         if weak_law(law, free).needs_rate
         for link in which
     }
     whole = np.ones(scene.smooth.shape[2])
     alike: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
     for mass, links in enumerate(links_at):
-        around = np.append(scene.ends[links], mass)
-        if seen[around].all():
-            lost = _lost(scene.motion, around[around >= 0], pushes.get(mass))
+        around = {mass, *(end for link in links for end in ends[link])}
+        if all(seen[end] for end in around):
+            lost = _lost(scene.motion, [end for end in around if end >= 0], pushes.get(mass))
             if not rated.isdisjoint(links):
                 lost = _without_rate(lost, scene)
             valid = whole if lost is None else _valid(lost, scene.window)
@@ -197,8 +198,10 @@ def _patches(scene: Scene, pushes: dict[int, Floats]) -> tuple[Patch, ...]:
     return tuple(patches)
 
 
-def _lost(motion: SeenMotion, masses: Places, push: Floats | None) -> NDArray[np.bool_] | None:
+def _lost(motion: SeenMotion, masses: list[int], push: Floats | None) -> NDArray[np.bool_] | None:
     """(N,) where a sample of `masses` or of the force `push` (N,) is missing, or None where none is."""
+    if motion.missing is None and push is None:
+        return None
     lost = np.zeros(motion.ends.shape[1], dtype=bool)
     if motion.missing is not None:
         lost |= np.any(motion.missing[masses], axis=0)

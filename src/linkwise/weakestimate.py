@@ -15,6 +15,7 @@ from linkwise.linkmotion import LinkMotion, extremes, weak_residual
 from linkwise.motion import SeenMotion, read_motion
 from linkwise.record import Record
 from linkwise.structure import Structure
+from linkwise.threads import one_blas_thread
 from linkwise.weak import WeakEquations, weak_equations
 from linkwise.weakfit import WeakFit, weak_fit
 from linkwise.weakform import weak_law
@@ -30,8 +31,9 @@ _SMALL = 1e-3  # of a standard error: a step below it changes nothing that anybo
 
 def weak_estimate(record: Record, structure: Structure) -> Estimate:
     """The unknowns of `structure` from `record`; IdentificationError where the record cannot tell one at all."""
-    motion = read_motion(record, structure)
-    equations, fit, settled = weak_search(record, structure, motion)
+    with one_blas_thread():
+        motion = read_motion(record, structure)
+        equations, fit, settled = weak_search(record, structure, motion)
     found = dict(zip(equations.parameters, map(float, fit.values), strict=True))
     identified = structure.with_values(found)
     status, message = _judged(record, identified, equations, fit) if settled else (NOT_CONVERGED, _UNSETTLED)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.atoms import Unknowns, law_groups
-from linkwise.expression import Program, differentiate
+from linkwise.expression import Program, differentiate, symbols
 from linkwise.law import VARIABLES, Law
 from linkwise.patch import Patch
 from linkwise.structure import Structure
@@ -57,27 +57,30 @@ class Slopes:
         """Along the smoothed motion, for the coefficients of `structure`, those that are unknown as `unknowns` has them."""
         places = system.places
         deviation = np.sqrt(0.5 * system.motion.doubt[system.ends[patch.links]].sum(axis=1))
-        both = np.empty((2, len(patch.links), 2, len(places)))
+        mean, square = np.empty((2, 2, len(patch.links), len(places)))
         for (law, _), which in law_groups(structure, patch.links, unknowns).items():
-            here, at = np.array(which), np.searchsorted(patch.links, which)
-            d, v = system.d[here[:, None], places], system.v[here[:, None], places]
+            program, constant = _slopes(law)
+            at = np.searchsorted(patch.links, which)
+            here = np.ix_(patch.links[at], places[:1] if constant else places)
             aside = deviation[at, None, None] * np.array([[-1.0], [1.0]])
             values = [
                 unknowns.value(structure.links, which, name)[:, None, None] for name in law.coefficients
             ]
-            both[0, at], both[1, at] = _slopes(law)(d[:, None] + aside, v[:, None], *values)
-        mean = 0.5 * (both[:, :, 0] + both[:, :, 1])
-        both *= both
-        square = 0.5 * (both[:, :, 0] + both[:, :, 1])
+            slopes = program(system.d[here][:, None] + aside, system.v[here][:, None], *values)
+            for by, slope in enumerate(slopes):
+                mean[by, at] = 0.5 * (slope[:, 0] + slope[:, 1])
+                square[by, at] = 0.5 * (slope[:, 0] ** 2 + slope[:, 1] ** 2)
         masses = [unknowns.mass(structure.masses, mass) for mass in patch.masses.tolist()]
         inside = len(places) - 2 * system.window.half
         return cls(places, inside, np.array(masses), mean, square, np.abs(patch.holds) @ mean)
 
 
 @lru_cache(maxsize=512)
-def _slopes(law: Law) -> Program:
+def _slopes(law: Law) -> tuple[Program, bool]:
+    """What evaluates the slopes of a law by d and by v, and whether they are constant."""
     slopes = [differentiate(law.expression, name) for name in VARIABLES]
-    return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES)
+    constant = not any(name in symbols(slope) for name in VARIABLES for slope in slopes)
+    return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES), constant
 
 
 def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, system: WeakEquations) -> float:
@@ -143,17 +146,16 @@ def _hearing(
     signs = weight[:, None] * patch.signs[:, asked]
     others, doubt = patch.others, system.motion.doubt
     for i, mass in enumerate(patch.masses.tolist()):
-        its = np.flatnonzero(signs[i])
+        its, links = np.flatnonzero(signs[i]), np.flatnonzero(patch.holds[i])
         which, scale = patch.parameter[asked[its]], signs[i, its]
         phi, phi_1, phi_2 = spread[its].transpose(1, 0, 2)
-        near = here.own[0, i] * phi
-        near -= here.own[1, i] * phi_1
-        near += here.masses[i] * phi_2
-        yield mass, (which, scale, near)
-        for link in np.flatnonzero(doubt[others[i]] > 0.0).tolist():
-            far = here.mean[1, link] * phi_1
-            far -= here.mean[0, link] * phi
-            yield int(others[i, link]), (which, scale, far)
+        stiffness, damping = here.mean[:, links, None]
+        far = damping * phi_1
+        far -= stiffness * phi
+        yield mass, (which, scale, here.masses[i] * phi_2 - far.sum(axis=0))
+        for link, other in enumerate(others[i, links].tolist()):
+            if doubt[other] > 0.0:
+                yield other, (which, scale, far[link])
 
 
 def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquations) -> tuple[Places, Floats]:
@@ -163,16 +165,17 @@ def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquatio
     """
     window = system.window
     at = np.flatnonzero(here.places[: here.inside] % system.every == 0)
-    own = here.own[:, :, at]
-    kernels = np.stack([own[0], -own[1], np.broadcast_to(here.masses[:, None], own[0].shape)], axis=2)
+    stiffness, damping = here.own[:, :, at]
+    kernels = np.stack([stiffness, -damping, np.broadcast_to(here.masses[:, None], stiffness.shape)]).reshape(
+        3, -1
+    )
     amount = system.every * (weight * system.motion.doubt[patch.masses]) ** 2
     total = np.zeros((len(patch.kernel), len(patch.kernel)))
+    terms = [np.flatnonzero((patch.parameter >= 0) & (patch.kernel == kernel)) for kernel in range(3)]
     for one, two in _MEETING:
-        first, second = (
-            np.flatnonzero((patch.parameter >= 0) & (patch.kernel == kernel)) for kernel in (one, two)
-        )
+        first, second = terms[one], terms[two]
         if len(first) and len(second):
-            both = ((kernels @ window.echoes[one, two]) * kernels).sum(axis=2)
+            both = ((window.echoes[one, two].T @ kernels) * kernels).sum(axis=0).reshape(stiffness.shape)
             sums = (patch.slopes[first] * both[:, None]) @ patch.slopes[second].T
             holds = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
             total[first[:, None], second] = (amount[:, None, None] * holds * sums).sum(axis=0)

@@ -115,13 +115,14 @@ class Window:
         reach = -(-self.length // self.stride)
         taps = np.zeros((len(kernels), reach * self.stride))
         taps[:, : self.length] = kernels
-        taps = taps.reshape(len(kernels), reach, self.stride).transpose(1, 0, 2).reshape(reach, -1)
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(valid, reach - 1), reach)
-        sums = (windows @ taps[::-1]).reshape(len(windows), len(kernels), self.stride)
-        covered = np.zeros((len(kernels), samples))
-        count = min(samples, len(windows) * self.stride)
-        covered[:, :count] = sums.transpose(1, 0, 2).reshape(len(kernels), -1)[:, :count]
-        return covered
+        taps = taps.reshape(-1, reach, self.stride)[:, ::-1].transpose(1, 0, 2).reshape(reach, -1)
+        padded = np.zeros(len(valid) + 2 * (reach - 1))
+        padded[reach - 1 : reach - 1 + len(valid)] = valid
+        sums = np.lib.stride_tricks.sliding_window_view(padded, reach) @ taps
+        covered = np.zeros((len(kernels), max(samples, len(sums) * self.stride)))
+        inside = covered[:, : len(sums) * self.stride].reshape(len(kernels), -1, self.stride)
+        inside[:] = sums.reshape(len(sums), len(kernels), self.stride).transpose(1, 0, 2)
+        return covered[:, :samples]
 
     def places(self, windows: int, thin: int) -> NDArray[np.intp]:
         """(P,) the window that is nearest to each place of `spread`.
@@ -138,41 +139,48 @@ class Window:
         of all times is even; before the first and after the last centre every sample is a place, since what other windows
         cancel inside the record stays there. The sums are multiplied by the root of the samples for which their place stands.
         """
-        windows, reach = rows.shape[1], self.neighbours + 1
-        width = thin + 2 * reach + 1
-        padded = np.pad(rows, ((0, 0), (reach, reach + thin)))
+        taps = _taps(self, thin)
+        windows, reach, width = rows.shape[1], self.neighbours + 1, taps.shape[1]
+        padded = np.zeros((len(rows), windows + width - 1))
+        padded[:, reach : reach + windows] = rows
         around = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: 2 * thin]
-        around = np.ascontiguousarray(around.transpose(0, 2, 1))
-        found = np.empty((len(rows), 3, -(-windows // thin) + 2 * self.half))
-        first = 0
-        for start, moved in ((0, 0), (thin, self.stride // 2)):
-            at = self.half + moved - self.stride * (np.arange(width) - start - reach)
-            inside = (at >= 0) & (at < self.length)
-            taps = np.where(inside, self.kernels[:, np.where(inside, at, 0)], 0.0)
-            last = first + len(range(start, windows, 2 * thin))
-            np.matmul(
-                np.sqrt(thin * self.stride) * taps, around[:, :, : last - first], out=found[:, :, first:last]
-            )
-            first = last
-        found[:, :, first:] = self._edges(rows)
-        return found
+        around = np.ascontiguousarray(around.transpose(2, 0, 1))
+        sums = (taps @ around.reshape(width, -1)).reshape(2, 3, *around.shape[1:])
+        places = np.arange(0, windows, thin)
+        split, inside = len(places[::2]), len(places)
+        found = np.empty((3, len(rows), inside + 2 * self.half))
+        found[:, :, :split] = sums[0, :, :, :split]
+        found[:, :, split:inside] = sums[1, :, :, : inside - split]
+        found[:, :, inside:] = self._edges(rows)
+        return found.transpose(1, 0, 2)
 
     def _edges(self, rows: Floats) -> Floats:
-        """(S, 3, 2 half) the sums of `spread` at every sample before the first and after the last centre."""
+        """(3, S, 2 half) the sums of `spread` at every sample before the first and after the last centre."""
         count = min(self.neighbours + 1, rows.shape[1])
         taps = np.zeros((2, 3, count, self.half))
         for later in range(count):
             shift = later * self.stride
             taps[0, :, later, shift:] = self.kernels[:, : self.half - shift]
             taps[1, :, -1 - later, : self.half - shift] = self.kernels[:, self.half + 1 + shift :]
-        sums = np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
-        return sums.transpose(1, 0, 2)
+        return np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
 
 
 @lru_cache(maxsize=64)
 def _window(half: int, stride: int, step: float) -> Window:
     """One object for equal windows: what follows from it is worked out once."""
     return Window(half, stride, step)
+
+
+@lru_cache(maxsize=64)
+def _taps(window: Window, thin: int) -> Floats:
+    """(6, width): kernels at the windows around two places of `spread`, times the root of the samples of a place."""
+    reach = window.neighbours + 1
+    windows = np.arange(thin + 2 * reach + 1) - reach
+    centres = window.half + np.array([[0], [thin * window.stride + window.stride // 2]])
+    at = centres - window.stride * windows
+    inside = (at >= 0) & (at < window.length)
+    taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
+    return np.asarray(np.sqrt(thin * window.stride) * taps.transpose(1, 0, 2).reshape(6, -1))
 
 
 def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
