@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.inversion import Windows, candidates
-from linkwise.likelihood.seen import SeenLinks, highpassed, seen_links
+from linkwise.likelihood.lines import Windows, candidates
+from linkwise.likelihood.seen import SeenLinks, highpassed, seen_links, window_half
 from linkwise.link import Link
 from linkwise.record import Record
 from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
-_HALF = 30
-_CUTS = (2.0, 5.0, 10.0)  # Hz
+_PERIODS = 1.5  # that a window spans: long enough to tell the coefficients apart
+_CUTS = (2.0, 5.0, 10.0)  # Hz, below which a first guess takes motion for drift
 _ROUNDS = 12
-_SETTLED = 1e-3
+_SETTLED = 1e-3  # of the cost
 
 
 def link_start(
@@ -36,7 +36,8 @@ def link_start(
     free: tuple[str, ...],
 ) -> dict[str, float]:
     """The coefficients `free` (the law is jointly linear in them) of a link whose others are `values`."""
-    windows = Windows.of(seen, number, half=_HALF, stride=_HALF)
+    half = window_half(seen, number, _PERIODS)
+    windows = Windows.of(seen, number, half=half, stride=half)
     tried = []
     for cut in _CUTS:
         d, v = (highpassed(each[number], 1.0 / seen.step, cut) for each in (seen.d, seen.v))

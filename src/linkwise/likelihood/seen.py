@@ -20,7 +20,9 @@ from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
+DRIFT = 3.0  # Hz: below it a twice integrated acceleration is drift
 _DEGREE = 5
+_SHORTEST = 6  # samples to each side that tell two unknowns from noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,3 +139,11 @@ def highpassed(values: Array, rate: float, cut: float) -> Array:
     frequency = np.fft.rfftfreq(len(mirrored), 1.0 / rate)
     kept = 1.0 - np.exp(-0.5 * (frequency / cut) ** 2)
     return np.asarray(np.fft.irfft(np.fft.rfft(mirrored) * kept, len(mirrored))[: len(values)])
+
+
+def window_half(seen: SeenLinks, link: int, periods: float) -> int:
+    """Half the samples of a window that spans so many `periods` of a link's motion, by the zeros of what is not drift."""
+    moving = highpassed(seen.d[link], 1.0 / seen.step, DRIFT)
+    turns = int(np.count_nonzero(np.diff(np.signbit(moving))))
+    most = (len(moving) - 1) // 4
+    return int(np.clip(round(periods * len(moving) / max(turns, 1)), min(_SHORTEST, most), most))

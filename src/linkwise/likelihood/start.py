@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from linkwise.likelihood.inversion import inverted
 from linkwise.likelihood.seen import (
+    DRIFT,
     highpassed,
     masses_from_links,
     seen_links,
@@ -27,7 +28,6 @@ from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
-_DRIFT = 3.0  # Hz: below it a twice integrated acceleration is drift
 _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden mass is free to move at q = 1
 
 
@@ -101,12 +101,12 @@ def _told(
         elif "x" in seen_by:
             v[i] = seen_by["x"][1]
         else:
-            v[i] = highpassed(summed(seen_by["a"][0], record.step), record.rate, _DRIFT)
+            v[i] = highpassed(summed(seen_by["a"][0], record.step), record.rate, DRIFT)
         if "x" in seen_by:
             x[i] = seen_by["x"][0]
         else:
             total = summed(v[i], record.step)
-            x[i] = total if "v" in seen_by else highpassed(total, record.rate, _DRIFT)
+            x[i] = total if "v" in seen_by else highpassed(total, record.rate, DRIFT)
     return x, v
 
 
