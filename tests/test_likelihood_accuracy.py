@@ -1,0 +1,141 @@
+"""The figures that maximum likelihood must reach, on seeds that nothing was tuned on (1000 and up).
+
+The table of all masses and twenty seeds is printed by benchmarks/bench_likelihood.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.limit import limit
+
+FIRST = 1000  # seed
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Fits of several seeds: values and standard errors (R, p), the mean NMSE of the sinks in % (R,)."""
+
+    names: tuple[str, ...]
+    true: np.ndarray
+    fits: tuple[lw.Estimate, ...]
+    nmse: np.ndarray
+
+    @property
+    def z(self) -> np.ndarray:
+        """(R, p) errors in standard errors."""
+        values = np.stack([fit.values for fit in self.fits])
+        return (values - self.true) / np.sqrt([np.diag(fit.covariance) for fit in self.fits])
+
+
+@lru_cache
+def clean(n: int, sensors: str) -> lw.Record:
+    start = 1.0 if n == 2 else 3.0
+    return lw.simulate(
+        lw.bnes_chain(n), release={"v:m1": start}, duration=6.0, rate=1000.0, sensors=(sensors,)
+    )
+
+
+def identified(n: int, decibel: float, seeds: int, sensors: str = "x") -> Runs:
+    chain = lw.bnes_chain(n)
+    asked = chain.unknown("all")
+    fits = []
+    nmse = []
+    for seed in range(FIRST, FIRST + seeds):
+        record = clean(n, sensors).with_noise(decibel, seed=seed)
+        fit = lw.identify(record, asked)
+        assert fit.status == "converged", f"n = {n}, {decibel} dB, seed {seed}: {fit.message}"
+        fits.append(fit)
+        sinks = [f"nes{i}" for i in range(1, n // 2 + 1)]
+        nmse.append(
+            np.mean([lw.nmse(chain.link(s), fit.structure.link(s), clean(n, sensors)) for s in sinks])
+        )
+    names = tuple(p.name for p in asked.parameters)
+    true = np.array([chain.coefficient(name).value for name in names])
+    return Runs(names, true, tuple(fits), np.array(nmse))
+
+
+@pytest.mark.parametrize(("n", "seeds"), [(2, 20), (4, 20), (6, 12), (8, 8), (10, 16)])
+def test_at_20_db_every_sink_is_found_to_a_few_millionths(n, seeds):
+    runs = identified(n, 20.0, seeds)
+    assert np.median(runs.nmse) <= 8e-4
+    assert runs.nmse.max() <= 1e-2
+    # chi-square of z over all coefficients: they are correlated within a record, so its scatter is taken from records
+    assert 0.6 < np.sqrt(np.mean(runs.z**2)) < 1.4
+    chi = [fit.chi_square_per_sample for fit in runs.fits]
+    assert (
+        np.abs(np.array(chi) - 1.0).max() < 5.0 * np.sqrt(2.0 / 12002) + 0.05
+    )  # 5 % for the estimated noise
+
+
+@pytest.mark.parametrize(("n", "seeds"), [(2, 10), (10, 4)])
+def test_at_40_db_a_hundred_times_better(n, seeds):
+    assert np.median(identified(n, 40.0, seeds).nmse) <= 1.5e-5
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_velocities_alone_are_enough(n):
+    runs = identified(n, 30.0, 20, "v")
+    inside = np.mean(np.abs(runs.z) < 1.96)
+    # 100 and 200 intervals, of which half are taken as independent: three deviations of the share
+    assert inside > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / (0.5 * runs.z.size))
+    assert 0.75 < np.sqrt(np.mean(runs.z**2)) < 1.25
+
+
+@pytest.fixture(scope="module")
+def many() -> Runs:
+    return identified(2, 20.0, 400)  # over 400, 92 to 98 % is 95 % and nearly three deviations
+
+
+def test_standard_errors_are_what_the_errors_are(many):
+    z = np.sqrt(np.mean(many.z**2, axis=0))
+    assert 0.9 < np.sqrt(np.mean(many.z**2)) < 1.1
+    assert (z > 0.85).all() and (z < 1.15).all(), dict(zip(many.names, z, strict=True))  # 3 of 1/sqrt(400)
+    assert np.abs(many.z.mean(axis=0)).max() < 3.3 / np.sqrt(len(many.fits))  # no bias
+
+
+def test_intervals_cover_as_often_as_they_say(many):
+    for number, name in enumerate(many.names):
+        inside = [
+            fit.coefficient(name).interval[0] < many.true[number] < fit.coefficient(name).interval[1]
+            for fit in many.fits
+        ]
+        assert 0.92 <= np.mean(inside) <= 0.98, name
+
+
+def test_the_force_band_covers_at_every_elongation(many):
+    link, d = lw.bnes_chain(2).link("nes1"), np.linspace(-0.03, 0.03, 13)
+    inside = []
+    for fit in many.fits:
+        _, lower, upper = fit.force_band("nes1", d)
+        inside.append((lower <= link.force(d)) & (link.force(d) <= upper))
+    moving = np.abs(d) > 0.0
+    share = np.mean(inside, axis=0)[moving]
+    assert (share >= 0.92).all() and (share <= 0.98).all()
+
+
+def test_errors_are_as_small_as_information_allows(many):
+    """Mean squared errors of alpha and beta against the bound of segments of 0.25 s with free states."""
+    bound = limit(
+        lw.bnes_chain(2), unknown=("all",), duration=6.0, rate=1000.0, noise=20.0, segment=0.25,
+        release={"v:m1": 1.0},
+    )  # fmt: skip
+    for name in ("nes1.alpha", "nes1.beta"):
+        number = many.names.index(name)
+        error = np.mean([(fit.values[number] - many.true[number]) ** 2 for fit in many.fits])
+        assert error < 1.25 * bound.coefficient(name).standard_error ** 2
+
+
+def test_a_wrong_noise_model_is_caught_each_time():
+    asked = lw.bnes_chain(2).unknown("all")
+    for seed in range(FIRST, FIRST + 5):
+        record = clean(2, "x").with_noise(20.0, seed=seed)
+        half = {name: 0.5 * sigma for name, sigma in record.simulated.noise.items()}
+        fit = lw.identify(lw.Record(0.0, 1000.0, record.channels, record.values, half), asked)
+        assert fit.status == "chi-square off"
+        assert all(each.interval is None for link in fit.links for each in link.coefficients)
