@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
@@ -64,17 +64,19 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
 
 
 def weak_search(
-    record: Record, structure: Structure, motion: SeenMotion
+    record: Record, structure: Structure, motion: SeenMotion, given: Mapping[str, float] | None = None
 ) -> tuple[WeakEquations, WeakFit, bool]:
     """One regression; Gauss-Newton around it while coefficients enter a law nonlinearly. True where it settled.
 
-    Raises IdentificationError as `weak_equations` and `weak_fit` do.
+    The search starts from `given` by name, else from the starts of the structure. Raises IdentificationError as
+    `weak_equations` and `weak_fit` do.
     """
     curved = _nonlinear(structure)
     if not curved:
         equations = weak_equations(record, structure, motion)
         return equations, weak_fit(equations, structure), True
-    starts = {p.name: p.start for p in structure.parameters if p.name in curved and p.start is not None}
+    known = {p.name: p.start for p in structure.parameters if p.start is not None} | dict(given or {})
+    starts = {name: value for name, value in known.items() if name in curved}
     held, values = structure.with_values(starts), dict(starts)
     try:
         if held.parameters:
