@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from linkwise.errors import IdentificationError
 from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.likelihood.anneal import Progress, Status
+from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.lawstart import law_start
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.seen import tells_links
+from linkwise.likelihood.seen import drifts
 from linkwise.likelihood.start import channel_noise
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
 from linkwise.motion import read_motion
 from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.weak import weak_equations
-from linkwise.weakfit import weak_fit
+from linkwise.weakestimate import weak_search
 
 Array = NDArray[np.float64]
 
@@ -40,14 +41,16 @@ def likelihood_estimate(
 ) -> Estimate:
     """The most likely unknowns of `structure` given `records` (METHODS section 5).
 
-    The search starts from `starts` by name, else from the weak fit of the first record, else from the starts of the structure.
+    The search starts from `starts` by name, else from the weak fit of the first record, else from the starts of the structure;
+    velocities or accelerations of all masses tell a start by the forces of the links.
     `offsets` and `gains` name channels with an unknown constant error or factor. Raises IdentificationError where
     there is no start.
     """
     theta, spread = _start(records, structure, dict(starts or {}))
-    fit = likelihood_fit(
-        records, structure, theta, spread=spread, offsets=offsets, gains=gains, loss=loss, report=report
+    fitted = partial(
+        likelihood_fit, records, structure, offsets=offsets, gains=gains, loss=loss, report=report
     )
+    fit = first_good(fitted, theta) if drifts(records[0], structure) else fitted(theta, spread=spread)
     found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(found)
     status, message = _judged(fit, identified)
@@ -79,14 +82,12 @@ def _start(
     given = {p.name: p.start for p in parameters if p.start is not None} | starts
     if all(p.name in starts for p in parameters):
         return np.array([starts[p.name] for p in parameters]), None
-    if tells_links(records[0], structure) and not all(
-        f"x:{name}" in records[0].channels for name in structure.mass_names
-    ):
+    if drifts(records[0], structure):
         found = law_start(records[0], structure, channel_noise(records[0]), given)
         return np.array([found[p.name] for p in parameters]), None
     try:
         motion = read_motion(records[0], structure)
-        fit = weak_fit(weak_equations(records[0], structure, motion, values=given), structure)
+        _, fit, _ = weak_search(records[0], structure, motion, given)
     except IdentificationError as error:
         lost = [p.name for p in parameters if p.name not in given]
         if lost:

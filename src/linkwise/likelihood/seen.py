@@ -54,6 +54,12 @@ def tells_links(record: Record, structure: Structure) -> bool:
     )
 
 
+def drifts(record: Record, structure: Structure) -> bool:
+    """Whether the record `tells_links` of the structure, and of the place of some mass by sums over time alone."""
+    placed = all(f"x:{name}" in record.channels for name in structure.mass_names)
+    return not placed and tells_links(record, structure)
+
+
 def seen_links(record: Record, structure: Structure, sigma: dict[str, float]) -> SeenLinks:
     """The links of a `structure` that the record `tells_links` of, with `sigma` of the channels' noise."""
     motions, lost, noise = [], [], []

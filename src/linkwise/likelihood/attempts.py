@@ -1,0 +1,41 @@
+"""More than one search where states come from forces: the first that ends well is taken.
+
+A search that ends badly mostly has a stretch on a wrong branch of a law while its coefficients are nearly right; with them the
+states are read from the forces anew.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.likelihood.anneal import Status
+from linkwise.likelihood.fit import LikelihoodFit
+
+Array = NDArray[np.float64]
+
+_ATTEMPTS = 3
+
+
+class Fitted(Protocol):
+    """`likelihood_fit` with everything said but the start and whether a model error may be looked for."""
+
+    def __call__(self, theta: Array, *, model_error: bool) -> LikelihoodFit: ...
+
+
+def first_good(fitted: Fitted, theta: Array) -> LikelihoodFit:
+    """The first fit that converges with the noise that was stated or found, each started from the values of the one before.
+
+    Where none does, the best start decides with a model error allowed. An interrupt ends the search.
+    """
+    best, start = None, theta
+    for _ in range(_ATTEMPTS):
+        fit = fitted(start, model_error=False)
+        if fit.status is Status.INTERRUPTED or (fit.status is Status.CONVERGED and not fit.chi_square_off):
+            return fit
+        if best is not None and fit.chi_square >= best.chi_square:
+            break
+        best, start = fit, fit.values
+    return fitted(theta if best is None else best.values, model_error=True)
