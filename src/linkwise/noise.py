@@ -129,11 +129,11 @@ def _mean_powers(channels: Array, block: int) -> tuple[Array, NDArray[np.intp]]:
     """Mean power (C, K) in all bins but that of 0 Hz over the whole blocks that overlap by half, and their number (C,)."""
     hann, unit = _spectrum(block)
     total, counts = np.zeros((len(channels), len(unit), 2)), np.zeros(len(channels), dtype=int)
-    steep = np.diff(channels, _ORDER, axis=1)
-    if steep.shape[1] < block:
+    if channels.shape[1] < block + _ORDER:
         return total[:, :, 0], counts
-    pieces = np.lib.stride_tricks.sliding_window_view(steep, block, axis=1)[:, :: block // 2]
-    for channel, blocks in enumerate(pieces):
+    for channel, samples in enumerate(channels):
+        steep = np.diff(samples, _ORDER)
+        blocks = np.lib.stride_tricks.sliding_window_view(steep, block)[:: block // 2]
         for first in range(0, len(blocks), _AT_ONCE):
             waves = np.fft.rfft(blocks[first : first + _AT_ONCE] * hann)
             whole = np.isfinite(waves[:, 0].real)

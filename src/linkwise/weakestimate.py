@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 _LARGEST_EXCESS = 2.0  # residual power over what noise explains; wrong laws and wrong noise leave far more
 _NOTED_EXCESS = 1.3  # right laws stay below it from 10 dB on
 _CHANCE = 1e-5  # with which a record of few windows leaves the limits though its laws are right
+_LINKS_AT_ONCE = 16  # whose samples are looked through
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
 _SMALL = 1e-3  # of a standard error: a step below it changes nothing that anybody can see
 
@@ -159,12 +160,15 @@ def _model_error(identified: Structure, equations: WeakEquations, fit: WeakFit) 
 
 def _visited(motion: SeenMotion, equations: WeakEquations) -> Floats:
     """(L, 2) m, from the samples: windows would cut the peaks."""
-    d = motion.between(equations.ends)
-    if motion.missing is not None:
-        lost = np.concatenate([motion.missing, np.zeros((2, len(motion.missing.T)), dtype=bool)])
-        d[lost[equations.ends].any(axis=1)] = np.nan
-    deviation = np.sqrt(motion.doubt[equations.ends].sum(axis=1))
-    return extremes(d.T, deviation)
+    found = []
+    for first in range(0, len(equations.ends), _LINKS_AT_ONCE):
+        ends = equations.ends[first : first + _LINKS_AT_ONCE]
+        d = motion.between(ends)
+        if motion.missing is not None:
+            lost = np.concatenate([motion.missing, np.zeros((2, d.shape[1]), dtype=bool)])
+            d[lost[ends].any(axis=1)] = np.nan
+        found.append(extremes(d.T, np.sqrt(motion.doubt[ends].sum(axis=1))))
+    return np.concatenate(found)
 
 
 def _noise(structure: Structure, motion: SeenMotion) -> dict[str, NoiseEstimate]:

@@ -17,8 +17,10 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
+from linkwise.atoms import Unknowns
 from linkwise.errors import IdentificationError
 from linkwise.patch import Patch
+from linkwise.sandwich import sandwich
 from linkwise.structure import Structure
 from linkwise.weak import WeakEquations
 from linkwise.weaknoise import FLOOR, Slopes, residual_excess, score_blocks
@@ -28,7 +30,6 @@ Floats = NDArray[np.float64]
 _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of weighting the masses: the second changes weights by per cents, the third by next to nothing
 _SINGULAR = 1e-13  # scaled pivot below which columns move together
-_LINKS_AT_ONCE = 100
 _NAMED = 6  # parameters that a message lists
 
 
@@ -65,7 +66,7 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     noisy = [(patch, Slopes.along(patch, system, structure, found)) for patch in patches]
     excess = residual_excess(noisy, values, system)
     scatter = _assembled(score_blocks(noisy, weights, system), len(values))
-    covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system.parameters)
+    covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system)
     return WeakFit(values, covariance, free, excess)
 
 
@@ -187,36 +188,31 @@ def _raise_together(names: list[str]) -> NoReturn:
 
 
 def _covariance(
-    normal: Floats | csc_array, scatter: Floats | csc_array, free: NDArray[np.bool_], names: tuple[str, ...]
+    normal: Floats | csc_array, scatter: Floats | csc_array, free: NDArray[np.bool_], system: WeakEquations
 ) -> Floats | csc_array:
     """H^-1 J H^-1 for the free parameters; for large structures only between parameters of one link."""
-    count, kept = len(free), _named(names, free)
+    count, at = len(free), np.flatnonzero(free)
     inner, middle = _part(normal, free), _part(scatter, free)
-    at = np.flatnonzero(free)
-    if count <= _DENSE:
+    if isinstance(inner, np.ndarray):
+        kept = _named(system.parameters, free)
         covariance = np.zeros((count, count))
         if kept:
             covariance[np.ix_(at, at)] = _solve(inner, _solve(inner, middle, kept).T, kept)
         return 0.5 * (covariance + covariance.T)
-    blocks = []
-    for chunk in _chunks(kept):
-        members = np.concatenate(chunk)
-        unit = np.zeros((len(kept), len(members)))
-        unit[members, np.arange(len(members))] = 1.0
-        reach = _solve(inner, unit, kept)
-        pushed = middle @ reach
-        first = 0
-        for group in chunk:
-            which = slice(first, first + len(group))
-            first += len(group)
-            blocks.append((at[group], reach[:, which].T @ pushed[:, which]))
-    return _assembled(blocks, count)
+    if not len(at):
+        return csc_array((count, count))
+    place = np.cumsum(free) - 1
+    rows, columns = _within_links(system.unknowns, free)
+    data = sandwich(inner, middle, place[rows], place[columns])
+    return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
 
 
-def _chunks(names: list[str]) -> list[list[NDArray[np.intp]]]:
-    """The parameters link by link, so many links at a time."""
-    members: dict[str, list[int]] = {}
-    for number, name in enumerate(names):
-        members.setdefault(name.rpartition(".")[0], []).append(number)
-    groups = [np.array(group) for group in members.values()]
-    return [groups[first : first + _LINKS_AT_ONCE] for first in range(0, len(groups), _LINKS_AT_ONCE)]
+def _within_links(unknowns: Unknowns, free: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs of free parameters of one link, or twice the same one."""
+    members: dict[int, list[int]] = {}
+    for (index, _), (number, _) in unknowns.places.items():
+        if free[number]:
+            members.setdefault(index, []).append(number)
+    pairs = sorted({(one, two) for numbers in members.values() for one in numbers for two in numbers})
+    rows, columns = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    return rows, columns

@@ -20,6 +20,7 @@ ORDER = 8
 _NARROWEST = 1.8  # samples of deviation: the alias of a narrower phi shows above noise of 40 dB
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
+_AT_ONCE = 2**17  # samples that `strided_filter` lays out together: they stay in the cache
 _BLOCK = 8  # places that make one row of the blocked product in `strided_filter`
 
 
@@ -196,12 +197,14 @@ def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
     needed = (blocks - 1) * per_block * stride + span
     if needed > samples:
         signals = np.concatenate([signals, np.zeros((count, needed - samples))], axis=1)
-    toeplitz = np.zeros((filters, per_block, span))
+    toeplitz = np.zeros((filters, span, per_block))
     for row in range(per_block):
-        toeplitz[:, row, row * stride : row * stride + length] = kernels
+        toeplitz[:, row * stride : row * stride + length, row] = kernels
     pieces = np.lib.stride_tricks.sliding_window_view(signals, span, axis=1)[:, :: per_block * stride]
-    pieces = np.ascontiguousarray(pieces[:, :blocks]).reshape(count * blocks, span)
-    found = np.empty((filters, count, blocks * per_block))
-    for kernel in range(filters):
-        np.matmul(pieces, toeplitz[kernel].T, out=found[kernel].reshape(count * blocks, per_block))
-    return found[:, :, :rows]
+    found = np.empty((filters, count, blocks, per_block))
+    group = max(1, _AT_ONCE // (blocks * span))
+    for first in range(0, count, group):
+        part = np.ascontiguousarray(pieces[first : first + group, :blocks])
+        for kernel in range(filters):
+            np.matmul(part, toeplitz[kernel], out=found[kernel, first : first + group])
+    return found.reshape(filters, count, -1)[:, :, :rows]
