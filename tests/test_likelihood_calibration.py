@@ -10,7 +10,7 @@ import pytest
 import linkwise as lw
 from linkwise.likelihood.cut import cut
 from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.loss import Gaussian, Huber
+from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Point, Scales, evaluate, linearise
 
@@ -72,7 +72,9 @@ def test_each_record_has_its_own_noise(quiet: lw.Record) -> None:
     theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
     both = likelihood_fit([loud, soft], asked, theta)
     alone = likelihood_fit([soft], asked, theta)
-    assert both.chi_square == pytest.approx(1.0, abs=0.05)  # of 12002 samples, and the estimate of their noise
+    assert both.chi_square == pytest.approx(
+        1.0, abs=0.05
+    )  # of 12002 samples, and the estimate of their noise
     ratio = np.sqrt(np.diag(both.covariance) / np.diag(alone.covariance))
     assert np.all(ratio < 1.0)  # a loud record adds, it does not spoil ...
     assert np.all(ratio > 0.95)  # ... and it adds little: 30 dB are a factor of 1000 in weight
@@ -81,3 +83,31 @@ def test_each_record_has_its_own_noise(quiet: lw.Record) -> None:
 def test_a_gain_of_no_channel_is_refused(quiet: lw.Record) -> None:
     with pytest.raises(lw.IdentificationError, match="no offset or gain of x:m9 can be found"):
         lw.identify(quiet.with_noise(30.0, seed=0), lw.bnes_chain(2).unknown("nes"), gains=["x:m9"])
+
+
+def test_the_order_of_the_records_does_not_matter() -> None:
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("nes")
+    weak_hit = lw.simulate(chain, release={"v:m1": 0.02}, duration=1.0, rate=1000.0).with_noise(30.0, seed=4)
+    strong_hit = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=5)
+    one, other = lw.identify([weak_hit, strong_hit], asked), lw.identify([strong_hit, weak_hit], asked)
+    assert one.trusted and other.trusted
+    np.testing.assert_allclose(one.values, other.values, rtol=1e-3)  # both within their errors of one optimum
+    assert one.link("nes1").d_range == pytest.approx(other.link("nes1").d_range, rel=1e-2)
+    assert one.findings == other.findings == ()
+
+
+@pytest.mark.parametrize("loss", [Huber(), Huber(0.7), Student()])
+def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record, loss: Loss) -> None:
+    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=loss)
+    assert fit.trusted
+    assert fit.chi_square_per_sample == pytest.approx(
+        1.0, abs=0.06
+    )  # 6002 samples, and the estimate of their noise
+
+
+def test_the_expected_cost_of_noise_is_that_of_many_draws() -> None:
+    draws = np.random.default_rng(0).standard_normal(400_000)
+    for loss in (Gaussian(), Huber(), Huber(0.7), Student(), Student(2.0)):
+        costs = loss.costs(draws)
+        assert loss.expected == pytest.approx(costs.mean(), abs=5.0 * costs.std() / np.sqrt(len(draws)))

@@ -54,9 +54,9 @@ def identify(
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
         )
-    if method != "ml" and (len(records) > 1 or starts or offsets or gains or loss is not None):
+    if method != "ml" and (len(records) > 1 or starts or offsets or gains or loss or progress):
         raise IdentificationError(
-            f'several records, starts, offsets, gains and a loss are for method "ml", not for "{method}"'
+            f'several records, starts, offsets, gains, a loss and progress are for method "ml", not for "{method}"'
         )
     started = perf_counter()
     if method == "ml":

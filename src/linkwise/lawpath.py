@@ -16,7 +16,7 @@ from linkwise.errors import IdentificationError
 from linkwise.identify import identify
 from linkwise.law import Law
 from linkwise.likelihood.anneal import Status
-from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.fit import Options, likelihood_fit
 from linkwise.record import Record
 from linkwise.structure import Link, Structure
 
@@ -109,7 +109,7 @@ def _fitted(record: Record, structure: Structure, link: str, terms: tuple[str, .
     except IdentificationError:
         return None
     spread = np.sqrt(np.maximum(weak.covariance.diagonal(), 0.0))
-    fit = likelihood_fit([record], asked, weak.values, spread=spread, model_error=False)
+    fit = likelihood_fit([record], asked, weak.values, spread=spread, options=Options(model_error=False))
     if fit.status is not Status.CONVERGED:
         return None
     channels = record.responses

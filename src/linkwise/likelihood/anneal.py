@@ -185,7 +185,7 @@ def anneal(
                 linear = linearise(segments, misfit, scales, loss, executor)
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    return _fit(segments, linear, misfit, scales, control.q, status, tuple(path))
+    return _fit(segments, linear, misfit, scales, loss, control.q, status, tuple(path))
 
 
 def _fit(
@@ -193,6 +193,7 @@ def _fit(
     linear: Linear,
     misfit: Misfit,
     scales: Scales,
+    loss: Loss,
     q: float,
     status: Status,
     path: tuple[Progress, ...],
@@ -208,7 +209,7 @@ def _fit(
         scales,
         covariance(linear.equations(q).factor(), scales, free),
         ~free,
-        misfit.cost(q) / (samples * _freedom(segments)),
+        misfit.cost(q) / (samples * _freedom(segments) * loss.expected),
         samples,
         status,
         path,
@@ -259,7 +260,7 @@ def _freedom(segments: Segments) -> float:
 
 
 def covariance(factor: Factor | None, scales: Scales, free: Mask) -> Array:
-    """Of theta and offsets in their own units, zero where not free; infinite where the equations are singular."""
+    """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
     size = len(scales.theta)
     unknown = np.full((size, size), np.inf)
     if factor is None:

@@ -12,9 +12,9 @@ from linkwise.errors import IdentificationError
 from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.attempts import first_good
-from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.lawstart import law_start
-from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.seen import drifts
 from linkwise.likelihood.start import channel_noise
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
@@ -41,16 +41,18 @@ def likelihood_estimate(
 ) -> Estimate:
     """The most likely unknowns of `structure` given `records` (METHODS section 5).
 
-    The search starts from `starts` by name, else from the weak fit of the first record, else from the starts of the structure;
+    The search starts from `starts` by name, else from the best weak fit of a record, else from the starts of the
+    structure;
     velocities or accelerations of all masses tell a start by the forces of the links.
     `offsets` and `gains` name channels with an unknown constant error or factor. Raises IdentificationError where
     there is no start.
     """
     theta, spread = _start(records, structure, dict(starts or {}))
-    fitted = partial(
-        likelihood_fit, records, structure, offsets=offsets, gains=gains, loss=loss, report=report
-    )
-    fit = first_good(fitted, theta) if drifts(records[0], structure) else fitted(theta, spread=spread)
+    options = Options(offsets, gains, loss or Gaussian(), report=report)
+    if drifts(records[0], structure):
+        fit = first_good(partial(likelihood_fit, records, structure), theta, options)
+    else:
+        fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
     found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(found)
     status, message = _judged(fit, identified)
@@ -67,7 +69,7 @@ def likelihood_estimate(
         noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
         chi_square_per_sample=fit.chi_square,
         samples=fit.samples,
-        motion=_motion(fit, identified, records[0]),
+        motion=_motion(fit, identified, records),
         record=records[0],
         remarks=_remarks(fit),
         optimum=fit.optimum,
@@ -85,19 +87,24 @@ def _start(
     if drifts(records[0], structure):
         found = law_start(records[0], structure, channel_noise(records[0]), given)
         return np.array([found[p.name] for p in parameters]), None
-    try:
-        motion = read_motion(records[0], structure)
-        _, fit, _ = weak_search(records[0], structure, motion, given)
-    except IdentificationError as error:
+    fits, reason = [], ""
+    for record in records:
+        try:
+            fits.append(weak_search(record, structure, read_motion(record, structure), given)[1])
+        except IdentificationError as error:
+            reason = reason or str(error)
+    if not fits:
         lost = [p.name for p in parameters if p.name not in given]
         if lost:
             raise IdentificationError(
                 f"maximum likelihood needs a start for {', '.join(lost)}, and the weak form, which would give "
-                f"one, cannot: {error}. Write {{ start = ... }} for it in the structure file"
-            ) from None
+                f"one, cannot: {reason}. Write {{ start = ... }} for it in the structure file"
+            )
         return np.array([given[p.name] for p in parameters]), None
-    values = np.array([starts.get(p.name, value) for p, value in zip(parameters, fit.values, strict=True)])
-    return values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    tiny = np.finfo(float).tiny
+    best = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
+    values = np.array([starts.get(p.name, value) for p, value in zip(parameters, best.values, strict=True)])
+    return values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))
 
 
 def _judged(fit: LikelihoodFit, identified: Structure) -> tuple[str, str]:
@@ -127,33 +134,44 @@ def _share(fit: LikelihoodFit, identified: Structure) -> float:
     return float(np.max(fit.force_error / np.maximum(forces, np.finfo(float).tiny)))
 
 
-def _motion(fit: LikelihoodFit, identified: Structure, record: Record) -> LinkMotion:
-    """The links along the fitted orbit, at the samples of the first record; residuals as the weak form sees them."""
-    refine, steps = fit.segments.refine, fit.segments.steps
-    states = fit.misfit.orbit.states[:steps:refine]
-    x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
-    v = (states[:, 1] / fit.segments.step).transpose(2, 0, 1).reshape(-1, identified.size)[: len(record)]
-    base = record.channel("x:base") if "x:base" in record.channels else None
-    rate = None if base is None else np.gradient(base, record.step)
-    d = identified.elongations(x, base)
+def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
+    """The links along the fitted orbit, at the samples of all records; residuals as the weak form sees them."""
+    segments, samples = fit.segments, len(fit.segments.samples)
+    states = fit.misfit.orbit.states[: segments.steps : segments.refine]
+    x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
+    v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
+    whole = [-(-len(record) // samples) * samples for record in records]
+    firsts = np.cumsum([0, *whole[:-1]])
+    d, rates = [], []
+    for record, first in zip(records, firsts, strict=True):
+        here = slice(first, first + len(record))
+        base = record.channel("x:base") if "x:base" in record.channels else None
+        d.append(identified.elongations(x[here], base))
+        rate = None if base is None else np.gradient(base, record.step)
+        rates.append(identified.elongations(v[here], rate))
     return LinkMotion(
         structure=identified,
-        time=record.time,
-        d=d,
-        v=identified.elongations(v, rate),
-        visited=extremes(d),
-        leave=partial(_residual, identified, record),
+        time=np.concatenate([record.time for record in records]),
+        d=np.concatenate(d),
+        v=np.concatenate(rates),
+        visited=extremes(np.concatenate(d)),
+        leave=partial(_residual, identified, records),
     )
 
 
-def _residual(identified: Structure, record: Record) -> Array | None:
-    """(N, n) of the weak equations at the samples, where the record has the displacements that they need."""
-    try:
-        equations = weak_equations(record, identified, read_motion(record, identified))
-    except IdentificationError:
-        return None
-    windows = weak_residual(equations, np.zeros(0))
-    return np.stack([np.interp(record.time, equations.time, column) for column in windows.T], axis=1)
+def _residual(identified: Structure, records: Sequence[Record]) -> Array | None:
+    """(N, n) of the weak equations at the samples, where the records have the displacements that they need."""
+    columns = []
+    for record in records:
+        try:
+            equations = weak_equations(record, identified, read_motion(record, identified))
+        except IdentificationError:
+            return None
+        windows = weak_residual(equations, np.zeros(0))
+        columns.append(
+            np.stack([np.interp(record.time, equations.time, column) for column in windows.T], axis=1)
+        )
+    return np.concatenate(columns)
 
 
 def _remarks(fit: LikelihoodFit) -> tuple[str, ...]:

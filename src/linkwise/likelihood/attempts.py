@@ -6,13 +6,14 @@ states are read from the forces anew.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.likelihood.anneal import Status
-from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.fit import LikelihoodFit, Options
 
 Array = NDArray[np.float64]
 
@@ -20,22 +21,23 @@ _ATTEMPTS = 3
 
 
 class Fitted(Protocol):
-    """`likelihood_fit` with everything said but the start and whether a model error may be looked for."""
+    """`likelihood_fit` with everything said but the start and the options."""
 
-    def __call__(self, theta: Array, *, model_error: bool) -> LikelihoodFit: ...
+    def __call__(self, theta: Array, *, options: Options) -> LikelihoodFit: ...
 
 
-def first_good(fitted: Fitted, theta: Array) -> LikelihoodFit:
+def first_good(fitted: Fitted, theta: Array, options: Options) -> LikelihoodFit:
     """The first fit that converges with the noise that was stated or found, each started from the values of the one before.
 
     Where none does, the best start decides with a model error allowed. An interrupt ends the search.
     """
     best, start = None, theta
+    strict = replace(options, model_error=False)
     for _ in range(_ATTEMPTS):
-        fit = fitted(start, model_error=False)
+        fit = fitted(start, options=strict)
         if fit.status is Status.INTERRUPTED or (fit.status is Status.CONVERGED and not fit.chi_square_off):
             return fit
         if best is not None and fit.chi_square >= best.chi_square:
             break
         best, start = fit, fit.values
-    return fitted(theta if best is None else best.values, model_error=True)
+    return fitted(theta if best is None else best.values, options=options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,21 @@ class LikelihoodFit:
     optimum: Optimum
 
 
+@dataclass(frozen=True)
+class Options:
+    """`offsets` and `gains` name channels with an unknown constant error or factor; `loss` is what a residual costs.
+
+    Where the laws leave what is no noise, the flow is relaxed by the model error that is most likely, unless `model_error` is
+    False. `report` is told every step.
+    """
+
+    offsets: Sequence[str] = ()
+    gains: Sequence[str] = ()
+    loss: Loss = field(default_factory=Gaussian)
+    model_error: bool = True
+    report: Callable[[Progress], None] | None = None
+
+
 def _workers() -> int:
     free = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
     return min(len(free), _MOST_WORKERS)
@@ -76,23 +91,18 @@ def likelihood_fit(
     theta: Array,
     *,
     spread: Array | None = None,
-    offsets: Sequence[str] = (),
-    gains: Sequence[str] = (),
-    loss: Loss | None = None,
-    model_error: bool = True,
-    report: Callable[[Progress], None] | None = None,
+    options: Options | None = None,
 ) -> LikelihoodFit:
     """The most likely parameters of `structure` given `records`, from a start `theta` (p,) with deviations `spread` (p,).
 
-    `offsets` and `gains` name channels with an unknown constant error or factor. Where the laws leave what is no noise, the
-    flow is relaxed by the `model_error` that is most likely, unless that is False. Raises IdentificationError for records that
-    do not fit together.
+    Raises IdentificationError for records that do not fit together.
     """
+    options = options or Options()
+    sensing = Sensing.of(records, options.offsets, options.gains)
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
-        annealer = Annealer(executor, loss or Gaussian(), report)
-        sensing = Sensing.of(records, tuple(offsets), tuple(gains))
-        return _fitted(records, structure, theta, spread, sensing, model_error, annealer)
+        annealer = Annealer(executor, options.loss, options.report)
+        return _fitted(records, structure, theta, spread, sensing, options.model_error, annealer)
 
 
 def _fitted(

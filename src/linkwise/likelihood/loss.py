@@ -9,24 +9,47 @@ import numpy as np
 
 from linkwise.likelihood.mechanics import Array
 
+_REACH, _POINTS = 10.0, 4001  # standard deviations and points of the sum that stands for an expectation
+
 
 class Loss(ABC):
+    """What residuals cost, each a number of standard deviations."""
+
     @abstractmethod
-    def total(self, residuals: Array) -> float:
-        """Twice the negative log likelihood, up to a constant."""
+    def costs(self, residuals: Array) -> Array:
+        """Twice the negative log likelihood of each, up to a constant."""
 
     @abstractmethod
     def weight(self, residuals: Array) -> Array:
         """Weights of iteratively reweighted least squares: derivative of the loss over 2 r."""
 
+    def total(self, residuals: Array) -> float:
+        """Over all residuals."""
+        return float(self.costs(residuals).sum())
+
+    @property
+    def expected(self) -> float:
+        """Mean cost of a residual that is noise of a normal distribution: what chi-square is measured by."""
+        z, step = np.linspace(-_REACH, _REACH, _POINTS, retstep=True)
+        return float(np.sum(self.costs(z) * np.exp(-0.5 * z**2)) * step / np.sqrt(2.0 * np.pi))
+
 
 @dataclass(frozen=True)
 class Gaussian(Loss):
-    def total(self, residuals: Array) -> float:
-        return float(np.vdot(residuals, residuals))
+    """Squares."""
+
+    def costs(self, residuals: Array) -> Array:
+        return np.asarray(residuals**2)
 
     def weight(self, residuals: Array) -> Array:
         return np.ones_like(residuals)
+
+    def total(self, residuals: Array) -> float:
+        return float(np.vdot(residuals, residuals))
+
+    @property
+    def expected(self) -> float:
+        return 1.0
 
 
 @dataclass(frozen=True)
@@ -35,12 +58,12 @@ class Huber(Loss):
 
     corner: float = 1.345
 
-    def total(self, residuals: Array) -> float:
+    def costs(self, residuals: Array) -> Array:
         size = np.abs(residuals)
-        return float(np.where(size < self.corner, size**2, 2 * self.corner * size - self.corner**2).sum())
+        return np.where(size < self.corner, size**2, 2 * self.corner * size - self.corner**2)
 
     def weight(self, residuals: Array) -> Array:
-        return self.corner / np.maximum(np.abs(residuals), self.corner)
+        return np.asarray(self.corner / np.maximum(np.abs(residuals), self.corner))
 
 
 @dataclass(frozen=True)
@@ -49,8 +72,8 @@ class Student(Loss):
 
     freedom: float = 4.0
 
-    def total(self, residuals: Array) -> float:
-        return float(((self.freedom + 1) * np.log1p(residuals**2 / self.freedom)).sum())
+    def costs(self, residuals: Array) -> Array:
+        return np.asarray((self.freedom + 1) * np.log1p(residuals**2 / self.freedom))
 
     def weight(self, residuals: Array) -> Array:
-        return (self.freedom + 1) / (self.freedom + residuals**2)
+        return np.asarray((self.freedom + 1) / (self.freedom + residuals**2))

@@ -91,7 +91,7 @@ def _evidence(segments: Segments, fit: Fit, q: float, loss: Loss) -> tuple[float
     nodes = 2 * segments.system.incidence.shape[0] * int((~segments.lone).sum())
     free = ~fit.at_bound
     freedom = fit.samples + defects - nodes - int(free.sum())
-    noise = np.sqrt(fit.misfit.cost(q) / freedom)
+    noise = np.sqrt(fit.misfit.cost(q) / (freedom * loss.expected))
     return float(noise), float(
         2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(free)
     )
