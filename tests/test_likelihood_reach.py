@@ -1,0 +1,88 @@
+"""How far the search reaches: starts far from the truth, hidden masses, mixed sensors, a measured circuit.
+
+All twenty seeds of each case are printed by benchmarks/bench_likelihood.py.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+FIRST = 1000  # seed
+
+
+def decay(n: int, *sensors: str) -> lw.Record:
+    start = 1.0 if n == 2 else 3.0
+    return lw.simulate(lw.bnes_chain(n), release={"v:m1": start}, duration=6.0, rate=1000.0, sensors=sensors)
+
+
+def off(structure: lw.Structure, seed: int, factor: float) -> dict[str, float]:
+    """Starts that are the truth times or over `factor`, by lot."""
+    rng = np.random.default_rng(seed)
+    names = [parameter.name for parameter in structure.unknown("all").parameters]
+    return {
+        name: float(structure.coefficient(name).value or 0.0) * factor ** rng.choice([-1.0, 1.0])
+        for name in names
+    }
+
+
+def sinks(n: int, fit: lw.Estimate, record: lw.Record) -> float:
+    """Mean NMSE of the sinks in %."""
+    chain = lw.bnes_chain(n)
+    names = [f"nes{i}" for i in range(1, n // 2 + 1)]
+    return float(np.mean([lw.nmse(chain.link(name), fit.structure.link(name), record) for name in names]))
+
+
+def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
+    chain, clean = lw.bnes_chain(4), decay(4, "x")
+    for seed in range(FIRST, FIRST + 10):
+        fit = lw.identify(
+            clean.with_noise(20.0, seed=seed), chain.unknown("all"), starts=off(chain, seed, 2.0)
+        )
+        assert fit.trusted, f"seed {seed}: {fit.message}"
+        assert sinks(4, fit, clean) < 1e-2
+
+
+def test_a_hidden_primary_is_found_through_its_sink() -> None:
+    chain, clean = lw.bnes_chain(2), decay(2, "x:m2")
+    good = 0
+    for seed in range(FIRST, FIRST + 10):
+        record = clean.with_noise(30.0, seed=seed)
+        fit = lw.identify(record, chain.unknown("all"), starts=off(chain, seed, 1.2))
+        z = [
+            abs(fit.coefficient(name).value - value) / (fit.coefficient(name).standard_error or np.inf)
+            for name, value in off(chain, seed, 1.0).items()
+        ]
+        good += fit.trusted and max(z) < 5.0
+    assert good >= 9  # 18 of 20
+
+
+@pytest.mark.parametrize(
+    "sensors", [("x:m1", "v:m2"), ("v:m1", "x:m2"), ("x:m1", "a:m2"), ("x:m1", "x:m2", "a:m2")]
+)
+def test_mixed_sensors_need_no_start(sensors: tuple[str, ...]) -> None:
+    clean = decay(2, *sensors)
+    fit = lw.identify(clean.with_noise(30.0, seed=FIRST), lw.bnes_chain(2).unknown("all"))
+    assert fit.trusted
+    assert sinks(2, fit, clean) < 1e-3
+
+
+def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> None:
+    record = lw.read_record(shared_data / "silverbox_multisine.csv")
+    law = lw.Law.parse("k*d + k2*d**2 + k3*d**3 + c*v + f0")
+    unknown = {name: lw.Coefficient.unknown() for name in law.coefficients}
+    circuit = lw.Structure(
+        "silverbox",
+        (lw.Mass("m1", lw.Coefficient.unknown()),),
+        (lw.Link("spring", ("m1", "ground"), law, unknown),),
+    )
+    seen = 4 * len(record) // 5
+    started = perf_counter()
+    fit = lw.identify(record[:seen], circuit)
+    assert perf_counter() - started < 30.0
+    assert lw.free_run(fit.structure, record[seen:], settling=50).rmse["x:m1"] < 3.5e-4
