@@ -1,4 +1,4 @@
-"""The house of DESIGN.md, walked: one direction, no circles, one door to each guarded library."""
+"""The house, walked: one direction, no circles, one door to each guarded library."""
 
 from __future__ import annotations
 

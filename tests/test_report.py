@@ -1,4 +1,4 @@
-"""The page and the result folder: verdict first, complete in themselves, as INTERFACE promises."""
+"""The page and the result folder: verdict first, complete in themselves, as promised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Structure files: read as INTERFACE.md shows them, written so that reading gives the same, refused with the place."""
+"""Structure files: read as they are promised, written so that reading gives the same, refused with the place."""
 
 from __future__ import annotations
 

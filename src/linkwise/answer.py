@@ -1,4 +1,4 @@
-"""The result folder: what `identify` and `discover` hand over (INTERFACE: result.json and what stands beside it)."""
+"""The result folder: what `identify` and `discover` hand over (result.json and what stands beside it)."""
 
 from __future__ import annotations
 

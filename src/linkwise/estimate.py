@@ -140,7 +140,7 @@ class Estimate:
         return self.link(name).force_band(d)
 
     def to_dict(self) -> dict[str, Any]:
-        """What result.json holds (INTERFACE)."""
+        """What result.json holds."""
         fit = {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples}
         return {
             "method": self.method,
