@@ -111,3 +111,16 @@ def test_the_expected_cost_of_noise_is_that_of_many_draws() -> None:
     for loss in (Gaussian(), Huber(), Huber(0.7), Student(), Student(2.0)):
         costs = loss.costs(draws)
         assert loss.expected == pytest.approx(costs.mean(), abs=5.0 * costs.std() / np.sqrt(len(draws)))
+
+
+def test_a_base_known_by_its_acceleration_alone_is_refused_with_the_way_out() -> None:
+    isolated = lw.parse_structure(
+        '[[mass]]\nname = "m1"\nmass = 1.0\n[[link]]\nname = "mount"\nbetween = ["m1", "base"]\nlaw = "k*d + c*v"\n'
+        "coefficients = { k = { start = 900.0 }, c = { start = 1.0 } }\n",
+        "test",
+    )
+    time = np.arange(400) / 200.0
+    record = lw.Record.from_arrays(time, {"x:m1": np.sin(20.0 * time), "a:base": np.cos(20.0 * time)})
+    starts = {"mount.k": 900.0, "mount.c": 1.0}
+    with pytest.raises(lw.IdentificationError, match="a:base alone leaves its drift open: integrate it"):
+        lw.identify(record, isolated, starts=starts)

@@ -130,8 +130,14 @@ def inputs(
             force[:, :, i] = np.concatenate(pieces, axis=2)
     if has_base:
         if "x:base" not in records[0].channels:
+            has = [name for name in records[0].inputs if name.endswith(":base")]
+            told = (
+                f"; {has[0]} alone leaves its drift open: integrate it, take the drift out, and"
+                if has
+                else ":"
+            )
             raise IdentificationError(
-                "a link hangs on the base, whose motion the record lacks: give a channel x:base"
+                f"a link hangs on the base, whose displacement the record lacks{told} give a channel x:base"
             )
         pieces = [
             np.stack(_at_points(record, "x:base", count, samples, refine), axis=2)
