@@ -5,7 +5,7 @@ Atoms are one part of one law (`weakform.WeakPart`) at all the links that share 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,22 +87,22 @@ def link_atoms(
     *,
     elongations: Callable[[Places], Floats],
     rates: Callable[[Floats], Floats],
-    variance: Floats,
+    variance: Callable[[Places], Floats],
 ) -> list[Atoms]:
-    """The atoms of `links`: of their `elongations` (m, N), whose noise has `variance` (L,), and smoothed `rates` of those.
+    """The atoms of `links`: of their `elongations` (m, N), whose noise has `variance` (m,), and smoothed `rates` of those.
 
-    Both are only asked for where a law needs them. Raises IdentificationError for an unknown that enters its law nonlinearly
-    and has no start.
+    Elongations and rates are only asked for where a law needs them. Raises IdentificationError for an unknown that enters its
+    law nonlinearly and has no start.
     """
     atoms = []
     for (law, free), which in law_groups(structure, links, unknowns).items():
         weak = weak_law(law, free)
         at = np.array(which)
-        values = {name: unknowns.value(structure.links, which, name)[:, None] for name in law.coefficients}
+        values = {name: unknowns.value(structure.links, which, name)[:, None] for name in weak.inside}
         _require_starts(structure, law, which, values)
         d = elongations(at) if weak.curved else np.zeros((len(at), 1))
         v = rates(d) if weak.needs_rate else 0.0
-        for part, chain in zip(weak.parts, weak.evaluate(d, v, variance[at, None], values), strict=True):
+        for part, chain in zip(weak.parts, weak.evaluate(d, v, variance(at)[:, None], values), strict=True):
             numbers = [_multiplier(structure.links[link], link, part, unknowns) for link in which]
             parameter, fixed = zip(*numbers, strict=True)
             atoms.append(Atoms(part, at, tuple(chain), np.array(parameter), np.array(fixed)))
@@ -121,8 +121,8 @@ def law_groups(
     return groups
 
 
-def _require_starts(structure: Structure, law: Law, which: list[int], values: dict[str, Floats]) -> None:
-    for name in law.nonlinear:
+def _require_starts(structure: Structure, law: Law, which: list[int], values: Mapping[str, Floats]) -> None:
+    for name in (name for name in law.nonlinear if name in values):
         for lost in np.flatnonzero(np.isnan(values[name])):
             raise IdentificationError(
                 f'link "{structure.links[which[lost]].name}": {name} enters the law {law.text} nonlinearly, so its search '

@@ -68,7 +68,15 @@ class SeenMotion:
 
     def between(self, ends: NDArray[np.intp]) -> Floats:
         """(m, N) elongations between `ends` (m, 2)."""
-        return self.ends[ends[:, 0]] - self.ends[ends[:, 1]]
+        return differences(self.ends, ends)
+
+
+def differences(values: Floats, ends: NDArray[np.intp]) -> Floats:
+    """(m, N) rows of `values` at the first less those at the second of `ends` (m, 2)."""
+    found = np.empty((len(ends), values.shape[1]))
+    for row, (first, second) in zip(found, ends.tolist(), strict=True):
+        np.subtract(values[first], values[second], out=row)
+    return found
 
 
 def read_motion(record: Record, structure: Structure) -> SeenMotion:

@@ -98,8 +98,9 @@ def _quiet_level(power: Array) -> Array:
     deep = min(_CELL_BLOCKS, blocks)
     columns = power[:, : blocks // deep * deep].reshape(channels, -1, deep, groups)
     cells = columns.mean(axis=2).reshape(channels, -1)
-    level = np.quantile(cells, _QUIET, axis=1) / _QUIET_LEVEL
-    lowest = cells.min(axis=1)
+    cells.sort(axis=1)
+    level = cells[:, int(_QUIET * cells.shape[1])] / _QUIET_LEVEL
+    lowest = cells[:, 0]
     for _ in range(5):
         quiet = cells <= np.maximum(_LOUD * level, lowest)[:, None]
         level = np.sum(cells * quiet, axis=1) / quiet.sum(axis=1)
@@ -131,9 +132,10 @@ def _mean_powers(channels: Array, block: int) -> tuple[Array, NDArray[np.intp]]:
     total, counts = np.zeros((len(channels), len(unit), 2)), np.zeros(len(channels), dtype=int)
     if channels.shape[1] < block + _ORDER:
         return total[:, :, 0], counts
+    steep = np.empty(channels.shape[1] - _ORDER)
+    blocks = np.lib.stride_tricks.sliding_window_view(steep, block)[:: block // 2]
     for channel, samples in enumerate(channels):
-        steep = np.diff(samples, _ORDER)
-        blocks = np.lib.stride_tricks.sliding_window_view(steep, block)[:: block // 2]
+        steep[:] = np.diff(samples, _ORDER)
         for first in range(0, len(blocks), _AT_ONCE):
             waves = np.fft.rfft(blocks[first : first + _AT_ONCE] * hann)
             whole = np.isfinite(waves[:, 0].real)

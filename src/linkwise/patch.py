@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.atoms import Atoms, Unknowns, link_atoms
-from linkwise.motion import SeenMotion
+from linkwise.motion import SeenMotion, differences
 from linkwise.noisebias import Straight, noise_bias
 from linkwise.structure import Structure
 from linkwise.weakform import PHI, PHI_2
@@ -72,7 +73,12 @@ class Patch:
     @property
     def asks(self) -> bool:
         """Whether the equations hold a parameter."""
-        return bool((self.parameter >= 0).any())
+        return len(self.asked) > 0
+
+    @cached_property
+    def asked(self) -> Places:
+        """The terms with a parameter."""
+        return np.flatnonzero(self.parameter >= 0)
 
     def largest(self, numbers: Floats | float = 1.0) -> Floats:
         """(m,) the sum of squares of the largest term of each mass."""
@@ -99,41 +105,29 @@ class Scene:
 
     def patch(self, masses: Places, links: Places, valid: Floats) -> Patch:
         """The patch of `masses` (m,), which `links` (l,) hold, in windows weighted by `valid` (R,)."""
-        noise = self.motion.noise
         atoms = link_atoms(
             self.structure,
             links,
             self.unknowns,
             elongations=lambda which: self.motion.between(self.ends[which]),
             rates=self._rates,
-            variance=noise[self.ends].sum(axis=1),
+            variance=lambda which: self.motion.noise[self.ends[which]].sum(axis=1),
         )
         forced = [mass for mass in masses.tolist() if mass in self.pushes]
-        ends = np.concatenate(
-            [
-                *(self.ends[each.links] for each in atoms),
-                np.stack([masses, np.full(len(masses), _GROUND)], axis=1),
-                np.full((len(forced), 2), _GROUND),
-            ]
-        )
         kernel = np.repeat(
             [*(each.part.kernel for each in atoms), PHI_2, PHI],
             [*(len(each.links) for each in atoms), len(masses), len(forced)],
         )
-        parameter, fixed = self._numbers(atoms, masses.tolist(), len(forced))
-        signs = _incidence(masses, ends)
-        signs[:, len(kernel) - len(forced) :] = masses[:, None] == np.array(forced, dtype=int)
+        signs, holds, covariance = self._incidence(atoms, masses, links, forced)
         rows = self._rows(atoms, masses, forced, len(kernel))
         if not valid.all():
             rows *= valid
         products = rows @ rows.T
         placed = list(zip(_slices(atoms), atoms, strict=True))
         curved = [(place, each) for place, each in placed if not isinstance(each.slope, float)]
-        straight = Straight(
-            kernel, _straight_slopes(atoms, len(masses), len(forced)), _covariance(ends, noise)
-        )
+        straight = Straight(kernel, _straight_slopes(atoms, len(masses), len(forced)), covariance)
         bias = noise_bias(straight, curved, self.window, valid, self.motion.ends.shape[1])
-        holds = _incidence(masses, self.ends[links])
+        parameter, fixed = self._numbers(atoms, masses.tolist(), len(forced))
         return Patch(
             masses=masses,
             links=links,
@@ -150,6 +144,31 @@ class Scene:
             slopes=self._slopes(straight.slope, curved),
         )
 
+    def _incidence(
+        self, atoms: Sequence[Atoms], masses: Places, links: Places, forced: Sequence[int]
+    ) -> tuple[Floats, Floats, Floats]:
+        """The signs (m, q) of the terms in the equations of the masses, those of the links (m, l), and the covariance (q, q)
+        of the noises in the displacements between the terms' ends.
+        """
+        ends = np.concatenate(
+            [
+                *(self.ends[each.links] for each in atoms),
+                np.stack([masses, np.full(len(masses), _GROUND)], axis=1),
+                np.full((len(forced), 2), _GROUND),
+                self.ends[links],
+            ]
+        )
+        nodes, at = np.unique(ends, return_inverse=True)
+        every, at = np.arange(len(ends)), at.reshape(ends.shape)
+        incidence = np.zeros((len(ends), len(nodes)))
+        incidence[every, at[:, 0]] += 1.0
+        incidence[every, at[:, 1]] -= 1.0
+        terms = incidence[: len(ends) - len(links)]
+        covariance = (terms * self.motion.noise[nodes]) @ terms.T
+        signs, holds = np.split(incidence[:, np.searchsorted(nodes, masses)].T.copy(), [len(terms)], axis=1)
+        signs[:, len(terms) - len(forced) :] = masses[:, None] == np.array(forced, dtype=int)
+        return signs, holds, covariance
+
     def _rates(self, d: Floats) -> Floats:
         """(m, N) v from d (m, N), held at the edges."""
         single = Window(self.window.half, 1, self.window.step)
@@ -162,9 +181,10 @@ class Scene:
         for place, each in zip(_slices(atoms), atoms, strict=True):
             kernel, first = each.part.kernel, each.chain[0]
             if each.part.plain:
-                ends = self.ends[each.links].T
-                ends = ends if each.part.sign > 0.0 else ends[::-1]
-                np.subtract(self.smooth[kernel, ends[0]], self.smooth[kernel, ends[1]], out=rows[place])
+                ends = self.ends[each.links]
+                rows[place] = differences(
+                    self.smooth[kernel], ends if each.part.sign > 0.0 else ends[:, ::-1]
+                )
             elif isinstance(first, float):
                 rows[place] = each.part.sign * first * self.window.kernels[kernel].sum()
             else:
@@ -202,20 +222,7 @@ def _slices(atoms: Sequence[Atoms]) -> list[slice]:
     return [slice(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
 
 
-def _incidence(masses: Places, ends: Places) -> Floats:
-    """(m, q): 1 where a mass is the first of `ends` (q, 2), -1 where it is the second."""
-    first, second = ends.T[:, None, :] == masses[:, None]
-    return np.asarray(np.subtract(first, second, dtype=np.float64))
-
-
 def _straight_slopes(atoms: Sequence[Atoms], masses: int, forces: int) -> Floats:
     """(q,) slopes by d of the terms where they are constant, 0 for others; that of inertia is by x."""
     slopes = [each.part.sign * each.slope if isinstance(each.slope, float) else 0.0 for each in atoms]
     return np.asarray(np.repeat([*slopes, 1.0, 0.0], [*(len(each.links) for each in atoms), masses, forces]))
-
-
-def _covariance(ends: Places, noise: Floats) -> Floats:
-    """(q, q) of the noises in elongations between `ends` (q, 2), where that of the ends is `noise` (n + 2,)."""
-    same = ends[:, None, :, None] == ends[None, :, None, :]
-    shared = same * noise[ends][:, None, :, None]
-    return np.asarray(shared[:, :, 0, 0] - shared[:, :, 0, 1] - shared[:, :, 1, 0] + shared[:, :, 1, 1])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from linkwise.atoms import Unknowns, law_groups
 from linkwise.errors import IdentificationError
-from linkwise.motion import SeenMotion
+from linkwise.motion import SeenMotion, differences
 from linkwise.patch import Patch, Scene
 from linkwise.record import Record
 from linkwise.structure import BASE, GROUND, Structure
@@ -116,7 +116,6 @@ def weak_equations(
     )
     area = window.kernels[PHI].sum()
     x, velocity = _sharpened(smooth, window), -smooth[PHI_1] / area
-    first, second = scene.ends.T
     return WeakEquations(
         window=window,
         motion=motion,
@@ -124,8 +123,8 @@ def weak_equations(
         patches=_patches(scene, pushes),
         thin=thin,
         ends=scene.ends,
-        d=x[first] - x[second],
-        v=velocity[first] - velocity[second],
+        d=differences(x, scene.ends),
+        v=differences(velocity, scene.ends),
         acceleration=smooth[PHI_2, :-2] / area,
         push=_placed(scene.pushes, area, structure.size, windows) if pushes else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,

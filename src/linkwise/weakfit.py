@@ -107,10 +107,10 @@ def _normal(
     blocks = []
     for patch, weight in zip(patches, weights, strict=True):
         weighted = patch.moments * ((patch.signs.T * weight) @ patch.signs)
-        asked = np.flatnonzero(patch.parameter >= 0)
-        which = patch.parameter[asked]
-        np.subtract.at(g, which, weighted[asked] @ patch.fixed)
-        blocks.append((which, weighted[np.ix_(asked, asked)]))
+        asked = weighted[patch.asked]
+        which = patch.parameter[patch.asked]
+        g -= np.bincount(which, asked @ patch.fixed, count)
+        blocks.append((which, asked[:, patch.asked]))
     return _assembled(blocks, count), g
 
 

@@ -15,6 +15,7 @@ products need them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -95,23 +96,24 @@ class WeakLaw:
         return tuple(found)
 
     @cached_property
-    def _inputs(self) -> tuple[str, ...]:
-        return ("d", "v", _VARIANCE, *self.law.coefficients)
+    def inside(self) -> tuple[str, ...]:
+        """The coefficients that stand inside the functions: nonlinear ones and, where those are to be found, their factors."""
+        held = {name for part in self.parts for name in symbols(part.function)}
+        return tuple(name for name in self.law.coefficients if name in held)
 
     @cached_property
     def _program(self) -> Program:
         varying = [each for chain in self._derivatives for each in chain if not isinstance(each, Number)]
-        return Program(varying, self._inputs)
+        return Program(varying, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
 
     def evaluate(
-        self, d: Floats, v: Floats | float, variance: Floats, values: dict[str, Floats]
+        self, d: Floats, v: Floats | float, variance: Floats, values: Mapping[str, Floats]
     ) -> list[list[Floats | float]]:
         """For each part [h, h', h'', ...]: arrays of the shape of `d` (links, N), or a number where it is constant.
 
-        `variance` (links, 1) is that of the noise in d; `values` (links, 1) each the coefficients of the law, of which only
-        those inside a function (nonlinear ones and their factors) have an effect.
+        `variance` (links, 1) is that of the noise in d; `values` (links, 1) those of the coefficients `inside`.
         """
-        given = [d, v, variance, *(values[name] for name in self._inputs[3:])]
+        given = [d, v, variance, *(values[name] for name in self.inside)]
         arrays = iter(self._program(*given))
         return [
             [each.value if isinstance(each, Number) else next(arrays) for each in chain]

@@ -86,29 +86,26 @@ def _slopes(law: Law) -> tuple[Program, bool]:
 def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, system: WeakEquations) -> float:
     """Power of the residuals at the parameters (p,) over the power that the noise gives them."""
     gram = system.window.kernels @ system.window.kernels.T
-    doubt = system.motion.doubt
+    by_slope, doubt = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.doubt
     total = count = 0.0
     for patch, here in noisy:
         mean, square, own = (
-            here.mean[:, :, : here.inside],
-            here.square[:, :, : here.inside],
-            here.own[:, :, : here.inside],
+            here.mean[..., : here.inside],
+            here.square[..., : here.inside],
+            here.own[..., : here.inside],
         )
-        masses = here.masses[:, None]
-        by_kernel = gram[[PHI, PHI_1], [PHI, PHI_1]][:, None, None]
-        passed = (by_kernel * square).sum(axis=0)
-        curved = passed - (by_kernel * mean**2).sum(axis=0)
-        near = masses * (masses * gram[PHI_2, PHI_2] + 2.0 * own[0] * gram[PHI, PHI_2])
-        near += (by_kernel * own**2).sum(axis=0)
-        holds = np.abs(patch.holds)
-        expected = (
-            doubt[patch.masses, None] * (near + holds @ curved) + (holds * doubt[patch.others]) @ passed
-        )
-        floor = FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
+        masses, holds = here.masses[:, None], np.abs(patch.holds)
+        passed = np.tensordot(by_slope, square, 1)
+        curved = passed - np.tensordot(by_slope, mean**2, 1)
+        near = np.tensordot(by_slope, own**2, 1)
+        near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
+        near += holds @ curved
+        expected = doubt[patch.masses, None] * near + (holds * doubt[patch.others]) @ passed
+        expected += FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
         kept = here.places[: here.inside]
-        residual = (patch.signs * patch.numbers(values)) @ patch.rows[:, kept]
+        residual = patch.residual(values)[:, kept]
         valid = patch.valid[kept]
-        total += float((residual**2 / (expected + floor)).sum(axis=0) @ valid)
+        total += float((residual**2 / expected).sum(axis=0) @ valid)
         count += len(patch.masses) * float(valid.sum())
     return total / max(count, 1.0)
 
@@ -141,7 +138,7 @@ def _hearing(
     patch: Patch, here: Slopes, weight: Floats, system: WeakEquations
 ) -> Iterator[tuple[int, tuple[Places, Floats, Floats]]]:
     """For each of `_channels` that the equation of a mass hears: parameters (s,), and G (s, P), to be scaled by (s,)."""
-    asked = np.flatnonzero(patch.parameter >= 0)
+    asked = patch.asked
     spread = system.window.spread(patch.rows[asked], system.thin)
     signs = weight[:, None] * patch.signs[:, asked]
     others, doubt = patch.others, system.motion.doubt
@@ -171,7 +168,7 @@ def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquatio
     )
     amount = system.every * (weight * system.motion.doubt[patch.masses]) ** 2
     total = np.zeros((len(patch.kernel), len(patch.kernel)))
-    terms = [np.flatnonzero((patch.parameter >= 0) & (patch.kernel == kernel)) for kernel in range(3)]
+    terms = [patch.asked[patch.kernel[patch.asked] == kernel] for kernel in range(3)]
     for one, two in _MEETING:
         first, second = terms[one], terms[two]
         if len(first) and len(second):
@@ -179,5 +176,4 @@ def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquatio
             sums = (patch.slopes[first] * both[:, None]) @ patch.slopes[second].T
             holds = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
             total[first[:, None], second] = (amount[:, None, None] * holds * sums).sum(axis=0)
-    asked = np.flatnonzero(patch.parameter >= 0)
-    return patch.parameter[asked], total[np.ix_(asked, asked)]
+    return patch.parameter[patch.asked], total[np.ix_(patch.asked, patch.asked)]
