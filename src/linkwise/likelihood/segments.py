@@ -21,7 +21,7 @@ from linkwise.likelihood.mechanics import Array, Indices, Mask, System
 X, V, A = 0, 1, 2
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
-CHUNK = 60_000
+CHUNK = 120_000
 
 
 @dataclass(frozen=True)
