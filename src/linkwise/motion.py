@@ -66,10 +66,6 @@ class SeenMotion:
         """
         return np.maximum(self.noise, _RESOLVED**2 * self.power)
 
-    def between(self, ends: NDArray[np.intp]) -> Floats:
-        """(m, N) elongations between `ends` (m, 2)."""
-        return differences(self.ends, ends)
-
 
 def differences(values: Floats, ends: NDArray[np.intp]) -> Floats:
     """(m, N) rows of `values` at the first less those at the second of `ends` (m, 2)."""

@@ -14,55 +14,43 @@ is the product of two signals, weighted by what all windows together make of eac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.atoms import Atoms
+from linkwise.layout import Layout
 from linkwise.window import Window
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Straight:
-    """What noise in the elongations makes of q terms to the first order: sums of `kernel` (q,) times `slope` (q,) e.
-
-    `slope` is 0 for terms that are curved; the covariance of the noises e is `covariance` (q, q) in m^2.
-    """
-
-    kernel: NDArray[np.intp]
-    slope: Floats
-    covariance: Floats
-
-
 def noise_bias(
-    straight: Straight, curved: Sequence[tuple[slice, Atoms]], window: Window, valid: Floats, samples: int
+    layout: Layout, atoms: Sequence[Atoms], slope: Floats, noise: Floats, window: Window, valid: Floats
 ) -> Floats:
-    """(q, q): the bias of the products of all terms, summed over the windows, each weighted by `valid` (R,).
+    """(q, q): the bias of the products of all terms of `layout`, summed over windows, each weighted by `valid` (R,).
 
-    `curved` are the atoms with their places among the terms, evaluated on so many `samples`.
+    `slope` (q,) are the slopes of the terms where they are constant, 0 for those of curved `atoms`; `noise` (c,) in m^2 is
+    that in the displacements of the nodes.
     """
-    kernel, slope, covariance = straight.kernel, straight.slope, straight.covariance
+    kernel = layout.kernel
+    covariance = (layout.incidence * noise) @ layout.incidence.T
     gram = window.kernels @ window.kernels.T
     bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
-    coverage = {
-        first: window.coverage(window.kernels[first] * window.kernels, valid, samples)
-        for first in {atoms.part.kernel for _, atoms in curved}
-    }
-    for number, (here, one) in enumerate(curved):
-        covered = coverage[one.part.kernel]
-        reached = one.part.sign * (one.slope @ covered.T)
-        linear = covariance[here] * reached[:, kernel] * slope
+    coverage: dict[int, Floats] = {}
+    for number, one in enumerate(atoms):
+        first, here, samples = one.part.kernel, one.at, np.shape(one.slope)[-1]
+        if first not in coverage:
+            coverage[first] = window.coverage(window.kernels[first] * window.kernels, valid, samples)
+        linear = covariance[here] * (one.part.sign * (one.slope @ coverage[first].T))[:, kernel] * slope
         bias[here] += linear
         bias[:, here] += linear.T
-        for there, two in curved[number:]:
+        for two in atoms[number:]:
             sign = one.part.sign * two.part.sign
-            mixed = sign * _product_bias(one, two, covariance[here, there], covered[two.part.kernel])
-            bias[here, there] += mixed
+            mixed = sign * _product_bias(one, two, covariance[here, two.at], coverage[first][two.part.kernel])
+            bias[here, two.at] += mixed
             if two is not one:
-                bias[there, here] += mixed.T
+                bias[two.at, here] += mixed.T
     return np.asarray(bias)
 
 

@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.atoms import Unknowns, law_groups
 from linkwise.errors import IdentificationError
+from linkwise.layout import Plan, plan
 from linkwise.motion import SeenMotion, differences
 from linkwise.patch import Patch, Scene
 from linkwise.record import Record
-from linkwise.structure import BASE, GROUND, Structure
-from linkwise.weakform import PHI, PHI_1, PHI_2, weak_law
+from linkwise.structure import Structure
+from linkwise.weakform import PHI, PHI_1, PHI_2
 from linkwise.window import Window
 
 Floats = NDArray[np.float64]
@@ -36,17 +36,15 @@ _SMOOTHER = 4  # the slopes by which noise meets itself are smoother still
 class WeakEquations:
     """All weak equations of one record, in `patches`; every `thin`-th window tells their noise.
 
-    Beside them what the windows saw: `ends` (L, 2) are the mass indices of the links' ends (-1 ground, -2 base), `d`, `v`
-    (L, R) smoothed elongations in m and rates in m/s, `acceleration` (n, R) in m/s2, `push` (R, n) in N (None: no force),
-    `time` (R,) in s.
+    Beside them what the windows saw: `d`, `v` (L, R) smoothed elongations in m and rates in m/s, `acceleration` (n, R) in
+    m/s2, `push` (R, n) in N (None: no force), `time` (R,) in s.
     """
 
+    plan: Plan
     window: Window
     motion: SeenMotion
-    unknowns: Unknowns
     patches: tuple[Patch, ...]
     thin: int
-    ends: Places
     d: Floats
     v: Floats
     acceleration: Floats
@@ -56,7 +54,12 @@ class WeakEquations:
     @property
     def parameters(self) -> tuple[str, ...]:
         """The names of the parameters."""
-        return self.unknowns.names
+        return self.plan.names
+
+    @property
+    def ends(self) -> Places:
+        """(L, 2) mass indices of the ends of the links, -1 for the ground and -2 for the base."""
+        return self.plan.ends
 
     @property
     def windows(self) -> int:
@@ -102,11 +105,10 @@ def weak_equations(
     }
     smooth = window.filter(motion.ends, window.kernels)
     scene = Scene(
-        structure=structure,
-        unknowns=Unknowns.of(structure, values or {}),
+        plan=plan(structure),
+        values=plan(structure).values(values or {}),
         motion=motion,
         window=window,
-        ends=_ends(structure),
         smooth=smooth,
         pushes={
             mass: -window.filter(np.nan_to_num(push)[None], window.kernels[:1])[0, 0]
@@ -115,28 +117,18 @@ def weak_equations(
         every=_SMOOTHER * thin,
     )
     area = window.kernels[PHI].sum()
-    x, velocity = _sharpened(smooth, window), -smooth[PHI_1] / area
     return WeakEquations(
+        plan=scene.plan,
         window=window,
         motion=motion,
-        unknowns=scene.unknowns,
         patches=_patches(scene, pushes),
         thin=thin,
-        ends=scene.ends,
-        d=differences(x, scene.ends),
-        v=differences(velocity, scene.ends),
+        d=differences(_sharpened(smooth, window), scene.plan.ends),
+        v=differences(-smooth[PHI_1] / area, scene.plan.ends),
         acceleration=smooth[PHI_2, :-2] / area,
         push=_placed(scene.pushes, area, structure.size, windows) if pushes else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
-
-
-def _ends(structure: Structure) -> Places:
-    """(L, 2) mass indices of the ends of every link, -1 for the ground and -2 for the base."""
-    index = {name: i for i, name in enumerate(structure.mass_names)} | {GROUND: -1, BASE: -2}
-    return np.array(
-        [[index[end] for end in link.between] for link in structure.links], dtype=np.intp
-    ).reshape(-1, 2)
 
 
 def _sharpened(smooth: Floats, window: Window) -> Floats:
@@ -162,37 +154,23 @@ def _patches(scene: Scene, pushes: dict[int, Floats]) -> tuple[Patch, ...]:
 
     Masses in one patch miss the same windows, and either each of their equations holds a parameter or none does.
     """
-    ends = scene.ends.tolist()
-    links_at: list[list[int]] = [[] for _ in range(scene.structure.size)]
-    for link, pair in enumerate(ends):
-        for end in pair:
-            if end >= 0:
-                links_at[end].append(link)
+    plan = scene.plan
     seen = [*scene.motion.seen.tolist(), scene.motion.base is not None, True]
-    asked = {index for index, _ in scene.unknowns.places}
-    rated = {
-        link
-        for (law, free), which in law_groups(scene.structure, np.arange(len(ends)), scene.unknowns).items()
-        if weak_law(law, free).needs_rate
-        for link in which
-    }
     whole = np.ones(scene.smooth.shape[2])
     alike: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-    for mass, links in enumerate(links_at):
-        around = {mass, *(end for link in links for end in ends[link])}
+    for mass, around in enumerate(plan.around):
         if all(seen[end] for end in around):
             lost = _lost(scene.motion, [end for end in around if end >= 0], pushes.get(mass))
-            if not rated.isdisjoint(links):
+            if mass in plan.rated:
                 lost = _without_rate(lost, scene)
             valid = whole if lost is None else _valid(lost, scene.window)
-            key = (b"" if lost is None else valid.tobytes(), asked.isdisjoint([*links, -1 - mass]))
+            key = (b"" if lost is None else valid.tobytes(), mass in plan.asking)
             alike.setdefault(key, (valid, []))[1].append(mass)
-    patches = []
-    for valid, masses in alike.values():
-        for first in range(0, len(masses), _PATCH):
-            chunk = masses[first : first + _PATCH]
-            held = np.unique(np.concatenate([links_at[mass] for mass in chunk]))
-            patches.append(scene.patch(np.array(chunk), held, valid))
+    patches = [
+        scene.patch(masses[first : first + _PATCH], valid)
+        for valid, masses in alike.values()
+        for first in range(0, len(masses), _PATCH)
+    ]
     _require_whole_windows(patches, scene.window)
     return tuple(patches)
 

@@ -12,7 +12,7 @@ from scipy.special import gammaincinv
 from linkwise.errors import IdentificationError
 from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
-from linkwise.motion import SeenMotion, read_motion
+from linkwise.motion import SeenMotion, differences, read_motion
 from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.threads import one_blas_thread
@@ -163,7 +163,7 @@ def _visited(motion: SeenMotion, equations: WeakEquations) -> Floats:
     found = []
     for first in range(0, len(equations.ends), _LINKS_AT_ONCE):
         ends = equations.ends[first : first + _LINKS_AT_ONCE]
-        d = motion.between(ends)
+        d = differences(motion.ends, ends)
         if motion.missing is not None:
             lost = np.concatenate([motion.missing, np.zeros((2, d.shape[1]), dtype=bool)])
             d[lost[ends].any(axis=1)] = np.nan

@@ -17,8 +17,8 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
-from linkwise.atoms import Unknowns
 from linkwise.errors import IdentificationError
+from linkwise.layout import Plan
 from linkwise.patch import Patch
 from linkwise.sandwich import sandwich
 from linkwise.structure import Structure
@@ -55,15 +55,14 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     _require_reached(system, structure)
     lower = np.array([parameter.lower for parameter in structure.parameters])
     upper = np.array([parameter.upper for parameter in structure.parameters])
-    patches = [patch for patch in system.patches if patch.asks]
+    patches = [patch for patch in system.patches if len(patch.layout.asked)]
     after = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
     for _ in range(_ROUNDS):
         weights = after
         normal, right = _normal(patches, weights, len(lower))
         values, free = _bounded(normal, right, lower, upper, system.parameters)
         after = [1.0 / _power(patch, values) for patch in patches]
-    found = system.unknowns.at(values)
-    noisy = [(patch, Slopes.along(patch, system, structure, found)) for patch in patches]
+    noisy = [(patch, Slopes.along(patch, system, values)) for patch in patches]
     excess = residual_excess(noisy, values, system)
     scatter = _assembled(score_blocks(noisy, weights, system), len(values))
     covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system)
@@ -71,7 +70,7 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
 
 
 def _require_reached(system: WeakEquations, structure: Structure) -> None:
-    reached = {number for patch in system.patches for number in patch.parameter.tolist()}
+    reached = {number for patch in system.patches for number in patch.layout.parameter.tolist()}
     lost = [name for number, name in enumerate(system.parameters) if number not in reached]
     if lost:
         unseen = [
@@ -83,7 +82,7 @@ def _require_reached(system: WeakEquations, structure: Structure) -> None:
             f"the record says nothing of {', '.join(lost)}: the weak form needs the displacement of a mass and of all its "
             f"neighbours; missing {', '.join(unseen) or 'x:base'}"
         )
-    if not any(patch.asks and patch.fixed.any() for patch in system.patches):
+    if not any(len(patch.layout.asked) and patch.fixed.any() for patch in system.patches):
         raise IdentificationError(
             "nothing sets the scale of the forces: every mass and coefficient is unknown and no force is in the record; give "
             "one mass or coefficient a number, or a channel force:MASS"
@@ -107,10 +106,9 @@ def _normal(
     blocks = []
     for patch, weight in zip(patches, weights, strict=True):
         weighted = patch.moments * ((patch.signs.T * weight) @ patch.signs)
-        asked = weighted[patch.asked]
-        which = patch.parameter[patch.asked]
+        asked, which = weighted[patch.layout.asked], patch.layout.parameter
         g -= np.bincount(which, asked @ patch.fixed, count)
-        blocks.append((which, asked[:, patch.asked]))
+        blocks.append((which, asked[:, patch.layout.asked]))
     return _assembled(blocks, count), g
 
 
@@ -202,15 +200,15 @@ def _covariance(
     if not len(at):
         return csc_array((count, count))
     place = np.cumsum(free) - 1
-    rows, columns = _within_links(system.unknowns, free)
+    rows, columns = _within_links(system.plan, free)
     data = sandwich(inner, middle, place[rows], place[columns])
     return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
 
 
-def _within_links(unknowns: Unknowns, free: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _within_links(plan: Plan, free: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pairs of free parameters of one link, or twice the same one."""
     members: dict[int, list[int]] = {}
-    for (index, _), (number, _) in unknowns.places.items():
+    for (index, _), number in plan.places.items():
         if free[number]:
             members.setdefault(index, []).append(number)
     pairs = sorted({(one, two) for numbers in members.values() for one in numbers for two in numbers})

@@ -21,11 +21,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.atoms import Unknowns, law_groups
 from linkwise.expression import Program, differentiate, symbols
 from linkwise.law import VARIABLES, Law
 from linkwise.patch import Patch
-from linkwise.structure import Structure
 from linkwise.weak import WeakEquations
 from linkwise.weakform import PHI, PHI_1, PHI_2
 
@@ -53,26 +51,24 @@ class Slopes:
     own: Floats
 
     @classmethod
-    def along(cls, patch: Patch, system: WeakEquations, structure: Structure, unknowns: Unknowns) -> Slopes:
-        """Along the smoothed motion, for the coefficients of `structure`, those that are unknown as `unknowns` has them."""
-        places = system.places
-        deviation = np.sqrt(0.5 * system.motion.doubt[system.ends[patch.links]].sum(axis=1))
-        mean, square = np.empty((2, 2, len(patch.links), len(places)))
-        for (law, _), which in law_groups(structure, patch.links, unknowns).items():
-            program, constant = _slopes(law)
-            at = np.searchsorted(patch.links, which)
-            here = np.ix_(patch.links[at], places[:1] if constant else places)
+    def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> Slopes:
+        """Along the smoothed motion, at the parameters (p,)."""
+        layout, places = patch.layout, system.places
+        deviation = np.sqrt(0.5 * system.motion.doubt[system.ends[layout.links]].sum(axis=1))
+        mean, square = np.empty((2, 2, len(layout.links), len(places)))
+        for group in layout.groups:
+            program, constant = _slopes(group.weak.law)
+            at = np.searchsorted(layout.links, group.links)
+            here = np.ix_(group.links, places[:1] if constant else places)
             aside = deviation[at, None, None] * np.array([[-1.0], [1.0]])
-            values = [
-                unknowns.value(structure.links, which, name)[:, None, None] for name in law.coefficients
-            ]
-            slopes = program(system.d[here][:, None] + aside, system.v[here][:, None], *values)
+            coefficients = [each.at(values)[:, None, None] for each in group.coefficients.values()]
+            slopes = program(system.d[here][:, None] + aside, system.v[here][:, None], *coefficients)
             for by, slope in enumerate(slopes):
                 mean[by, at] = 0.5 * (slope[:, 0] + slope[:, 1])
                 square[by, at] = 0.5 * (slope[:, 0] ** 2 + slope[:, 1] ** 2)
-        masses = [unknowns.mass(structure.masses, mass) for mass in patch.masses.tolist()]
         inside = len(places) - 2 * system.window.half
-        return cls(places, inside, np.array(masses), mean, square, np.abs(patch.holds) @ mean)
+        masses = layout.inertia.at(values)
+        return cls(places, inside, masses, mean, square, np.abs(layout.holds) @ mean)
 
 
 @lru_cache(maxsize=512)
@@ -94,13 +90,13 @@ def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, syste
             here.square[..., : here.inside],
             here.own[..., : here.inside],
         )
-        masses, holds = here.masses[:, None], np.abs(patch.holds)
+        masses, holds = here.masses[:, None], np.abs(patch.layout.holds)
         passed = np.tensordot(by_slope, square, 1)
         curved = passed - np.tensordot(by_slope, mean**2, 1)
         near = np.tensordot(by_slope, own**2, 1)
         near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
         near += holds @ curved
-        expected = doubt[patch.masses, None] * near + (holds * doubt[patch.others]) @ passed
+        expected = doubt[patch.masses, None] * near + (holds * doubt[patch.layout.others]) @ passed
         expected += FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
         kept = here.places[: here.inside]
         residual = patch.residual(values)[:, kept]
@@ -129,30 +125,29 @@ def score_blocks(
                 yield which, doubt[channel] * np.outer(scale, scale) * (sums @ sums.T)
 
 
-def _channels(patch: Patch, system: WeakEquations) -> list[int]:
+def _channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
     """Whose noise the equations of a patch hear: of the masses, and over each link of what is at its other end."""
-    return [*patch.masses.tolist(), *patch.others[system.motion.doubt[patch.others] > 0.0].tolist()]
+    for mass, ear in zip(patch.masses.tolist(), patch.layout.ears, strict=True):
+        yield mass
+        yield from (other for other in ear.others if system.motion.doubt[other] > 0.0)
 
 
 def _hearing(
     patch: Patch, here: Slopes, weight: Floats, system: WeakEquations
 ) -> Iterator[tuple[int, tuple[Places, Floats, Floats]]]:
     """For each of `_channels` that the equation of a mass hears: parameters (s,), and G (s, P), to be scaled by (s,)."""
-    asked = patch.asked
-    spread = system.window.spread(patch.rows[asked], system.thin)
-    signs = weight[:, None] * patch.signs[:, asked]
-    others, doubt = patch.others, system.motion.doubt
-    for i, mass in enumerate(patch.masses.tolist()):
-        its, links = np.flatnonzero(signs[i]), np.flatnonzero(patch.holds[i])
-        which, scale = patch.parameter[asked[its]], signs[i, its]
-        phi, phi_1, phi_2 = spread[its].transpose(1, 0, 2)
-        stiffness, damping = here.mean[:, links, None]
+    spread = system.window.spread(patch.rows[patch.layout.asked], system.thin)
+    doubt = system.motion.doubt
+    for i, (mass, ear) in enumerate(zip(patch.masses.tolist(), patch.layout.ears, strict=True)):
+        scale = weight[i] * ear.sign
+        phi, phi_1, phi_2 = spread[ear.terms].transpose(1, 0, 2)
+        stiffness, damping = here.mean[:, ear.links, None]
         far = damping * phi_1
         far -= stiffness * phi
-        yield mass, (which, scale, here.masses[i] * phi_2 - far.sum(axis=0))
-        for link, other in enumerate(others[i, links].tolist()):
+        yield mass, (ear.parameter, scale, here.masses[i] * phi_2 - far.sum(axis=0))
+        for link, other in enumerate(ear.others):
             if doubt[other] > 0.0:
-                yield other, (which, scale, far[link])
+                yield other, (ear.parameter, scale, far[link])
 
 
 def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquations) -> tuple[Places, Floats]:
@@ -167,8 +162,8 @@ def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquatio
         3, -1
     )
     amount = system.every * (weight * system.motion.doubt[patch.masses]) ** 2
-    total = np.zeros((len(patch.kernel), len(patch.kernel)))
-    terms = [patch.asked[patch.kernel[patch.asked] == kernel] for kernel in range(3)]
+    total = np.zeros(patch.products.shape)
+    layout, terms = patch.layout, patch.layout.asked_under
     for one, two in _MEETING:
         first, second = terms[one], terms[two]
         if len(first) and len(second):
@@ -176,4 +171,4 @@ def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquatio
             sums = (patch.slopes[first] * both[:, None]) @ patch.slopes[second].T
             holds = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
             total[first[:, None], second] = (amount[:, None, None] * holds * sums).sum(axis=0)
-    return patch.parameter[patch.asked], total[np.ix_(patch.asked, patch.asked)]
+    return layout.parameter, total[np.ix_(layout.asked, layout.asked)]

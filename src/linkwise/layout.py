@@ -1,0 +1,277 @@
+"""What weak equations take from the structure alone: their terms, whose these are, and where they act.
+
+It is worked out once per structure, so that a campaign over many records of one structure does not repeat it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.law import Law
+from linkwise.structure import BASE, GROUND, Structure
+from linkwise.weakform import PHI, PHI_2, WeakLaw, WeakPart, weak_law
+
+Floats = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+_GROUND, _BASE = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """Numbers (m,): parameter number `parameter` (m,) or, where that is -1, `known` (m,)."""
+
+    parameter: Places
+    known: Floats
+
+    def at(self, values: Floats) -> Floats:
+        """(m,) at the parameters (p,)."""
+        return np.where(self.parameter < 0, self.known, np.append(values, 0.0)[self.parameter])
+
+    @classmethod
+    def joined(cls, parts: Iterable[Numbers]) -> Numbers:
+        """One after the other."""
+        pairs = [(part.parameter, part.known) for part in parts]
+        parameter, known = (np.concatenate(each) for each in zip(*pairs, strict=True))
+        return cls(parameter, known)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """`links` (m,) that share a law, and which of its nonlinear coefficients are to be found."""
+
+    weak: WeakLaw
+    links: Places
+    coefficients: Mapping[str, Numbers]
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """One `part` of the law of group number `group`, at all its links: the terms `at` of a layout."""
+
+    part: WeakPart
+    group: int
+    at: slice
+
+
+@dataclass(frozen=True, eq=False)
+class Ear:
+    """What the equation of one mass hears: terms with a parameter, at `terms` (s,) of `Layout.asked`, of `parameter` (s,) with
+    `sign` (s,), and over its links, at `links` (k,) of `Layout.links`, the `others` (k) at their other ends.
+    """
+
+    terms: Places
+    parameter: Places
+    sign: Floats
+    links: Places
+    others: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The q terms in the equations of `masses` (m,), which `links` (l,) hold: those of the laws, inertia, forces.
+
+    The laws' are listed by `parts`; the masses in `forced` feel a force. A term has `signs` (m, q) in the equations, meets
+    kernel number `kernel` (q,) and is multiplied by `numbers` (q,), less the parameter's present value where it is an
+    `increment` (q,). It is a function of the displacement between two of the `nodes` (c,) (masses, -1 the ground, -2 the
+    base), 1 and -1 in `incidence` (q, c). `holds` (m, l) is the incidence of the links, and `others` (m, l) what they hold
+    on to at their other ends, the ground where they do not hold the mass.
+    """
+
+    masses: Places
+    links: Places
+    forced: tuple[int, ...]
+    groups: tuple[Group, ...]
+    parts: tuple[Terms, ...]
+    inertia: Numbers
+    kernel: Places
+    signs: Floats
+    numbers: Numbers
+    increment: NDArray[np.bool_]
+    nodes: Places
+    incidence: Floats
+    holds: Floats
+    others: Places
+
+    @cached_property
+    def asked(self) -> Places:
+        """The terms with a parameter."""
+        return np.flatnonzero(self.numbers.parameter >= 0)
+
+    @cached_property
+    def parameter(self) -> Places:
+        """The parameters of those terms."""
+        return self.numbers.parameter[self.asked]
+
+    @cached_property
+    def asked_under(self) -> tuple[Places, ...]:
+        """The terms with a parameter that meet each of the kernels."""
+        return tuple(self.asked[self.kernel[self.asked] == kernel] for kernel in range(3))
+
+    @cached_property
+    def ears(self) -> tuple[Ear, ...]:
+        """One for each mass."""
+        found = []
+        for signs, holds, others in zip(self.signs[:, self.asked], self.holds, self.others, strict=True):
+            terms, links = np.flatnonzero(signs), np.flatnonzero(holds)
+            found.append(
+                Ear(terms, self.parameter[terms], signs[terms], links, tuple(others[links].tolist()))
+            )
+        return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The parameters of `structure`, its masses and its links by number.
+
+    `names` (p,) are the parameters, `places` the number of the parameter at a (link, or -1 - mass; coefficient) that has one.
+    `ends` (L, 2) are the masses at the ends of the links (-1 the ground, -2 the base), `links_at` the links that hold a mass.
+    """
+
+    structure: Structure
+    names: tuple[str, ...]
+    places: Mapping[tuple[int, str], int]
+    ends: Places
+    links_at: tuple[tuple[int, ...], ...]
+    _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], Layout] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def asking(self) -> frozenset[int]:
+        """The masses whose equation holds a parameter."""
+        asked = {index for index, _ in self.places}
+        return frozenset(
+            mass for mass, links in enumerate(self.links_at) if not asked.isdisjoint((*links, -1 - mass))
+        )
+
+    @cached_property
+    def rated(self) -> frozenset[int]:
+        """The masses whose equation holds a law that wants a smoothed v."""
+        groups = self.groups(range(len(self.ends)))
+        rated = {link for group in groups if group.weak.needs_rate for link in group.links.tolist()}
+        return frozenset(mass for mass, links in enumerate(self.links_at) if not rated.isdisjoint(links))
+
+    def values(self, given: Mapping[str, float]) -> Floats:
+        """(p,) the parameters as `given` by name, else their starts, else NaN."""
+        found = (given.get(each.name, each.start) for each in self.structure.parameters)
+        return np.array([np.nan if value is None else value for value in found], dtype=float)
+
+    @cached_property
+    def around(self) -> tuple[frozenset[int], ...]:
+        """Every mass with what its links hold on to."""
+        ends = self.ends.tolist()
+        return tuple(
+            frozenset((mass, *(end for link in links for end in ends[link])))
+            for mass, links in enumerate(self.links_at)
+        )
+
+    def groups(self, links: Iterable[int]) -> Iterator[Group]:
+        """The `links` by their laws."""
+        found: dict[tuple[Law, frozenset[str]], list[int]] = {}
+        for index in links:
+            law = self.structure.links[index].law
+            free = frozenset(name for name in law.nonlinear if (index, name) in self.places)
+            found.setdefault((law, free), []).append(index)
+        for (law, free), which in found.items():
+            coefficients = {
+                name: self._numbers((index, name) for index in which) for name in law.coefficients
+            }
+            yield Group(weak_law(law, free), np.array(which), coefficients)
+
+    def layout(self, masses: Iterable[int], forced: Iterable[int]) -> Layout:
+        """The layout of the equations of `masses`, of which those in `forced` feel a force."""
+        key = (tuple(masses), tuple(forced))
+        if key not in self._layouts:
+            self._layouts[key] = self._layout(np.array(key[0]), key[1])
+        return self._layouts[key]
+
+    def _layout(self, masses: Places, forced: tuple[int, ...]) -> Layout:
+        links = np.unique([link for mass in masses for link in self.links_at[mass]])
+        groups = tuple(self.groups(links.tolist()))
+        parts, numbers, stop = [], [], 0
+        for index, group in enumerate(groups):
+            for part in group.weak.parts:
+                start, stop = stop, stop + len(group.links)
+                parts.append(Terms(part, index, slice(start, stop)))
+                numbers.append(_multipliers(group, part))
+        inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
+        forces = Numbers(np.full(len(forced), -1), np.ones(len(forced)))
+        sizes = [*(each.at.stop - each.at.start for each in parts), len(masses), len(forced)]
+        between = [*(self.ends[groups[each.group].links] for each in parts), *_nodes_of(masses, forced)]
+        nodes, incidence = _incidence(np.concatenate([*between, self.ends[links]]))
+        acting = incidence[:, np.searchsorted(nodes, masses)].T
+        signs, holds = acting[:, : sum(sizes)].copy(), acting[:, sum(sizes) :]
+        signs[:, sum(sizes) - len(forced) :] = masses[:, None] == np.array(forced, dtype=int)
+        return Layout(
+            masses=masses,
+            links=links,
+            forced=forced,
+            groups=groups,
+            parts=tuple(parts),
+            inertia=inertia,
+            kernel=np.repeat([*(each.part.kernel for each in parts), PHI_2, PHI], sizes),
+            signs=signs,
+            numbers=Numbers.joined([*numbers, inertia, forces]),
+            increment=np.repeat([*(each.part.increment for each in parts), False, False], sizes),
+            nodes=nodes,
+            incidence=incidence[: sum(sizes)],
+            holds=holds,
+            others=np.where(holds == 0.0, _GROUND, self.ends[links].sum(axis=1) - masses[:, None]),
+        )
+
+    def _numbers(self, where: Iterable[tuple[int, str]]) -> Numbers:
+        """The coefficients at these places: parameters, or what the structure says."""
+        places = list(where)
+        links, masses = self.structure.links, self.structure.masses
+        known = [
+            links[index].coefficients[name].value if index >= 0 else masses[-1 - index].mass.value
+            for index, name in places
+        ]
+        parameter = [self.places.get(place, -1) for place in places]
+        return Numbers(np.array(parameter), np.array([np.nan if each is None else each for each in known]))
+
+
+@lru_cache(maxsize=32)
+def plan(structure: Structure) -> Plan:
+    """The plan of a structure, the same one for equal structures."""
+    index = {name: i for i, name in enumerate(structure.mass_names)} | {GROUND: _GROUND, BASE: _BASE}
+    ends = [[index[end] for end in link.between] for link in structure.links]
+    links_at: list[list[int]] = [[] for _ in range(structure.size)]
+    for link, pair in enumerate(ends):
+        for end in pair:
+            if end >= 0:
+                links_at[end].append(link)
+    parameters = structure.parameters
+    return Plan(
+        structure=structure,
+        names=tuple(parameter.name for parameter in parameters),
+        places={place: number for number, each in enumerate(parameters) for place in each.members},
+        ends=np.array(ends, dtype=np.intp).reshape(-1, 2),
+        links_at=tuple(tuple(links) for links in links_at),
+    )
+
+
+def _multipliers(group: Group, part: WeakPart) -> Numbers:
+    """What multiplies the terms of a part at the links of its group."""
+    if part.coefficient is None:
+        return Numbers(np.full(len(group.links), -1), np.ones(len(group.links)))
+    return group.coefficients[part.coefficient]
+
+
+def _nodes_of(masses: Places, forced: tuple[int, ...]) -> tuple[Places, Places]:
+    """Between which nodes inertia (m, 2) and forces (f, 2) lie: a mass and the ground; nowhere."""
+    return np.stack([masses, np.full(len(masses), _GROUND)], axis=1), np.full((len(forced), 2), _GROUND)
+
+
+def _incidence(ends: Places) -> tuple[Places, Floats]:
+    """The nodes (c,) between which `ends` (q, 2) lie, and (q, c): 1 at the first of them, -1 at the second."""
+    nodes, at = np.unique(ends, return_inverse=True)
+    at, every = at.reshape(ends.shape), np.arange(len(ends))
+    incidence = np.zeros((len(ends), len(nodes)))
+    incidence[every, at[:, 0]] += 1.0
+    incidence[every, at[:, 1]] -= 1.0
+    return nodes, incidence
