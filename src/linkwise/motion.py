@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.errors import IdentificationError, RecordError
-from linkwise.noise import bandwidth, noise_sigma
+from linkwise.errors import IdentificationError
+from linkwise.noise import bandwidth, noise_and_bandwidth, noise_sigma
 from linkwise.record import Record
 from linkwise.structure import Structure
 
@@ -92,16 +92,19 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
     for row in np.flatnonzero(there):
         ends[row] = record.channel(names[row])
     values = ends[: there.sum()] if there[: there.sum()].all() else ends[:-1][there]
-    found = noise_variance(record, [name for name, each in zip(names, there, strict=True) if each], values)
-    masses = values[: seen.sum()]
-    highest = _highest(masses, record.rate, np.sqrt(found[: len(masses)]))
+    stated = [record.noise.get(name, np.nan) for name, each in zip(names, there, strict=True) if each]
+    sigma, bands = noise_and_bandwidth(values.T, record.rate, stated)
+    sigma = np.nan_to_num(sigma)
+    highest = float(np.max(bands[: seen.sum()]))
+    if np.isnan(highest):
+        highest = _bridged(values[: seen.sum()], record.rate, sigma[: seen.sum()])
     missing = np.isnan(ends)
     gaps = bool(missing.any())
     if gaps:
         ends[missing] = 0.0
     whole = np.maximum(len(record) - missing.sum(axis=1), 1) if gaps else len(record)
     variance = np.zeros(len(names))
-    variance[there] = found
+    variance[there] = sigma**2
     return SeenMotion(
         ends=ends,
         base=ends[-2] if there[-1] else None,
@@ -114,21 +117,16 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
     )
 
 
-def _highest(values: Floats, rate: float, sigma: Floats) -> float:
-    """The frequency in Hz up to which some channel (C, N) stands above its noise; gaps are bridged where no long piece is
-    whole.
+def _bridged(values: Floats, rate: float, sigma: Floats) -> float:
+    """The frequency in Hz up to which some channel (C, N) stands above its noise where no long piece is whole: over bridged
+    gaps.
     """
-    try:
-        return float(np.max(bandwidth(values.T, rate, sigma)))
-    except RecordError:
-        at = np.arange(values.shape[1])
-        seen = np.isfinite(values)
-        whole = [
-            np.interp(at, at[here], row[here]) for row, here in zip(values, seen, strict=True) if here.any()
-        ]
-        if not whole:
-            return 0.5 * rate
-        return float(np.max(bandwidth(np.stack(whole, axis=1), rate, sigma[seen.any(axis=1)])))
+    at = np.arange(values.shape[1])
+    seen = np.isfinite(values)
+    whole = [np.interp(at, at[here], row[here]) for row, here in zip(values, seen, strict=True) if here.any()]
+    if not whole:
+        return 0.5 * rate
+    return float(np.max(bandwidth(np.stack(whole, axis=1), rate, sigma[seen.any(axis=1)])))
 
 
 def noise_variance(record: Record, names: list[str], values: Floats) -> Floats:

@@ -7,6 +7,7 @@ level that the quiet cells share.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
 
@@ -18,12 +19,34 @@ from linkwise.errors import RecordError
 Array = NDArray[np.float64]
 
 _ORDER = 4  # differences before the window: they keep a strong slow motion from leaking into high bins
-_LOWEST, _HIGHEST = 0.125, 0.5  # cycles per sample between which noise is looked for
-_CELL_BINS, _CELL_BLOCKS = 6, 4  # one cell of the plane averages so many bins and blocks
+_DIFFERENCES = np.array([(-1.0) ** lag * comb(_ORDER, lag) for lag in range(_ORDER + 1)])
+_LOWEST = 0.125  # cycles per sample from which noise is looked for
+_CELLS = {
+    256: (24, 1),
+    128: (12, 2),
+    64: (6, 4),
+    32: (6, 4),
+    16: (6, 4),
+}  # bins and blocks of a cell, by block
+_FEWEST = {256: 8, 128: 8, 64: 8, 32: 8, 16: 2}  # whole blocks that tell the noise
 _QUIET = 0.25  # quantile of the cells that is surely free of motion ...
 _QUIET_LEVEL = 0.8  # ... and where it stands when all cells are noise: gamma law, shape about 11
 _LOUD = 2.2  # a cell above twice the level holds motion
-_AT_ONCE = 192  # blocks transformed together: they stay in the cache
+_AT_ONCE = 64  # blocks transformed together: they stay in the cache
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """The power of channels in blocks of `block` samples that overlap by half, 1 for white noise of variance 1.
+
+    `mean` (C, K) is that of the `counts` (C,) blocks that miss no sample, in all bins between 0 Hz and half the sampling rate;
+    `cells` (C, B, G) that of every block in groups of high bins, NaN where it misses a sample.
+    """
+
+    block: int
+    mean: Array
+    counts: NDArray[np.intp]
+    cells: Array
 
 
 def noise_sigma(samples: ArrayLike) -> Array:
@@ -36,16 +59,7 @@ def noise_sigma(samples: ArrayLike) -> Array:
 
     Noise that is not white (a recorder's filter) is judged by its weakest quarter of cells.
     """
-    channels = _channels(samples)
-    sigma = np.full(len(channels), np.nan)
-    for block in (64, 32, 16):
-        untold = np.isnan(sigma)
-        if not untold.any():
-            break
-        power = _cell_powers(channels if untold.all() else channels[untold], block)
-        if power.shape[1] >= 2:
-            sigma[untold] = np.sqrt(_shared_level(power, enough=8 if block > 16 else 2))
-    return sigma
+    return _sigma(_channels(samples), None)
 
 
 def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Array:
@@ -57,19 +71,31 @@ def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -
     where nothing stands above the noise. Blocks of 256 samples (shorter where the record is) that miss a sample are
     left out. Raises RecordError where no block is complete.
     """
-    channels = _channels(samples)
-    block = min(256, 2 ** int(np.log2(max(channels.shape[1] // 3, 16))))
-    mean, counts = _mean_powers(channels, block)
-    lost = np.flatnonzero(counts == 0)
+    highest = noise_and_bandwidth(samples, rate, sigma)[1]
+    lost = np.flatnonzero(np.isnan(highest))
     if lost.size:
         raise RecordError(
-            f"no {block} samples in a row are complete in column {lost[0]}, so its "
+            f"no {_block(_channels(samples))} samples in a row are complete in column {lost[0]}, so its "
             "bandwidth cannot be told; cut out a longer complete piece with record.between(t0, t1)"
         )
-    margin = np.maximum(2.0, 1.0 + 4.0 / np.sqrt(counts))
-    level = (noise_sigma(samples) if sigma is None else np.asarray(sigma)) ** 2 * margin
-    bins = np.arange(1, mean.shape[1] + 1)
-    return np.asarray(np.maximum(np.max(np.where(mean > level[:, None], bins, 0), axis=1), 1) * rate / block)
+    return highest
+
+
+def noise_and_bandwidth(
+    samples: ArrayLike, rate: float, stated: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """`noise_sigma` (C,) and `bandwidth` (C,), NaN where it cannot be told, of `samples` (N, C) or (N,), in one look.
+
+    Noise that is `stated` (C,), not NaN, is not looked for.
+    """
+    channels = _channels(samples)
+    look = _look(channels, _block(channels))
+    known = np.full(len(channels), np.nan) if stated is None else np.array(stated, dtype=float)
+    sigma = known if np.isfinite(known).all() else np.where(np.isfinite(known), known, _sigma(channels, look))
+    margin = np.maximum(2.0, 1.0 + 4.0 / np.sqrt(np.maximum(look.counts, 1)))
+    bins = np.arange(1, look.mean.shape[1] + 1)
+    loud = np.where(look.mean > (sigma**2 * margin)[:, None], bins, 1).max(axis=1)
+    return sigma, np.where(look.counts > 0, loud * rate / look.block, np.nan)
 
 
 def _channels(samples: ArrayLike) -> Array:
@@ -78,98 +104,86 @@ def _channels(samples: ArrayLike) -> Array:
     return np.ascontiguousarray(np.atleast_2d(values.T))
 
 
-def _shared_level(power: Array, enough: int) -> Array:
-    """Power that the quiet cells of each channel share; power (C, B, G) -> (C,), NaN with fewer than `enough`
-    whole blocks.
-    """
-    whole = np.isfinite(power[:, :, 0])
-    if whole.all() and power.shape[1] >= enough:
-        return _quiet_level(power)
-    level = np.full(len(power), np.nan)
-    for channel, kept in enumerate(whole):
-        if np.sum(kept) >= enough:
-            level[channel] = _quiet_level(power[channel, kept][None])[0]
+def _block(channels: Array) -> int:
+    """Samples of a block that resolves the band: a third of the record at most."""
+    return int(min(256, 2 ** int(np.log2(max(channels.shape[1] // 3, 16)))))
+
+
+def _sigma(channels: Array, seen: Look | None) -> Array:
+    """(C,) noise of the channels, of which `seen` may be known."""
+    sigma = np.full(len(channels), np.nan)
+    for block, fewest in _FEWEST.items():
+        untold = np.isnan(sigma)
+        if not untold.any():
+            break
+        known = seen is not None and seen.block == block and untold.all()
+        look = seen if seen is not None and known else _look(channels[untold], block)
+        sigma[untold] = np.sqrt(_shared_level(look, fewest))
+    return sigma
+
+
+def _shared_level(look: Look, fewest: int) -> Array:
+    """(C,) power that the quiet cells of each channel share, NaN with fewer than so many whole blocks."""
+    deep = _CELLS[look.block][1]
+    if look.cells.shape[1] >= fewest and (look.counts == look.cells.shape[1]).all():
+        return _quiet_level(look.cells, deep)
+    level = np.full(len(look.cells), np.nan)
+    for channel, cells in enumerate(look.cells):
+        if look.counts[channel] >= fewest:
+            level[channel] = _quiet_level(cells[np.isfinite(cells[:, 0])][None], deep)[0]
     return level
 
 
-def _quiet_level(power: Array) -> Array:
-    """Mean power of the cells that hold noise alone; power (C, B, G), all finite -> (C,)."""
+def _quiet_level(power: Array, deep: int) -> Array:
+    """(C,) mean power of the cells that hold noise alone; power (C, B, G), all finite, cells `deep` blocks long."""
     channels, blocks, groups = power.shape
-    deep = min(_CELL_BLOCKS, blocks)
+    deep = min(deep, blocks)
     columns = power[:, : blocks // deep * deep].reshape(channels, -1, deep, groups)
-    cells = columns.mean(axis=2).reshape(channels, -1)
-    cells.sort(axis=1)
+    cells = np.sort(columns.mean(axis=2).reshape(channels, -1), axis=1)
     level = cells[:, int(_QUIET * cells.shape[1])] / _QUIET_LEVEL
-    lowest = cells[:, 0]
     for _ in range(5):
-        quiet = cells <= np.maximum(_LOUD * level, lowest)[:, None]
+        quiet = cells <= np.maximum(_LOUD * level, cells[:, 0])[:, None]
         level = np.sum(cells * quiet, axis=1) / quiet.sum(axis=1)
     return np.asarray(level)
 
 
-def _cell_powers(channels: Array, block: int) -> Array:
-    """Mean power (C, B, G) of groups of bins where noise is looked for, in blocks that overlap by half; 1 on average for
-    white noise of variance 1.
-
-    A block that misses a sample is NaN in all its groups.
-    """
-    rows, groups = _spectral_rows(block)
-    if channels.shape[1] < len(rows):
-        return np.empty((len(channels), 0, groups.shape[1]))
-    pieces = np.lib.stride_tricks.sliding_window_view(channels, len(rows), axis=1)[:, :: block // 2]
-    power = np.empty((*pieces.shape[:2], groups.shape[1]))
-    for channel, blocks in zip(power, pieces, strict=True):
-        for first in range(0, len(blocks), _AT_ONCE):
-            waves = blocks[first : first + _AT_ONCE] @ rows
+def _look(channels: Array, block: int) -> Look:
+    """At `channels` (C, N), in blocks of so many samples."""
+    hann, unit, groups = _spectrum(block)
+    blocks = max(0, (channels.shape[1] - _ORDER - block) // (block // 2) + 1)
+    total, counts = np.zeros((len(channels), len(groups))), np.zeros(len(channels), dtype=int)
+    cells = np.empty((len(channels), blocks, groups.shape[1]))
+    steep = np.empty(max(channels.shape[1] - _ORDER, block))
+    pieces = np.lib.stride_tricks.sliding_window_view(steep, block)[:: block // 2]
+    for channel, samples in enumerate(channels if blocks else ()):
+        steep[:] = np.correlate(samples, _DIFFERENCES)
+        for first in range(0, blocks, _AT_ONCE):
+            waves = np.fft.rfft(pieces[first : first + _AT_ONCE] * hann)[:, 1:-1].view(np.float64)
             waves *= waves
-            np.matmul(waves, groups, out=channel[first : first + _AT_ONCE])
-    return power
-
-
-def _mean_powers(channels: Array, block: int) -> tuple[Array, NDArray[np.intp]]:
-    """Mean power (C, K) in all bins but that of 0 Hz over the whole blocks that overlap by half, and their number (C,)."""
-    hann, unit = _spectrum(block)
-    total, counts = np.zeros((len(channels), len(unit), 2)), np.zeros(len(channels), dtype=int)
-    if channels.shape[1] < block + _ORDER:
-        return total[:, :, 0], counts
-    steep = np.empty(channels.shape[1] - _ORDER)
-    blocks = np.lib.stride_tricks.sliding_window_view(steep, block)[:: block // 2]
-    for channel, samples in enumerate(channels):
-        steep[:] = np.diff(samples, _ORDER)
-        for first in range(0, len(blocks), _AT_ONCE):
-            waves = np.fft.rfft(blocks[first : first + _AT_ONCE] * hann)
-            whole = np.isfinite(waves[:, 0].real)
-            parts = (waves if whole.all() else waves[whole])[:, 1:-1].view(np.float64)
-            total[channel] += np.einsum("bk,bk->k", parts, parts).reshape(-1, 2)
-            counts[channel] += len(parts)
-    return total.sum(axis=2) * unit / np.maximum(counts, 1)[:, None], counts
+            part = cells[channel, first : first + _AT_ONCE]
+            np.matmul(waves, groups, out=part)
+            whole = np.isfinite(part[:, 0])
+            total[channel] += (waves if whole.all() else waves[whole]).sum(axis=0)
+            counts[channel] += np.count_nonzero(whole)
+    mean = total.reshape(len(channels), -1, 2).sum(axis=2) * unit / np.maximum(counts, 1)[:, None]
+    return Look(block, mean, counts, cells)
 
 
 @lru_cache(maxsize=32)
-def _spectral_rows(block: int) -> tuple[Array, Array]:
-    """Difference, Hann window, Fourier bin and unit noise gain folded into one matrix (block + order, 2 K): cosines, then
-    sines; and what takes their squares to means over groups of bins, (2 K, G).
+def _spectrum(block: int) -> tuple[Array, Array, Array]:
+    """The Hann window (block,), what takes the power of white noise, once differenced, to 1 in each bin (K,), and what takes
+    squares of cosines and sines in turn to such power in groups of the bins where noise is looked for, (2 K, G).
     """
-    rows = _filters(block, np.arange(int(_LOWEST * block), int(_HIGHEST * block)))
-    rows /= np.sqrt(np.sum(np.abs(rows) ** 2, axis=1))[:, None]
-    groups = np.kron(np.eye(len(rows) // _CELL_BINS), np.full((_CELL_BINS, 1), 1.0 / _CELL_BINS))
-    return np.ascontiguousarray(np.concatenate([rows.real, rows.imag]).T), np.tile(groups, (2, 1))
-
-
-@lru_cache(maxsize=32)
-def _spectrum(block: int) -> tuple[Array, Array]:
-    """The Hann window (block,), and what takes the power of white noise, once differenced, to 1 in each bin (K,)."""
-    return _hann(block), 1.0 / np.sum(np.abs(_filters(block, np.arange(1, block // 2))) ** 2, axis=1)
-
-
-def _filters(block: int, bins: NDArray[np.intp]) -> NDArray[np.complex128]:
-    """(K, block + order) what difference, window and Fourier bin do to samples."""
-    fourier = _hann(block) * np.exp(-2j * np.pi * np.outer(bins, np.arange(block)) / block)
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(block) + 0.5) / block)
+    bins = np.arange(1, block // 2)
+    fourier = hann * np.exp(-2j * np.pi * np.outer(bins, np.arange(block)) / block)
     rows = np.zeros((len(bins), block + _ORDER), dtype=complex)
-    for lag in range(_ORDER + 1):
-        rows[:, lag : lag + block] += (-1) ** lag * comb(_ORDER, lag) * fourier
-    return rows
-
-
-def _hann(block: int) -> Array:
-    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(block) + 0.5) / block))
+    for lag, weight in enumerate(_DIFFERENCES):
+        rows[:, lag : lag + block] += weight * fourier
+    unit = 1.0 / np.sum(np.abs(rows) ** 2, axis=1)
+    wide, lowest = _CELLS[block][0], int(_LOWEST * block)
+    groups = np.zeros((len(bins), (block // 2 - lowest) // wide))
+    for group in range(groups.shape[1]):
+        here = slice(lowest - 1 + group * wide, lowest - 1 + (group + 1) * wide)
+        groups[here, group] = unit[here] / wide
+    return hann, unit, np.repeat(groups, 2, axis=0)
