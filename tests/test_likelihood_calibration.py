@@ -124,3 +124,24 @@ def test_a_base_known_by_its_acceleration_alone_is_refused_with_the_way_out() ->
     starts = {"mount.k": 900.0, "mount.c": 1.0}
     with pytest.raises(lw.IdentificationError, match="a:base alone leaves its drift open: integrate it"):
         lw.identify(record, isolated, starts=starts)
+
+
+def test_a_law_that_is_not_finite_where_the_link_went_is_refused() -> None:
+    rooted = lw.parse_structure(
+        '[[mass]]\nname = "m1"\nmass = 1.0\n[[link]]\nname = "root"\nbetween = ["m1", "ground"]\nlaw = "k*d + b*sqrt(d)"\n'
+        'coefficients = { k = "unknown", b = "unknown" }\n',
+        "test",
+    )
+    time = np.arange(800) / 200.0
+    record = lw.Record.from_arrays(time, {"x:m1": np.sin(20.0 * time)}).with_noise(40.0, seed=0)
+    for method in ("weak", "ml"):
+        with pytest.raises(lw.IdentificationError, match=r"root\.b is not finite everywhere the record went"):
+            lw.identify(record, rooted, method=method)
+
+
+def test_time_in_the_wrong_unit_is_refused_by_the_flow(quiet: lw.Record) -> None:
+    slow = lw.Record(0.0, 1.0, quiet.channels, quiet.values)  # 1000 Hz taken for 1 Hz
+    with pytest.raises(
+        lw.IdentificationError, match=r"runs to infinity within a few samples: .*write time\[ms\]"
+    ):
+        lw.identify(slow.with_noise(40.0, seed=0), lw.bnes_chain(2).unknown("nes"))

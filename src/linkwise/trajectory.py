@@ -81,7 +81,8 @@ class _Run:
         self.integrator = (self.equations.extended if smooth else None) or self.equations.double
         self.early = self.integrator is not self.equations.double
         self.extended_steps = max(EXTENDED_STEPS, EXTENDED_WORK // course.structure.size)
-        self.place(self.integrator, 0.0, course.start / SCALE)
+        with np.errstate(over="ignore"):  # a start that overflows is refused as diverging
+            self.place(self.integrator, 0.0, course.start / SCALE)
         self.steps = 0
         self.kinks: list[float] = []
         self.waypoints: list[float] = []

@@ -22,7 +22,7 @@ from linkwise.weakform import weak_law
 
 Floats = NDArray[np.float64]
 
-_LARGEST_EXCESS = 2.0  # residual power over what noise explains; wrong laws and wrong noise leave far more
+_LARGEST_EXCESS = 1.7  # residual power over what noise explains; wrong laws and wrong noise leave more
 _NOTED_EXCESS = 1.3  # right laws stay below it from 10 dB on
 _CHANCE = 1e-5  # with which a record of few windows leaves the limits though its laws are right
 _LINKS_AT_ONCE = 16  # whose samples are looked through

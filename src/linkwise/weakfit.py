@@ -149,6 +149,12 @@ def _named(names: tuple[str, ...], free: NDArray[np.bool_]) -> list[str]:
 def _solve(h: Floats | csc_array, right: Floats, names: list[str]) -> Floats:
     """h^-1 right, equilibrated; IdentificationError names what moves together where h is not positive definite."""
     diagonal = h.diagonal()
+    if not np.isfinite(diagonal).all():
+        lost = ", ".join(names[i] for i in np.flatnonzero(~np.isfinite(diagonal)))
+        raise IdentificationError(
+            f"the law with {lost} is not finite everywhere the record went: write it for both signs of d, as in "
+            "sqrt(abs(d))*sign(d), or cut the record with record.between (--from, --to)"
+        )
     if np.any(diagonal <= 0.0):
         _raise_together([names[i] for i in np.flatnonzero(diagonal <= 0.0)])
     scale = 1.0 / np.sqrt(diagonal)

@@ -14,6 +14,7 @@ from enum import Enum
 
 import numpy as np
 
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.bordered import Factor
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.mechanics import Array, Mask
@@ -155,11 +156,20 @@ def anneal(
     executor: Executor | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> Fit:
-    """Fit nodes, theta and offsets to the records. An interrupt from the keyboard ends it with the best so far."""
+    """Fit nodes, theta and offsets to the records. An interrupt from the keyboard ends it with the best so far.
+
+    Raises IdentificationError where the flow from the start is not finite.
+    """
     path: list[Progress] = []
     control, status = _Control(schedule.loose, schedule.loose), Status.EXHAUSTED
     samples = int(segments.seen.sum())
     misfit = evaluate(segments, start, scales, loss)
+    if not np.isfinite(misfit.cost(schedule.loose)):
+        raise IdentificationError(
+            "from the states that the record shows the motion runs to infinity within a few samples: the time may be in "
+            "another unit than s (write time[ms]), a channel in another than its header says, or a law is not finite where "
+            "the link went"
+        )
     linear = linearise(segments, misfit, scales, loss, executor)
     try:
         while len(path) < schedule.steps:

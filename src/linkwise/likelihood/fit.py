@@ -126,15 +126,20 @@ def _fitted(
     off = bool(abs(chi_square - 1.0) > limit)
     lost = fit.status in (Status.EXHAUSTED, Status.STUCK)
     coloured = fit.status is Status.CONVERGED and chi_square > 1.0 and colour(fit.misfit) > _WHITE
+    stated = any(name in record.noise for record in records for name in records[0].responses)
     rung = None
     if wants_model_error and (lost or (off and coloured)):
         rung = with_model_error(segments, fit, point, annealer)
     if rung is not None:
         fit, model_error, factor = rung.fit, rung.q, rung.noise
         chi_square = factor**2
-        stated = any(name in record.noise for record in records for name in records[0].responses)
         left = chi_square > _LARGEST_EXCESS and colour(fit.misfit) > _WHITE
         off = left or (stated and abs(chi_square - 1.0) > limit)
+    elif off and not stated and chi_square < 1.0:
+        factor, off = (
+            float(np.sqrt(chi_square)),
+            False,
+        )  # motion was taken for noise when it was found, and nothing is wrong
     p = segments.system.parameters.size
     return LikelihoodFit(
         values=fit.point.theta,
