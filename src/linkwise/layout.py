@@ -5,7 +5,7 @@ It is worked out once per structure, so that a campaign over many records of one
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -31,7 +31,7 @@ class Numbers:
 
     def at(self, values: Floats) -> Floats:
         """(m,) at the parameters (p,)."""
-        return np.where(self.parameter < 0, self.known, np.append(values, 0.0)[self.parameter])
+        return np.where(self.parameter < 0, self.known, values[self.parameter]) if len(values) else self.known
 
     @classmethod
     def joined(cls, parts: Iterable[Numbers]) -> Numbers:
@@ -43,9 +43,13 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """`links` (m,) that share a law, and which of its nonlinear coefficients are to be found."""
+    """Links, `at` (m,) of some that are looked at, that share a law and which of its nonlinear coefficients are to be found.
+
+    `links` (m,) are their numbers in the structure.
+    """
 
     weak: WeakLaw
+    at: Places
     links: Places
     coefficients: Mapping[str, Numbers]
 
@@ -169,18 +173,20 @@ class Plan:
             for mass, links in enumerate(self.links_at)
         )
 
-    def groups(self, links: Iterable[int]) -> Iterator[Group]:
+    def groups(self, links: Sequence[int] | Places) -> Iterator[Group]:
         """The `links` by their laws."""
         found: dict[tuple[Law, frozenset[str]], list[int]] = {}
-        for index in links:
+        looked = np.array(links, dtype=np.intp)
+        for at, index in enumerate(looked.tolist()):
             law = self.structure.links[index].law
             free = frozenset(name for name in law.nonlinear if (index, name) in self.places)
-            found.setdefault((law, free), []).append(index)
-        for (law, free), which in found.items():
+            found.setdefault((law, free), []).append(at)
+        for (law, free), places in found.items():
+            which = looked[places].tolist()
             coefficients = {
                 name: self._numbers((index, name) for index in which) for name in law.coefficients
             }
-            yield Group(weak_law(law, free), np.array(which), coefficients)
+            yield Group(weak_law(law, free), np.array(places), looked[places], coefficients)
 
     def layout(self, masses: Iterable[int], forced: Iterable[int]) -> Layout:
         """The layout of the equations of `masses`, of which those in `forced` feel a force."""
@@ -191,7 +197,7 @@ class Plan:
 
     def _layout(self, masses: Places, forced: tuple[int, ...]) -> Layout:
         links = np.unique([link for mass in masses for link in self.links_at[mass]])
-        groups = tuple(self.groups(links.tolist()))
+        groups = tuple(self.groups(links))
         parts, numbers, stop = [], [], 0
         for index, group in enumerate(groups):
             for part in group.weak.parts:

@@ -139,11 +139,12 @@ def _quiet_level(power: Array, deep: int) -> Array:
     channels, blocks, groups = power.shape
     deep = min(deep, blocks)
     columns = power[:, : blocks // deep * deep].reshape(channels, -1, deep, groups)
-    cells = np.sort(columns.mean(axis=2).reshape(channels, -1), axis=1)
+    cells = np.sort(columns.sum(axis=2).reshape(channels, -1) / deep, axis=1)
+    total, every = np.cumsum(cells, axis=1), np.arange(channels)
     level = cells[:, int(_QUIET * cells.shape[1])] / _QUIET_LEVEL
     for _ in range(5):
-        quiet = cells <= np.maximum(_LOUD * level, cells[:, 0])[:, None]
-        level = np.sum(cells * quiet, axis=1) / quiet.sum(axis=1)
+        last = np.maximum(np.sum(cells <= _LOUD * level[:, None], axis=1) - 1, 0)
+        level = total[every, last] / (last + 1)
     return np.asarray(level)
 
 

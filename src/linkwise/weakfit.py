@@ -7,7 +7,7 @@ solved (`weaknoise`), scaled by what the residuals say of that noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -129,7 +129,7 @@ def _bounded(
     values = np.zeros(len(g))
     while free.any():
         rest = g[free] - (0.0 if free.all() else h[free][:, ~free] @ values[~free])
-        values[free] = _solve(_part(h, free), rest, _named(names, free))
+        values[free] = _solver(_part(h, free), _named(names, free))(rest)
         outside = free & ((values < lower) | (values > upper))
         if not outside.any():
             break
@@ -146,8 +146,11 @@ def _named(names: tuple[str, ...], free: NDArray[np.bool_]) -> list[str]:
     return [name for name, each in zip(names, free, strict=True) if each]
 
 
-def _solve(h: Floats | csc_array, right: Floats, names: list[str]) -> Floats:
-    """h^-1 right, equilibrated; IdentificationError names what moves together where h is not positive definite."""
+def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Floats]:
+    """What multiplies by h^-1, equilibrated.
+
+    IdentificationError names what moves together where h is not positive definite.
+    """
     diagonal = h.diagonal()
     if not np.isfinite(diagonal).all():
         lost = ", ".join(names[i] for i in np.flatnonzero(~np.isfinite(diagonal)))
@@ -158,18 +161,17 @@ def _solve(h: Floats | csc_array, right: Floats, names: list[str]) -> Floats:
     if np.any(diagonal <= 0.0):
         _raise_together([names[i] for i in np.flatnonzero(diagonal <= 0.0)])
     scale = 1.0 / np.sqrt(diagonal)
-    scaled_right = (right.T * scale).T
     if isinstance(h, np.ndarray):
         scaled = h * np.outer(scale, scale)
         factor, failed = dpotrf(scaled)
         if failed or not np.min(factor.diagonal()) ** 2 >= _SINGULAR:
             _raise_together(_null_names(scaled, names))
-        return np.asarray((dpotrs(factor, scaled_right)[0].T * scale).T)
-    factor = splu(csc_array(h.multiply(scale[:, None]).multiply(scale[None, :])))
-    pivots = np.abs(factor.U.diagonal())
+        return lambda right: np.asarray((dpotrs(factor, (right.T * scale).T)[0].T * scale).T)
+    sparse = splu(csc_array(h.multiply(scale[:, None]).multiply(scale[None, :])))
+    pivots = np.abs(sparse.U.diagonal())
     if pivots.min() < _SINGULAR:
-        _raise_together([names[int(np.flatnonzero(factor.perm_c == np.argmin(pivots))[0])]])
-    return np.asarray((factor.solve(scaled_right).T * scale).T)
+        _raise_together([names[int(np.flatnonzero(sparse.perm_c == np.argmin(pivots))[0])]])
+    return lambda right: np.asarray(sparse.solve(right * scale) * scale)
 
 
 def _null_names(scaled: Floats, names: list[str]) -> list[str]:
@@ -201,7 +203,8 @@ def _covariance(
         kept = _named(system.parameters, free)
         covariance = np.zeros((count, count))
         if kept:
-            covariance[np.ix_(at, at)] = _solve(inner, _solve(inner, middle, kept).T, kept)
+            solve = _solver(inner, kept)
+            covariance[np.ix_(at, at)] = solve(solve(middle).T)
         return 0.5 * (covariance + covariance.T)
     if not len(at):
         return csc_array((count, count))

@@ -58,14 +58,15 @@ class Slopes:
         mean, square = np.empty((2, 2, len(layout.links), len(places)))
         for group in layout.groups:
             program, constant = _slopes(group.weak.law)
-            at = np.searchsorted(layout.links, group.links)
-            here = np.ix_(group.links, places[:1] if constant else places)
+            at, links, here = group.at, group.links[:, None], places[:1] if constant else places
             aside = deviation[at, None, None] * np.array([[-1.0], [1.0]])
             coefficients = [each.at(values)[:, None, None] for each in group.coefficients.values()]
-            slopes = program(system.d[here][:, None] + aside, system.v[here][:, None], *coefficients)
-            for by, slope in enumerate(slopes):
-                mean[by, at] = 0.5 * (slope[:, 0] + slope[:, 1])
-                square[by, at] = 0.5 * (slope[:, 0] ** 2 + slope[:, 1] ** 2)
+            slopes = program(
+                system.d[links, here][:, None] + aside, system.v[links, here][:, None], *coefficients
+            )
+            for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
+                mean[by, at] = 0.5 * (low + high)
+                square[by, at] = 0.5 * (low**2 + high**2)
         inside = len(places) - 2 * system.window.half
         masses = layout.inertia.at(values)
         return cls(places, inside, masses, mean, square, np.abs(layout.holds) @ mean)
@@ -91,9 +92,9 @@ def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, syste
             here.own[..., : here.inside],
         )
         masses, holds = here.masses[:, None], np.abs(patch.layout.holds)
-        passed = np.tensordot(by_slope, square, 1)
-        curved = passed - np.tensordot(by_slope, mean**2, 1)
-        near = np.tensordot(by_slope, own**2, 1)
+        passed = by_slope[0] * square[0] + by_slope[1] * square[1]
+        curved = passed - by_slope[0] * mean[0] ** 2 - by_slope[1] * mean[1] ** 2
+        near = by_slope[0] * own[0] ** 2 + by_slope[1] * own[1] ** 2
         near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
         near += holds @ curved
         expected = doubt[patch.masses, None] * near + (holds * doubt[patch.layout.others]) @ passed

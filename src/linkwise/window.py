@@ -116,13 +116,12 @@ class Window:
         reach = -(-self.length // self.stride)
         taps = np.zeros((len(kernels), reach * self.stride))
         taps[:, : self.length] = kernels
-        taps = taps.reshape(-1, reach, self.stride)[:, ::-1].transpose(1, 0, 2).reshape(reach, -1)
         padded = np.zeros(len(valid) + 2 * (reach - 1))
         padded[reach - 1 : reach - 1 + len(valid)] = valid
-        sums = np.lib.stride_tricks.sliding_window_view(padded, reach) @ taps
-        covered = np.zeros((len(kernels), max(samples, len(sums) * self.stride)))
-        inside = covered[:, : len(sums) * self.stride].reshape(len(kernels), -1, self.stride)
-        inside[:] = sums.reshape(len(sums), len(kernels), self.stride).transpose(1, 0, 2)
+        windows = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, reach))
+        covered = np.zeros((len(kernels), max(samples, len(windows) * self.stride)))
+        inside = covered[:, : len(windows) * self.stride].reshape(len(kernels), -1, self.stride)
+        np.matmul(windows, taps.reshape(len(kernels), reach, self.stride)[:, ::-1], out=inside)
         return covered[:, :samples]
 
     def places(self, windows: int, thin: int) -> NDArray[np.intp]:
