@@ -101,7 +101,7 @@ def test_view_of_a_measured_record_shows_what_was_measured(
 
 
 def test_view_without_any_force_has_no_cloud(measured: lw.Estimate) -> None:
-    blind = replace(measured, motion=replace(measured.motion, leave=lambda: None))
+    blind = replace(measured, moved=lambda: replace(measured.motion, leave=lambda: None))
     assert len(force_view(blind, "nes1").cloud) == 0
     assert "less damping" not in " ".join(labels(force_figure(blind, "nes1")))
 

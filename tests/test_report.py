@@ -45,7 +45,7 @@ def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) 
     odd = replace(
         fitted,
         remarks=("The sink never left one well.",),
-        motion=replace(fitted.motion, structure=replace(fitted.structure, name="<script>alert(1)</script>")),
+        moved=lambda: replace(fitted.motion, structure=replace(fitted.structure, name="<script>alert(1)</script>")),
     )
     page = page_of(odd)
     assert "<li>The sink never left one well.</li>" in page

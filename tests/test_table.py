@@ -84,7 +84,7 @@ def answer() -> lw.Estimate:
         noise={"x:m1": NoiseEstimate(1.1512e-4, "m", 20.02), "x:m2": NoiseEstimate(0.0, "m", np.inf)},
         chi_square_per_sample=1.0031,
         samples=12002,
-        motion=LinkMotion(
+        moved=lambda: LinkMotion(
             structure=asked.with_values(values),
             time=np.arange(5) / 1000.0,
             d=steps * [0.005, 0.03],

@@ -79,7 +79,7 @@ def classical_estimate(record: Record, structure: Structure, classical: Classica
         noise=_noise(record),
         chi_square_per_sample=None,
         samples=len(states) * len(states.masses),
-        motion=LinkMotion(
+        moved=lambda: LinkMotion(
             structure=identified,
             time=states.time,
             d=d,

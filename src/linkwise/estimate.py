@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -62,7 +62,8 @@ class Estimate:
     `status` is "converged", "not converged", "chi-square off" or, from a method that knows no noise, "forces unexplained", and
     `message` says what that means here; without convergence, or with residuals that noise does not explain
     (`chi_square_per_sample` far from 1), no interval is given.
-    `optimum` is where a likelihood fit ended, for `profile_interval` to look around.
+    `moved` tells, when asked, how the identified links moved; `optimum` is where a likelihood fit ended, for
+    `profile_interval` to look around.
     `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals` is False
     for methods whose covariance tells no more than the size of the residuals.
     """
@@ -79,7 +80,7 @@ class Estimate:
     noise: Mapping[str, NoiseEstimate]
     chi_square_per_sample: float | None
     samples: int
-    motion: LinkMotion
+    moved: Callable[[], LinkMotion]
     record: Record
     remarks: tuple[str, ...] = ()
     intervals: bool = True
@@ -89,6 +90,11 @@ class Estimate:
     def trusted(self) -> bool:
         """Whether the estimator converged and the noise explains what is left."""
         return self.status == CONVERGED
+
+    @cached_property
+    def motion(self) -> LinkMotion:
+        """How the identified links moved."""
+        return self.moved()
 
     @cached_property
     def structure(self) -> Structure:

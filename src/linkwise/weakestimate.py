@@ -35,9 +35,7 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
     with one_blas_thread():
         motion = read_motion(record, structure)
         equations, fit, settled = weak_search(record, structure, motion)
-    found = dict(zip(equations.parameters, map(float, fit.values), strict=True))
-    identified = structure.with_values(found)
-    status, message = _judged(record, identified, equations, fit) if settled else (NOT_CONVERGED, _UNSETTLED)
+    status, message = _judged(record, equations, fit) if settled else (NOT_CONVERGED, _UNSETTLED)
     return Estimate(
         method="weak",
         status=status,
@@ -51,14 +49,7 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
         noise=_noise(structure, motion),
         chi_square_per_sample=fit.excess,
         samples=motion.samples,
-        motion=LinkMotion(
-            structure=identified,
-            time=equations.time,
-            d=equations.d.T,
-            v=equations.v.T,
-            visited=_visited(motion, equations),
-            leave=partial(weak_residual, equations, fit.values),
-        ),
+        moved=partial(_moved, structure, equations, fit.values),
         record=record,
         remarks=tuple(_remarks(record, structure, fit.excess)),
     )
@@ -118,12 +109,12 @@ def _nonlinear(structure: Structure) -> set[str]:
     }
 
 
-def _judged(record: Record, identified: Structure, equations: WeakEquations, fit: WeakFit) -> tuple[str, str]:
+def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[str, str]:
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
         larger = ", or larger than stated" if record.noise else ""
-        share = _model_error(identified, equations, fit)
+        share = _model_error(equations, fit)
         return CHI_SQUARE_OFF, (
             f"The laws explain the record to within {100.0 * share:.3g} % of its forces, which is {times} what noise "
             "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
@@ -146,16 +137,26 @@ def _limits(windows: float) -> tuple[float, float]:
     return min(low, 1.0 / _LARGEST_EXCESS), max(high, _LARGEST_EXCESS)
 
 
-def _model_error(identified: Structure, equations: WeakEquations, fit: WeakFit) -> float:
+def _model_error(equations: WeakEquations, fit: WeakFit) -> float:
     """Root mean square of the residuals less their noise, over that of the force on the mass; of the worst mass."""
     residual = weak_residual(equations, fit.values)
-    forces = equations.acceleration.T * identified.mass_values
     shares = [
-        np.sqrt(np.nanmean(residual[:, mass] ** 2) / np.mean(forces[:, mass] ** 2))
+        np.sqrt(np.nanmean(residual[:, mass] ** 2) / np.mean(equations.acceleration[mass] ** 2)) / kilograms
         for patch in equations.patches
-        for mass in patch.masses
+        for mass, kilograms in zip(patch.masses, patch.layout.inertia.at(fit.values), strict=True)
     ]
     return float(max(shares) * np.sqrt(1.0 - 1.0 / fit.excess))
+
+
+def _moved(structure: Structure, equations: WeakEquations, values: Floats) -> LinkMotion:
+    return LinkMotion(
+        structure=structure.with_values(dict(zip(equations.parameters, map(float, values), strict=True))),
+        time=equations.time,
+        d=equations.d.T,
+        v=equations.v.T,
+        visited=_visited(equations.motion, equations),
+        leave=partial(weak_residual, equations, values),
+    )
 
 
 def _visited(motion: SeenMotion, equations: WeakEquations) -> Floats:

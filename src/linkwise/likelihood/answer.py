@@ -69,7 +69,7 @@ def likelihood_estimate(
         noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
         chi_square_per_sample=fit.chi_square,
         samples=fit.samples,
-        motion=_motion(fit, identified, records),
+        moved=partial(_motion, fit, identified, records),
         record=records[0],
         remarks=_remarks(fit),
         optimum=fit.optimum,
