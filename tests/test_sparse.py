@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from linkwise.simulate import simulate
 
 from linkwise.chains import bnes_chain
 from linkwise.derive import differentiate
 from linkwise.equations import Equations, StreamedEquations
 from linkwise.errors import IdentificationError
 from linkwise.library import monomial_equations
+from linkwise.simulate import simulate
 from linkwise.sparse.gram import Gram
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
