@@ -1,0 +1,53 @@
+"""Figures 2 to 5 of the paper: how the chains move, with their sinks and without."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from linkwise.chains import bnes_chain
+from linkwise.plot.paper_numbers import DURATION, RATE, start
+from linkwise.plot.study_motion import Motion, motion_after
+from linkwise.plot.study_responses import comparison_figure, responses_figure
+from linkwise.structure import GROUND, Structure
+
+
+def chain_motion(masses: int, *, sinks: bool = True) -> Motion:
+    """The paper's run of the chain of so many masses, with its sinks or without the masses that they are."""
+    chain = bnes_chain(masses)
+    structure = chain if sinks else _without_sinks(chain)
+    return motion_after(structure, start(masses), duration=DURATION, rate=RATE)
+
+
+def figure_2() -> Figure:
+    """Responses of the chain of two masses."""
+    return responses_figure(chain_motion(2), titles=("primary mass m1", "sink m2"))
+
+
+def figure_3() -> Figure:
+    """The primary mass of the chain of two with its sink and without."""
+    return comparison_figure(chain_motion(2), chain_motion(2, sinks=False), titles=("primary mass m1",))
+
+
+def figure_4() -> Figure:
+    """Responses of the chain of eight masses: primary masses on the left, their sinks on the right."""
+    motion = chain_motion(8)
+    titles = [
+        f"primary mass {mass}" if number % 2 == 0 else f"sink {mass}"
+        for number, mass in enumerate(motion.masses)
+    ]
+    return responses_figure(motion, columns=2, titles=titles)
+
+
+def figure_5() -> Figure:
+    """The primary masses of the chain of eight with their sinks and without."""
+    without = chain_motion(8, sinks=False)
+    titles = [f"primary mass {mass}" for mass in without.masses]
+    return comparison_figure(chain_motion(8), without, columns=2, titles=titles)
+
+
+def _without_sinks(chain: Structure) -> Structure:
+    """The primary masses alone and the links between them."""
+    masses = chain.masses[::2]
+    held = {GROUND, *(mass.name for mass in masses)}
+    links = tuple(link for link in chain.links if held.issuperset(link.between))
+    return Structure(f"{chain.name}, without sinks", masses, links)

@@ -1,0 +1,127 @@
+"""The paper's figures: the right curves, in the paper's arrangement, honest about chaos."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import linkwise as lw
+from linkwise.plot import paper_motion, save
+from linkwise.plot.paper_numbers import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2
+from linkwise.plot.study_motion import motion_after
+from linkwise.plot.study_responses import responses_figure
+
+SHOWN = 0.8  # s that every curve must follow the reference
+FACTOR = {"m": 1.0, "mm": 1e-3}
+
+
+def titled(figure: Figure) -> dict[str, Axes]:
+    """The panels by the name of the mass at the end of their title."""
+    return {axes.get_title(loc="left").split()[-1]: axes for axes in figure.axes}
+
+
+def curve(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
+    """Time in s and displacement in m of the line of that label."""
+    line = next(line for line in axes.lines if line.get_label() == label)
+    unit = axes.get_ylabel().rpartition(" ")[2]
+    return np.asarray(line.get_xdata()), FACTOR[unit] * np.asarray(line.get_ydata())
+
+
+def worst_departure(figure: Figure, file: Path) -> float:
+    """Of every curve from its reference over the first 0.8 s, relative to the largest value that it reaches there."""
+    names = [name.partition(":")[2] for name in file.read_text().splitlines()[0].split(",")[1:]]
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    table = table[table[:, 0] <= SHOWN + 1e-9]
+    panels = titled(figure)
+    assert set(names) == set(panels)
+    worst = 0.0
+    for column, name in enumerate(names, start=1):
+        time, x = curve(panels[name], "this orbit")
+        at = np.rint(1000.0 * table[:, 0]).astype(int)
+        np.testing.assert_allclose(time[at], table[:, 0], atol=1e-12)
+        worst = max(worst, np.abs(x[at] - table[:, column]).max() / np.abs(table[:, column]).max())
+    return worst
+
+
+@pytest.mark.parametrize(("masses", "figure"), [(2, paper_motion.figure_2), (8, paper_motion.figure_4)])
+def test_every_curve_is_the_reference_for_as_long_as_it_can_be_told(masses, figure, shared_reference):
+    """1e-6 is what double precision has departed by at the end of the files."""
+    assert worst_departure(figure(), shared_reference / f"bnes_{masses}.csv") < 1e-6
+
+
+def test_the_reference_would_tell_another_curve(shared_reference):
+    chain = lw.bnes_chain(2, beta=1.0001e6)
+    figure = responses_figure(motion_after(chain, {"v:m1": 1.0}, duration=1.0, rate=1000.0))
+    assert worst_departure(figure, shared_reference / "bnes_2.csv") > 1e-6
+
+
+def test_past_the_horizon_a_curve_is_marked_as_one_of_many():
+    figure = paper_motion.figure_4()
+    horizon = lw.simulate(
+        lw.bnes_chain(8), release={"v:m1": 3.0}, duration=6.0, rate=1000.0
+    ).simulated.horizon
+    assert len(figure.axes) == 8 and "one of many" in figure.get_suptitle()
+    assert f"{horizon:.2f} s" in figure.get_suptitle()
+    for axes in figure.axes:
+        labels = axes.get_legend_handles_labels()[1]
+        assert {"past the horizon", "range of neighbouring orbits"} <= set(labels)
+        edge = next(line for line in axes.lines if line.get_linestyle() == "--")
+        assert edge.get_xdata()[0] == horizon
+
+
+def test_a_predictable_chain_is_not_marked():
+    figure = paper_motion.figure_2()
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["a  primary mass m1", "b  sink m2"]
+    assert figure.get_suptitle() == "" and figure.legends == []
+
+
+def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it():
+    """Neighbours start 1e-12 apart, a thousand times more than rounding, so they part a little earlier."""
+    motion = paper_motion.chain_motion(8)
+    spread = (motion.greatest - motion.least).max(axis=1) / np.abs(motion.record.values).max()
+    time = motion.record.time
+    assert spread[time < 0.5 * motion.horizon].max() < 1e-3
+    assert spread[time > 2.0].min() > 0.1
+    assert np.all((motion.least <= motion.record.values) & (motion.record.values <= motion.greatest))
+
+
+@pytest.mark.parametrize(
+    ("figure", "masses"), [(paper_motion.figure_3, ["m1"]), (paper_motion.figure_5, ["m1", "m3", "m5", "m7"])]
+)
+def test_primary_masses_are_shown_with_and_without_sinks(figure, masses):
+    panels = titled(figure())
+    assert list(panels) == masses
+    bare = [np.mean(curve(axes, "without sinks")[1] ** 2) for axes in panels.values()]
+    absorbed = [np.mean(curve(axes, "with sinks")[1] ** 2) for axes in panels.values()]
+    assert 0.0 < absorbed[0] < bare[0]  # m5 of the chain of eight gains a little, whatever the paper says
+    assert sum(absorbed) < sum(bare)
+
+
+def test_the_bare_primary_mass_decays_as_a_linear_oscillator():
+    """Fig. 3: x = v0/w exp(-ct/2m) sin(wt), w^2 = k/m - (c/2m)^2."""
+    time, bare = curve(paper_motion.figure_3().axes[0], "without sinks")
+    w = np.sqrt(30000.0 - 0.25)
+    np.testing.assert_allclose(bare, np.exp(-0.5 * time) * np.sin(w * time) / w, atol=1e-12)
+
+
+def test_figures_are_written_as_png_and_svg(tmp_path: Path):
+    png, svg = save(paper_motion.figure_3(), tmp_path / "figure_3")
+    assert png.read_bytes()[:4] == b"\x89PNG" and "<svg" in svg.read_text()
+    assert svg.stat().st_size < 500_000
+
+
+def test_the_printed_numbers_are_those_of_the_paper():
+    paper = Path(__file__).resolve().parents[2] / "shared" / "paper.md"
+    if not paper.is_file():
+        pytest.skip("no ../shared/paper.md beside the checkout")
+    text = paper.read_text()
+    for decibel in DECIBELS:
+        row = re.search(rf"^{decibel:g}\t([\d.\t]+)$", text, re.MULTILINE)
+        assert [float(cell) for cell in row[1].split()] == [TABLE_2[masses, decibel] for masses in MASSES]
+    times = re.search(r"computing times are (.*?) for two degrees", text)
+    assert [float(number) for number in re.findall(r"[\d.]+", times[1])] == list(INFORMED_SECONDS.values())
