@@ -17,9 +17,10 @@ FLOORS = {  # from the ground up; a module may import from its own floor and tho
     "nouns": """law link coefficient sharing structure structure_file chains wells equilibria modes energy
         excitation channel timeline resampling decimation simulated record files""",
     "motion": "forces course kinks trajectory balance horizon engine simulate",
-    "views": "noise smooth derive library equations window weakform layout atoms noisebias weaknoise motion patch weak",
+    "views": """noise smooth derive conventions monomials library equations window weakform layout atoms noisebias weaknoise
+        motion patch weak""",
     "estimators": """sparse sandwich weakfit likelihood linkmotion link_estimate findings table estimate describing
-        weakestimate classical""",
+        weakestimate classical monomialforce""",
     "questions": "identify lawpath discover validate absorb bound limit",
     "campaigns": "study",
     "pictures": "plot report answer",

@@ -13,8 +13,9 @@ from linkwise.coefficient import Coefficient
 from linkwise.derive import States
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.law import Law
-from linkwise.library import Monomials, link_columns, monomial_equations
+from linkwise.library import link_columns, monomial_equations
 from linkwise.link import Link, Mass
+from linkwise.monomials import Monomials
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.structure import Structure
 

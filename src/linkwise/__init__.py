@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from linkwise.bound import Limit
     from linkwise.chains import bnes_chain
     from linkwise.classical import Classical
+    from linkwise.conventions import CONVENTIONS, noisy_states
     from linkwise.derive import differentiate
     from linkwise.describing import Equivalent, equivalent
     from linkwise.equilibria import Equilibrium, equilibria
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from linkwise.likelihood.profile import profile_interval
     from linkwise.limit import limit
     from linkwise.modes import modes
+    from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
     from linkwise.record import Record
     from linkwise.simulate import simulate
     from linkwise.sparse.l1 import L1
@@ -52,8 +54,10 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BASE",
+    "CONVENTIONS",
     "GROUND",
     "L1",
+    "READINGS",
     "Classical",
     "Coefficient",
     "Equilibrium",
@@ -95,7 +99,10 @@ __all__ = [
     "link_columns",
     "modes",
     "monomial_equations",
+    "monomial_force",
+    "monomial_nmse",
     "nmse",
+    "noisy_states",
     "parse_structure",
     "profile_interval",
     "read_record",
@@ -114,6 +121,7 @@ _HOMES = {
     "bound": ("Limit",),
     "chains": ("bnes_chain",),
     "classical": ("Classical",),
+    "conventions": ("CONVENTIONS", "noisy_states"),
     "derive": ("differentiate",),
     "describing": ("Equivalent", "equivalent"),
     "equilibria": ("Equilibrium", "equilibria"),
@@ -136,6 +144,7 @@ _HOMES = {
     "limit": ("limit",),
     "lawpath": ("LawStep", "law_path"),
     "modes": ("modes",),
+    "monomialforce": ("READINGS", "monomial_force", "monomial_nmse"),
     "record": ("Record",),
     "simulate": ("simulate",),
     "sparse.l1": ("L1",),

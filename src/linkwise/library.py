@@ -4,11 +4,6 @@ Eq. 6).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import combinations_with_replacement
-from math import comb
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,62 +12,13 @@ from linkwise.equations import Equations, StreamedEquations
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
 from linkwise.link import Link
+from linkwise.monomials import Monomials, tags
 from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
 _MOST_COLUMNS = 20_000  # their Gram matrix takes 3.2 GB
 _MOST_BYTES = 2 * 2**30  # of stored link columns
-
-
-@dataclass(frozen=True)
-class Monomials:
-    """All monomials in `variables` (q names) up to `order`, the constant "1" included, degree by degree.
-
-    `len` counts them, C(q + order, order), without building any. Raises IdentificationError for an order below 0 or a
-    name given twice.
-    """
-
-    variables: tuple[str, ...]
-    order: int
-
-    def __post_init__(self) -> None:
-        if self.order < 0 or len(set(self.variables)) < len(self.variables):
-            raise IdentificationError(
-                f"no monomials of order {self.order} in {', '.join(self.variables)}: "
-                "the order must be 0 or more and the names must differ"
-            )
-
-    def __len__(self) -> int:
-        return comb(len(self.variables) + self.order, self.order)
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """(p,) names such as "1", "x1", "x1*v2", "x1**2*x2"."""
-        return tuple(
-            _product(self.variables, chosen)
-            for degree in range(self.order + 1)
-            for chosen in combinations_with_replacement(range(len(self.variables)), degree)
-        )
-
-    def evaluate(self, values: Array) -> Array:
-        """Columns (B, p) in Fortran order at values (B, q) of the variables, each one product away from a column before it."""
-        samples, count = values.shape
-        columns = np.empty((len(self), samples))
-        columns[0] = 1.0
-        variables = np.ascontiguousarray(values.T)
-        last = 1  # where the columns of the degree before end
-        for degree in range(1, self.order + 1):
-            position = last
-            for variable in range(count):
-                # Of the degree before, those that begin with this variable or a later one stand at the end.
-                many = comb(count - variable + degree - 2, degree - 1)
-                np.multiply(
-                    columns[last - many : last], variables[variable], out=columns[position : position + many]
-                )
-                position += many
-            last = position
-        return columns.T
 
 
 def monomial_equations(states: States, order: int) -> StreamedEquations:
@@ -83,17 +29,17 @@ def monomial_equations(states: States, order: int) -> StreamedEquations:
     take part linearly. No matrix is stored. Raises IdentificationError for a library too large for any Gram matrix,
     saying how large it is.
     """
-    tags = _tags(states.masses)
-    library = Monomials(tuple(f"{kind}{tag}" for tag in tags for kind in "xv"), order)
+    tagged = tags(states.masses)
+    library = Monomials(tuple(f"{kind}{tag}" for tag in tagged for kind in "xv"), order)
     if len(library) > _MOST_COLUMNS:
         raise IdentificationError(
-            f"all monomials up to order {order} in the {2 * len(tags)} states of {len(tags)} masses are {len(library)} "
+            f"all monomials up to order {order} in the {2 * len(tagged)} states of {len(tagged)} masses are {len(library)} "
             f"columns; their Gram matrix alone takes {8 * len(library) ** 2 / 1e9:.0f} GB. "
             "Use a lower order, fewer masses at a time, or the columns of the links"
         )
     variables = _interleaved(states.x, states.v)
     targets = _interleaved(states.v, states.a)
-    names, inputs = _inputs(states, tags)
+    names, inputs = _inputs(states, tagged)
 
     def compute(piece: slice) -> tuple[Array, Array]:
         columns = library.evaluate(variables[piece])
@@ -101,7 +47,7 @@ def monomial_equations(states: States, order: int) -> StreamedEquations:
             columns = np.asfortranarray(np.concatenate([columns, inputs[piece]], axis=1))
         return columns, targets[piece]
 
-    primes = tuple(f"x{tag}{prime}" for tag in tags for prime in ("'", "''"))
+    primes = tuple(f"x{tag}{prime}" for tag in tagged for prime in ("'", "''"))
     columns = (*library.names, *names)
     return StreamedEquations(compute, len(states), columns, ("",) * len(columns), primes)
 
@@ -160,28 +106,15 @@ def link_columns(states: States, structure: Structure) -> Equations:
     )
 
 
-def _product(variables: tuple[str, ...], chosen: tuple[int, ...]) -> str:
-    """The name of a monomial, its variables by rising index: (0, 0, 1) is "x1**2*v1"."""
-    powers = {index: chosen.count(index) for index in chosen}
-    factors = [variables[index] + (f"**{power}" if power > 1 else "") for index, power in powers.items()]
-    return "*".join(factors) or "1"
-
-
-def _tags(masses: tuple[str, ...]) -> tuple[str, ...]:
-    """What stands after x and v: the number in m1, m2, ..., else the whole name."""
-    numbered = all(mass[:1] == "m" and mass[1:].isdecimal() for mass in masses)
-    return tuple(mass[1:] if numbered else f"_{mass}" for mass in masses)
-
-
 def _interleaved(first: Array, second: Array) -> Array:
     """Columns of two (N, n) arrays in turn: (N, 2 n)."""
     return np.stack([first, second], axis=2).reshape(len(first), -1)
 
 
-def _inputs(states: States, tags: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
+def _inputs(states: States, tagged: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
     """Names and columns (N, k) of what drives the structure."""
     driven = [states.masses.index(mass) for mass in states.driven]
-    names = [f"f{tags[index]}" for index in driven]
+    names = [f"f{tagged[index]}" for index in driven]
     columns = [states.forces[:, index] for index in driven]
     for name, values in (("xb", states.base), ("vb", states.base_velocity)):
         if values is not None:

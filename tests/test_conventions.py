@@ -1,0 +1,173 @@
+"""Where noise goes and where derivatives come from; and what force a fit in monomials of all states amounts to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from linkwise.chains import bnes_chain
+from linkwise.coefficient import Coefficient
+from linkwise.conventions import CONVENTIONS, MEANING, noisy_states
+from linkwise.derive import differentiate
+from linkwise.errors import IdentificationError, RecordError
+from linkwise.law import Law
+from linkwise.library import monomial_equations
+from linkwise.link import Link
+from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
+from linkwise.record import Record
+from linkwise.simulate import simulate
+from linkwise.sparse.least_squares import LeastSquares
+from linkwise.sparse.regressor import Fit
+from linkwise.structure import Structure
+
+CHAIN = bnes_chain(4)
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    return simulate(CHAIN, release={"v:m1": 3.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+
+
+@pytest.fixture(scope="module")
+def exact(record: Record) -> Fit:
+    return LeastSquares().fit(monomial_equations(differentiate(record), 3))
+
+
+def _deviations(noisy: np.ndarray, clean: np.ndarray, decibel: float) -> np.ndarray:
+    """Of each column's mean square from what the noise level promises, in standard deviations of a mean of squares."""
+    ratio = np.mean((noisy - clean) ** 2, axis=0) / (np.mean(clean**2, axis=0) * 10 ** (-decibel / 10))
+    return np.asarray((ratio - 1) / np.sqrt(2 / len(clean)))
+
+
+@pytest.mark.parametrize(("convention", "noisy"), [("states", "xv"), ("derivatives", "a")])
+def test_noise_goes_where_the_convention_says(record: Record, convention: str, noisy: str) -> None:
+    states, clean = noisy_states(record, convention, 20.0, seed=1000), differentiate(record)
+    for kind in "xva":
+        if kind in noisy:
+            # Four channels, two-sided: beyond 4 once in 4000 seeds.
+            assert np.abs(_deviations(getattr(states, kind), getattr(clean, kind), 20.0)).max() < 4
+        else:
+            np.testing.assert_array_equal(getattr(states, kind), getattr(clean, kind))
+
+
+def test_noise_on_displacement_alone_reaches_the_derivatives(record: Record) -> None:
+    clean = differentiate(record)
+    states = noisy_states(record, "displacement", 40.0, seed=1000, derivative="differences")
+    noise = states.x - clean.x
+    assert np.abs(_deviations(states.x, clean.x, 40.0)).max() < 4
+    # White noise through the stencil (-1, 16, -30, 16, -1)/12: its sum of squares is the gain in variance.
+    gain = 1414 / 144 * record.rate**4
+    ratio = np.mean((states.a - clean.a)[3:-3] ** 2, axis=0) / np.mean(noise**2, axis=0)
+    np.testing.assert_allclose(ratio, gain, rtol=0.2)  # correlated squares: 4 standard deviations of 5 %
+    smooth = noisy_states(record, "displacement", 40.0, seed=1000)
+    inside = np.isin(clean.time, smooth.time)
+    assert np.all(np.mean((smooth.x - clean.x[inside]) ** 2, axis=0) < np.mean(noise**2, axis=0))
+
+
+def test_a_seed_means_the_same_noise_in_every_convention(record: Record) -> None:
+    one = noisy_states(record, "states", 30.0, seed=1001)
+    other = noisy_states(record, "displacement", 30.0, seed=1001, derivative="differences")
+    np.testing.assert_array_equal(one.x, other.x)
+    assert not np.array_equal(one.x, noisy_states(record, "states", 30.0, seed=1002).x)
+
+
+def test_forces_stay_with_the_states() -> None:
+    pushed = simulate(
+        bnes_chain(2), forces={"m1": "sin(90*t)"}, duration=0.5, rate=1000.0, sensors=("x", "v", "a")
+    )
+    for convention in CONVENTIONS:
+        states = noisy_states(pushed, convention, 40.0, seed=1000)
+        assert states.driven == ("m1",)
+        assert np.isin(states.forces[:, 0], pushed.channel("force:m1")).all()
+
+
+def test_every_convention_is_explained() -> None:
+    assert set(MEANING) == set(CONVENTIONS) == {"displacement", "states", "derivatives"}
+
+
+def test_what_cannot_be_a_study_is_refused(record: Record) -> None:
+    with pytest.raises(
+        RecordError, match="'both' is no convention for noise; there are \"displacement\": noise"
+    ):
+        noisy_states(record, "both", 20.0, seed=0)  # type: ignore[arg-type]
+    with pytest.raises(
+        RecordError, match=r'channel a:m1: is not in the record, .* simulate with sensors=\("x", "v", "a"\)'
+    ):
+        noisy_states(record.select(["x:m1", "v:m1"]), "states", 20.0, seed=0)
+    with pytest.raises(RecordError, match="channel x:m1: has noise already"):
+        noisy_states(record.with_noise(20.0, seed=0), "states", 20.0, seed=0)
+    with pytest.raises(RecordError, match=r"starts from a simulated record, .* this one was measured"):
+        noisy_states(replace(record, simulated=None), "states", 20.0, seed=0)
+
+
+@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("link", ["nes1", "nes2"])
+def test_an_exact_fit_gives_the_exact_force(record: Record, exact: Fit, reading: str, link: str) -> None:
+    d, force = monomial_force(exact, CHAIN, link, record, reading=reading)
+    sink, primary = CHAIN.link(link).between
+    np.testing.assert_allclose(
+        d, record.channel(f"x:{sink}") - record.channel(f"x:{primary}"), rtol=0, atol=1e-16
+    )
+    truth = CHAIN.link(link).force(d)
+    # Same numerics: the 165 columns of a motion of two seconds have a condition number near 1e4.
+    np.testing.assert_allclose(force, truth, rtol=0, atol=1e-8 * np.abs(truth).max())
+    assert monomial_nmse(exact, CHAIN, link, record, reading=reading) < 1e-12
+
+
+def test_a_link_may_begin_at_either_end(record: Record, exact: Fit) -> None:
+    links = [replace(one, between=one.between[::-1]) if one.name == "nes1" else one for one in CHAIN.links]
+    turned = Structure("turned", CHAIN.masses, tuple(links))
+    for reading in READINGS:
+        d, force = monomial_force(exact, turned, "nes1", record, reading=reading)
+        before, as_before = monomial_force(exact, CHAIN, "nes1", record, reading=reading)
+        np.testing.assert_allclose(d, -before, rtol=1e-12)
+        np.testing.assert_allclose(force, -as_before, rtol=1e-12)
+
+
+def test_readings_differ_where_only_some_terms_are_wrong(record: Record, exact: Fit) -> None:
+    spoilt = exact.coefficients.copy()
+    column = exact.targets.index("x2''")
+    spoilt[exact.names.index("x1*x2**2"), column] *= 1.01
+    ends = replace(exact, coefficients=spoilt)
+    assert monomial_nmse(ends, CHAIN, "nes1", record) < 1e-12
+    assert monomial_nmse(ends, CHAIN, "nes1", record, reading="ends") > 1e-4
+    spoilt[exact.names.index("x3**3"), column] = 1e7
+    spoilt[exact.names.index("x1*x2**2"), column] /= 1.01
+    others = replace(exact, coefficients=spoilt)
+    assert monomial_nmse(others, CHAIN, "nes1", record, reading="ends") < 1e-12
+    assert monomial_nmse(others, CHAIN, "nes1", record, reading="displacements") > 1e-4
+
+
+def test_ten_per_cent_of_a_force_are_one_per_cent_of_its_mean_square(record: Record, exact: Fit) -> None:
+    wrong = replace(exact, coefficients=1.1 * exact.coefficients)
+    truth = CHAIN.link("nes1").force(monomial_force(exact, CHAIN, "nes1", record)[0])
+    expected = 100 * 0.01 * np.mean(truth**2) / np.var(truth)  # Eq. 8 by hand
+    assert monomial_nmse(wrong, CHAIN, "nes1", record) == pytest.approx(expected, rel=1e-6)
+
+
+def test_forces_that_no_monomial_tells_are_refused(record: Record, exact: Fit) -> None:
+    with pytest.raises(IdentificationError, match="both ends of link spring2 hold further links"):
+        monomial_force(exact, CHAIN, "spring2", record)
+    with pytest.raises(
+        IdentificationError, match="no reading of a force; there are coefficients, ends, displacements"
+    ):
+        monomial_force(exact, CHAIN, "nes1", record, reading="all")  # type: ignore[arg-type]
+    with pytest.raises(RecordError, match="this one was measured"):
+        monomial_force(exact, CHAIN, "nes1", replace(record, simulated=None))
+    low = LeastSquares().fit(monomial_equations(differentiate(record), 1))
+    with pytest.raises(IdentificationError, match=r"of link nes1 needs a column x2\*\*3, .* higher order"):
+        monomial_force(low, CHAIN, "nes1", record)
+    dry = Link(
+        "nes1",
+        ("m2", "m1"),
+        Law.parse("F*tanh(d/s)"),
+        {"F": Coefficient.number(1.0), "s": Coefficient.number(0.01)},
+    )
+    rough = Structure("rough", CHAIN.masses, (CHAIN.links[0], dry, *CHAIN.links[2:]))
+    with pytest.raises(IdentificationError, match=r"F\*tanh\(d/s\) of link nes1 is no polynomial in d"):
+        monomial_force(exact, rough, "nes1", record)
+    rest = simulate(CHAIN, release={"v:m1": 0.0}, duration=0.1, rate=1000.0, sensors=("x", "v", "a"))
+    with pytest.raises(RecordError, match='true force of link "nes1" does not vary'):
+        monomial_nmse(exact, CHAIN, "nes1", rest)
