@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         RecordError,
         SimulationError,
         StructureError,
+        StudyError,
     )
     from linkwise.estimate import Estimate
     from linkwise.excitation import Excitation, Impulse, Sampled, TimeFunction
@@ -47,6 +48,10 @@ if TYPE_CHECKING:
     from linkwise.sparse.stlsq import Stlsq
     from linkwise.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.structure_file import format_structure, parse_structure, read_structure, write_structure
+    from linkwise.study.definition import Study
+    from linkwise.study.row import Row
+    from linkwise.study.store import read_rows, stored_study
+    from linkwise.study.study_file import read_study
     from linkwise.validate import FreeRun, free_run, nmse
     from linkwise.wells import barrier, wells
 
@@ -79,12 +84,15 @@ __all__ = [
     "Mass",
     "Record",
     "RecordError",
+    "Row",
     "Sampled",
     "SimulationError",
     "Stlsq",
     "Structure",
     "StructureError",
     "Student",
+    "Study",
+    "StudyError",
     "TimeFunction",
     "barrier",
     "bnes_chain",
@@ -106,9 +114,12 @@ __all__ = [
     "parse_structure",
     "profile_interval",
     "read_record",
+    "read_rows",
     "read_structure",
+    "read_study",
     "result_of",
     "simulate",
+    "stored_study",
     "wells",
     "write_record",
     "write_result",
@@ -132,6 +143,7 @@ _HOMES = {
         "RecordError",
         "SimulationError",
         "StructureError",
+        "StudyError",
     ),
     "estimate": ("Estimate",),
     "excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
@@ -152,6 +164,10 @@ _HOMES = {
     "sparse.stlsq": ("Stlsq",),
     "structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
     "structure_file": ("format_structure", "parse_structure", "read_structure", "write_structure"),
+    "study.definition": ("Study",),
+    "study.row": ("Row",),
+    "study.store": ("read_rows", "stored_study"),
+    "study.study_file": ("read_study",),
     "validate": ("FreeRun", "free_run", "nmse"),
     "wells": ("barrier", "wells"),
 }

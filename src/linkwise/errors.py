@@ -91,6 +91,19 @@ class IdentificationError(LinkwiseError):
     """A record and a structure from which no estimate can be made."""
 
 
+class StudyError(LinkwiseError):
+    """A study that cannot be run or gone on with; `where` is the file and key, or the folder, that says so."""
+
+    exit_code = 2
+
+    def __init__(self, message: str, where: str = "") -> None:
+        self.message, self.where = message, where
+        super().__init__(f"{where}: {message}" if where else message)
+
+    def __reduce__(self) -> tuple[type[StudyError], tuple[str, str]]:
+        return type(self), (self.message, self.where)
+
+
 def _quoted(text: str, position: int | None) -> list[str]:
     """The line of `text` at `position`, cut to a readable length, and the caret under it."""
     if position is None:

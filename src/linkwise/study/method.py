@@ -1,0 +1,102 @@
+"""What a case does with a noisy record: the family of methods, and those that ask for the links' own coefficients."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, final
+
+import numpy as np
+
+from linkwise.classical import Classical
+from linkwise.derive import Method as Derivative
+from linkwise.identify import identify
+from linkwise.record import Record
+from linkwise.study.subject import Subject
+from linkwise.validate import nmse
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method found: the fields of a row that are its own."""
+
+    status: str
+    seconds: float
+    links: Mapping[str, float]
+    coefficients: Mapping[str, float] = field(default_factory=dict)
+    standard_errors: Mapping[str, float] = field(default_factory=dict)
+    reason: str = ""
+
+
+class Method(ABC):
+    """A column of the study."""
+
+    name: str
+
+    @abstractmethod
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+        """Add noise of `snr_db` drawn from `seed` to the `clean` record of `subject`, and judge what is found in that.
+
+        Raises LinkwiseError where nothing is.
+        """
+
+    @abstractmethod
+    def document(self) -> dict[str, Any]:
+        """The table of a study file that gives this method."""
+
+
+@final
+@dataclass(frozen=True)
+class LinkByLink(Method):
+    """Maximum likelihood or the weak form (METHODS sections 5 and 4)."""
+
+    name: str
+    kind: Literal["ml", "weak"]
+
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+        return _identified(subject, clean, snr_db, seed, self.kind)
+
+    def document(self) -> dict[str, Any]:
+        return {"name": self.name, "kind": self.kind}
+
+
+@final
+@dataclass(frozen=True)
+class PhysicsInformed(Method):
+    """The paper's physics-informed SINDy: derivatives, the links' own columns, sparse regression."""
+
+    name: str
+    derivative: Derivative = "spline"
+    regressor: str = "stlsq"
+
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+        return _identified(subject, clean, snr_db, seed, Classical(self.derivative, self.regressor))
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "kind": "physics-informed",
+            "derivative": self.derivative,
+            "regressor": self.regressor,
+        }
+
+
+def _identified(
+    subject: Subject, clean: Record, snr_db: float, seed: int, how: Literal["ml", "weak"] | Classical
+) -> Answer:
+    record = subject.seen(clean).with_noise(snr_db, seed=seed)
+    estimate = identify(record, subject.asked, method=how)
+    names = [parameter.name for parameter in estimate.parameters]
+    errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)) if estimate.trusted else ()
+    return Answer(
+        status=estimate.status,
+        seconds=estimate.seconds,
+        links={
+            name: nmse(subject.structure.link(name), estimate.structure.link(name), clean)
+            for name in subject.judged
+        },
+        coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
+        standard_errors=dict(zip(names, map(float, errors), strict=False)),
+        reason="" if estimate.trusted else estimate.message,
+    )

@@ -1,0 +1,218 @@
+"""Study files (TOML): what a user writes, and what a folder keeps of it (the same tables as JSON)."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from linkwise.chains import bnes_chain
+from linkwise.errors import LinkwiseError, StudyError
+from linkwise.excitation import Impulse
+from linkwise.link import near_miss
+from linkwise.structure import Structure
+from linkwise.structure_file import parse_structure, read_structure
+from linkwise.study.definition import Study
+from linkwise.study.method import LinkByLink, Method, PhysicsInformed
+from linkwise.study.subject import Subject
+
+_SOURCES = ("bnes", "file", "toml")
+
+
+class _Impulse(msgspec.Struct, forbid_unknown_fields=True):
+    mass: str
+    momentum: float
+    time: float = 0.0
+
+
+class _Structure(msgspec.Struct, forbid_unknown_fields=True):
+    duration: float
+    rate: float
+    name: str = ""
+    bnes: int | None = None
+    file: str | None = None
+    toml: str | None = None
+    release: dict[str, float] = {}
+    impulse: list[_Impulse] = []
+    forces: dict[str, str] = {}
+    base: str | None = None
+    sensors: tuple[str, ...] = ("x",)
+    unknown: tuple[str, ...] = ("all",)
+    judge: tuple[str, ...] = ()
+
+
+class _LinkByLink(msgspec.Struct, forbid_unknown_fields=True):
+    kind: Literal["ml", "weak"]
+    name: str = ""
+
+    def build(self) -> Method:
+        return LinkByLink(self.name or self.kind, self.kind)
+
+
+class _PhysicsInformed(msgspec.Struct, forbid_unknown_fields=True):
+    kind: Literal["physics-informed"]
+    name: str = ""
+    derivative: Literal["spline", "savgol", "differences"] = "spline"
+    regressor: Literal["stlsq", "l1", "least-squares"] = "stlsq"
+
+    def build(self) -> Method:
+        return PhysicsInformed(self.name or self.kind, self.derivative, self.regressor)
+
+
+_KINDS: dict[str, type[Any]] = {"ml": _LinkByLink, "weak": _LinkByLink, "physics-informed": _PhysicsInformed}
+
+
+class _Document(msgspec.Struct, forbid_unknown_fields=True):
+    snr_db: list[float]
+    structure: list[_Structure]
+    method: list[dict[str, Any]]
+    name: str = ""
+    first_seed: int = 1000
+    cycles: int = 100
+    quick: int = 5
+
+
+def read_study(which: str | Path) -> Study:
+    """A study that ships with linkwise ("paper"), or the one in a TOML file.
+
+    Raises StudyError with file and key for whatever is wrong in it; files of structures are looked for beside it.
+    """
+    path = Path(which)
+    shipped = files("linkwise.study")
+    names = sorted(
+        entry.name.removesuffix(".toml") for entry in shipped.iterdir() if entry.name.endswith(".toml")
+    )
+    if str(which) in names:
+        return parse_study(
+            shipped.joinpath(f"{which}.toml").read_text(encoding="utf-8"), f"{which}.toml", Path()
+        )
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (FileNotFoundError, IsADirectoryError):
+        raise StudyError(
+            f"there is no such study file{near_miss(str(which), names)}; a study is a TOML file, or one that ships with "
+            f"linkwise: {', '.join(names)}",
+            str(which),
+        ) from None
+    except UnicodeDecodeError as error:
+        raise StudyError(f"it is not UTF-8 text (byte {error.start}); save it as UTF-8", str(which)) from None
+    except OSError as error:
+        raise StudyError(f"it cannot be read: {error.strerror}", str(which)) from None
+    return parse_study(text, str(which), path.parent)
+
+
+def parse_study(text: str, source: str, folder: Path) -> Study:
+    """The study in a TOML text; `source` is what errors call it, `folder` where its structures' files are."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        reason, _, place = str(error).partition(" (at ")
+        where = f"{source}, {place.rstrip(')')}" if place else source
+        raise StudyError(f"this is no TOML: {reason[:1].lower()}{reason[1:]}", where) from None
+    return build_study(data, source, folder)
+
+
+def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
+    """The study that the tables of a study file stand for; relative paths are from `folder`."""
+    document: _Document = _decode(data, _Document, source, "")
+    subjects = tuple(
+        _subject(one, f"structure[{i}]", source, folder) for i, one in enumerate(document.structure)
+    )
+    methods = tuple(_method(one, f"method[{i}]", source) for i, one in enumerate(document.method))
+    try:
+        return Study(
+            name=document.name or Path(source).stem,
+            subjects=subjects,
+            snr_db=tuple(document.snr_db),
+            methods=methods,
+            first_seed=document.first_seed,
+            cycles=document.cycles,
+            quick=document.quick,
+        )
+    except StudyError as error:
+        raise StudyError(error.message, f"{source}, {error.where}") from None
+
+
+def _subject(entry: _Structure, path: str, source: str, folder: Path) -> Subject:
+    structure = _structure(entry, path, source, folder)
+    name = entry.name or (f"bnes{entry.bnes}" if entry.bnes else structure.name)
+    try:
+        return Subject(
+            name=name or path,
+            structure=structure,
+            duration=entry.duration,
+            rate=entry.rate,
+            release=entry.release,
+            impulses=tuple(Impulse(one.mass, one.momentum, one.time) for one in entry.impulse),
+            forces=entry.forces,
+            base=entry.base,
+            sensors=entry.sensors,
+            unknown=entry.unknown,
+            judge=entry.judge,
+        )
+    except StudyError as error:
+        raise StudyError(error.message, f"{source}, {path}.{error.where}") from None
+    except LinkwiseError as error:
+        raise StudyError(str(error), f"{source}, {path}") from None
+
+
+def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Structure:
+    given = [key for key in _SOURCES if getattr(entry, key) is not None]
+    if len(given) != 1:
+        raise StudyError(
+            "a structure is given by one of bnes (its number of masses), file (a structure file) and toml (its text); got "
+            f"{' and '.join(given) or 'none of them'}",
+            f"{source}, {path}",
+        )
+    try:
+        if entry.bnes is not None:
+            return bnes_chain(entry.bnes)
+        structure = (
+            read_structure(folder / entry.file)
+            if entry.file is not None
+            else parse_structure(entry.toml or "", f"{source}, {path}.toml")
+        )
+    except LinkwiseError as error:
+        raise StudyError(str(error), f"{source}, {path}.{given[0]}") from None
+    if structure.parameters:
+        raise StudyError(
+            f"{structure.parameters[0].name} is unknown, and a structure must be simulated before it is identified: give "
+            "it a number here, and say in `unknown` what is asked for",
+            f"{source}, {path}.{given[0]}",
+        )
+    return structure
+
+
+def _method(entry: dict[str, Any], path: str, source: str) -> Method:
+    kind = entry.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        hint = near_miss(kind, _KINDS) if isinstance(kind, str) else ""
+        got = "nothing" if kind is None else repr(kind)
+        raise StudyError(f"expected one of {', '.join(_KINDS)}; got {got}{hint}", f"{source}, {path}.kind")
+    method: Method = _decode(entry, _KINDS[kind], source, path).build()
+    return method
+
+
+def _decode(data: object, kind: type[Any], source: str, path: str) -> Any:
+    """`data` as `kind`; StudyError with the path of the key that does not fit."""
+    try:
+        return msgspec.convert(data, kind, strict=True)
+    except msgspec.ValidationError as error:
+        reason, _, place = str(error).partition(" - at `$")
+        place = f"{path}{place.rstrip('`')}".lstrip(".")
+        unexpected = re.search(r"unknown field `(.*)`", reason)
+        if unexpected:
+            owner = (
+                _Impulse if ".impulse[" in place else _Structure if place.startswith("structure") else kind
+            )
+            fields = owner.__struct_fields__
+            reason = f'there is no key "{unexpected[1]}"{near_miss(unexpected[1], fields)}; the keys are {", ".join(fields)}'
+        missing = re.search(r"required field `(.*)`", reason)
+        if missing:
+            reason = f"the key `{missing[1]}` is missing"
+        where = f"{source}, {place}" if place else source
+        raise StudyError(reason[:1].lower() + reason[1:], where) from None
