@@ -16,14 +16,14 @@ FLOORS = {  # from the ground up; a module may import from its own floor and tho
     "words": "errors units output threads expression",
     "nouns": """law link coefficient sharing structure structure_file chains wells equilibria modes energy
         excitation channel timeline resampling decimation simulated record files""",
-    "motion": "forces course kinks trajectory balance horizon engine simulate",
+    "motion": "shape forces course kinks trajectory balance horizon engine ensemble simulate",
     "views": """noise smooth derive conventions monomials library equations window weakform layout atoms noisebias weaknoise
         motion patch weak""",
     "estimators": """sparse sandwich weakfit likelihood linkmotion link_estimate findings table estimate describing
         weakestimate classical monomialforce""",
-    "questions": "identify lawpath discover validate absorb bound limit",
+    "questions": "identify lawpath discover validate absorption absorb bound limit",
     "campaigns": "study",
-    "pictures": "plot report answer",
+    "pictures": "plot report answer absorbed",
     "doors": "cli linkwise",
 }
 HEIGHT = {room: height for height, rooms in enumerate(FLOORS.values()) for room in rooms.split()}

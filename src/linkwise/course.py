@@ -10,10 +10,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.engine import SCALE, Layout, Shape
 from linkwise.excitation import Excitation, Sampled
 from linkwise.expression import Expression
 from linkwise.link import BASE
+from linkwise.shape import SCALE, Layout, Shape
 from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]

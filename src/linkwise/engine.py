@@ -18,7 +18,7 @@ import threading
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import heyoka
 import numpy as np
@@ -37,19 +37,16 @@ from linkwise.expression import (
     kinks,
     multiply,
     symbols,
-    walk,
 )
+from linkwise.shape import SCALE, Layout, Shape, edges
 
 Floats = NDArray[np.float64]
 Formula = Any  # heyoka.expression: the library ships no types
 
-SCALE = 2.0**-40  # m, a power of two so that scaling rounds nothing
 TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
 EXTENDED_TOLERANCE = (
     1e-16  # order 20, enough for 80-bit arithmetic since the method stays far below its tolerance
 )
-FLAT = 15.0  # argument of tanh up to which its slope, computed as 1 - tanh^2, still has digits; tanh is 1 - 2e-13 there
-FADED = -40.0  # argument of exp below which it is nothing beside rounding
 UNROLLED = 12  # masses up to which the step is compiled without loops: twice as fast, compiles longer
 
 _CALLS: Mapping[str, Callable[..., Formula]] = {
@@ -57,73 +54,18 @@ _CALLS: Mapping[str, Callable[..., Formula]] = {
 }  # fmt: skip
 
 
-class Shape(NamedTuple):
-    """What is compiled for: `masses`, per link (first end, second end, law) with ends as mass numbers, -1 the ground and
-    -2 the base (`Structure.shape_key`), and `inputs`: per driven mass (-2: the base) an expression of t or, for a piecewise
-    polynomial, its order.
-    """
-
-    masses: int
-    links: tuple[tuple[int, int, Expression], ...]
-    inputs: tuple[tuple[int, Expression | int], ...] = ()
-
-
-class Layout:
-    """Where each run-time parameter of a shape stands in the vector of parameters.
-
-    Coefficients link by link in the order of the law, sigma of every kink, what is added to every kink that shall not be
-    watched, of every piecewise input its start and its coefficients, lowest power first, and 1/(m s) of every mass (which
-    every integrator uses: heyoka wants the last parameter to be used).
-    """
-
-    def __init__(self, shape: Shape, kinks: int) -> None:
-        self.coefficients = [_coefficients(law) for _, _, law in shape.links]
-        self.values = slice(0, sum(len(names) for names in self.coefficients))
-        self.branches = slice(self.values.stop, self.values.stop + kinks)
-        self.muted = slice(self.branches.stop, self.branches.stop + kinks)
-        self.inputs: list[slice] = []
-        end = self.muted.stop
-        for _, kind in shape.inputs:
-            width = kind + 2 if isinstance(kind, int) else 0
-            self.inputs.append(slice(end, end + width))
-            end += width
-        self.pieces = slice(self.muted.stop, end)
-        self.inverse_masses = slice(end, end + shape.masses)
-        self.size = end + shape.masses
-
-
-def _coefficients(law: Expression) -> tuple[str, ...]:
-    return tuple(name for name in symbols(law) if name not in ("d", "v"))
-
-
-def _edges(tree: Expression) -> list[Expression]:
-    """Where an exponential or a tanh comes out of the flat part of its graph: zeros of these expressions.
-
-    Far out its derivatives are lost in rounding, so a Taylor series does not see what comes and would step over it: a pulse
-    in time, or the reversal of a steep F*tanh(v/s). A step has to end where it wakes up.
-    """
-    edges = []
-    for node in walk(tree):
-        match node:
-            case Call("tanh", (argument,)):
-                edges += [add(argument, Number(-FLAT)), add(argument, Number(FLAT))]
-            case Call("exp", (argument,)):
-                edges.append(add(argument, Number(-FADED)))
-    return edges
-
-
 class Equations:
     """The equations of motion of one shape, compiled; one object a thread, since a run leaves its state in it.
 
     State vectors are (2n,): y of every mass, then y'. `kinks` is the number of places where a law or an input bends, or wakes
-    up (`_edges`).
+    up (`edges`).
     """
 
     def __init__(self, shape: Shape) -> None:
         self.shape = shape
         trees = [(link, law) for link, (_, _, law) in enumerate(shape.links)]
         trees += [(-1, kind) for _, kind in shape.inputs if isinstance(kind, Expression)]
-        bends = [(owner, kink) for owner, tree in trees for kink in (*kinks(tree), *_edges(tree))]
+        bends = [(owner, kink) for owner, tree in trees for kink in (*kinks(tree), *edges(tree))]
         self._bends = {bend: number for number, bend in enumerate(dict.fromkeys(bends))}
         self.kinks = len(self._bends)
         self.layout = Layout(shape, self.kinks)

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.course import Course
-from linkwise.engine import SCALE, advance, equations, last_finite
+from linkwise.engine import advance, equations, last_finite
 from linkwise.errors import SimulationError
 from linkwise.kinks import settle
+from linkwise.shape import SCALE
 
 Floats = NDArray[np.float64]
 Receiver = Callable[[int, Floats], object]
