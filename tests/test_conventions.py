@@ -66,6 +66,15 @@ def test_noise_on_displacement_alone_reaches_the_derivatives(record: Record) -> 
     assert np.all(np.mean((smooth.x - clean.x[inside]) ** 2, axis=0) < np.mean(noise**2, axis=0))
 
 
+def test_noisy_velocities_are_differenced(record: Record) -> None:
+    states = noisy_states(record, "differenced", 20.0, seed=1000)
+    before = noisy_states(record, "states", 20.0, seed=1000)
+    np.testing.assert_array_equal(states.x, before.x)
+    np.testing.assert_array_equal(states.v, before.v)
+    differences = (8 * (before.v[3:-1] - before.v[1:-3]) - (before.v[4:] - before.v[:-4])) * record.rate / 12
+    np.testing.assert_allclose(states.a[2:-2], differences, rtol=1e-10, atol=1e-10 * np.abs(states.a).max())
+
+
 def test_a_seed_means_the_same_noise_in_every_convention(record: Record) -> None:
     one = noisy_states(record, "states", 30.0, seed=1001)
     other = noisy_states(record, "displacement", 30.0, seed=1001, derivative="differences")
@@ -84,7 +93,7 @@ def test_forces_stay_with_the_states() -> None:
 
 
 def test_every_convention_is_explained() -> None:
-    assert set(MEANING) == set(CONVENTIONS) == {"displacement", "states", "derivatives"}
+    assert set(MEANING) == set(CONVENTIONS) == {"displacement", "states", "differenced", "derivatives"}
 
 
 def test_what_cannot_be_a_study_is_refused(record: Record) -> None:
