@@ -12,6 +12,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from linkwise.absorb import absorb
+    from linkwise.absorption.result import Absorption
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
     from linkwise.chains import bnes_chain
@@ -63,6 +65,7 @@ __all__ = [
     "GROUND",
     "L1",
     "READINGS",
+    "Absorption",
     "Classical",
     "Coefficient",
     "Equilibrium",
@@ -94,6 +97,7 @@ __all__ = [
     "Study",
     "StudyError",
     "TimeFunction",
+    "absorb",
     "barrier",
     "bnes_chain",
     "differentiate",
@@ -128,6 +132,8 @@ __all__ = [
 
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
+    "absorb": ("absorb",),
+    "absorption.result": ("Absorption",),
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),
     "chains": ("bnes_chain",),

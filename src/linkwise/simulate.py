@@ -55,9 +55,9 @@ def simulate(
     The motion is integrated by a Taylor method to rounding. Raises SimulationError for what cannot be asked for and where a
     motion diverges, naming time and mass; StructureError where a mass or coefficient has no number.
     """
-    grid = _grid(duration, rate, times)
+    grid = output_times(duration, rate, times)
     drive = Excitation.of(**excitation)
-    _check(structure, drive, float(grid[-1]))
+    check_excitation(structure, drive, float(grid[-1]))
     channels = _channels(structure, drive, sensors)
     motion = Motion.of(Course(structure, drive, grid), progress)
     values = np.empty((len(grid), len(channels)))
@@ -117,8 +117,8 @@ class Motion:
         return horizon(self.course, self.displacement, self.run)
 
 
-def _grid(duration: float | None, rate: float | None, times: ArrayLike | None) -> Floats:
-    """The output times (N,)."""
+def output_times(duration: float | None, rate: float | None, times: ArrayLike | None = None) -> Floats:
+    """The output times (N,) that `simulate` is asked for; raises SimulationError where they cannot be."""
     if times is None:
         if duration is None or rate is None:
             raise SimulationError("say how long and how often: duration in s and rate in Hz, or times")
@@ -147,8 +147,8 @@ def _grid(duration: float | None, rate: float | None, times: ArrayLike | None) -
     return grid
 
 
-def _check(structure: Structure, drive: Excitation, end: float) -> None:
-    """Refuse an excitation that does not fit the structure, or that ends before the simulation."""
+def check_excitation(structure: Structure, drive: Excitation, end: float) -> None:
+    """Raises SimulationError for an excitation that does not fit the structure, or that ends before `end` in s."""
     names = structure.mass_names
     for channel in drive.release:
         kind, colon, mass = channel.partition(":")

@@ -1,0 +1,141 @@
+"""Vibration absorption (paper section 4): the same structure with its sinks and without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.absorption.harvesters import SUFFIX
+from linkwise.absorption.outcome import Potentials, Vibration
+from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, Side, SinkWork
+from linkwise.absorption.runs import runs_of
+from linkwise.absorption.trial import Trial
+from linkwise.course import Course
+from linkwise.errors import SimulationError
+from linkwise.excitation import Excitation
+from linkwise.simulate import Drives, Motion
+from linkwise.structure import Structure
+
+Floats = NDArray[np.float64]
+Passages = tuple[Floats, ...]
+
+
+def absorb(
+    structure: Structure,
+    *,
+    duration: float,
+    rate: float | None = None,
+    sinks: Sequence[str] = (),
+    without: str = "removed",
+    settle: float = 0.05,
+    harvesters: Mapping[str, float] | None = None,
+    progress: Callable[[float, str], object] = lambda fraction, now: None,
+    **excitation: Unpack[Drives],
+) -> Absorption:
+    """What the sinks of a structure do for `duration` in s, against the same structure without them.
+
+    `sinks` names their links; without names, every link with more than one stable well is one. They are "removed" with all
+    that hangs on their masses, as in the paper, or "locked" where they start; `without` says which. A mass is settled when it
+    stays below `settle` times its peak without sinks until the end, and has done so for the last 5 % at least; excursions
+    are counted from the stable equilibrium where it ends. `harvesters` are dampers in N s/m in parallel to links. Output is at
+    `rate` in Hz, by default 20 or more samples in a period of the fastest mode; `excitation` is as in `simulate`.
+
+    Raises StructureError for a link that is not there, a coefficient without a number, no sinks; SimulationError where nothing
+    moves, and as `simulate` does.
+    """
+    asked = {"duration": duration, "rate": rate, "sinks": sinks, "without": without, "settle": settle}
+    return answer(Trial.of(structure, Excitation.of(**excitation), harvesters=harvesters, **asked), progress)  # type: ignore[arg-type]
+
+
+def answer(trial: Trial, progress: Callable[[float, str], object] = lambda fraction, now: None) -> Absorption:
+    """`absorb` for a question that stands."""
+    progress(0.0, "with sinks")
+    potentials = Potentials([trial.structure])
+    one, vibration, passages = _side(trial, trial.course, potentials)
+    progress(0.5, "without sinks")
+    other, bare, _ = _side(trial, trial.bare_course, Potentials([trial.bare.structure]))
+    level = trial.settle * bare.peak
+    if not np.any(bare.runs.v):
+        raise SimulationError(
+            f"with the sinks {trial.manner} nothing moves, so there is nothing to compare with: the structure starts at rest "
+            "in equilibrium; give a release, an impulse, a force or a motion of the base that moves a primary mass"
+        )
+    both = zip(_masses(vibration, level), _masses(bare, level), strict=True)
+    masses = tuple(
+        MassChange(name, float(level[row, 0]), *pair)
+        for row, (name, pair) in enumerate(zip(trial.primaries, both, strict=True))
+    )
+    return Absorption(
+        manner=trial.manner,
+        settle=trial.settle,
+        time=trial.times,
+        masses=masses,
+        sinks=_sinks(trial, one, passages, potentials.tops(0)),
+        harvests=_harvests(trial, one),
+        absorbing=trial.absorbing,
+        with_sinks=one,
+        without=other,
+    )
+
+
+def _side(trial: Trial, course: Course, potentials: Potentials) -> tuple[Side, Vibration, Passages]:
+    """One of the two runs."""
+    motion = Motion.of(course)
+    runs = runs_of(motion, potentials.tops(0))
+    columns = [course.structure.mass_names.index(name) for name in trial.primaries]
+    vibration = Vibration(runs, columns, trial.resting)
+    base = course.excitation.base
+    where = None if base is None else base.value(course.times)
+    side = Side(
+        structure=course.structure,
+        x=motion.displacement,
+        v=motion.velocity,
+        envelope=vibration.decay.envelope[..., 0],
+        put_in=runs.put_in[:, 0] - potentials.floor[0],
+        stored=(potentials.kinetic(runs.v) + potentials.stored(runs.x, where))[:, 0],
+        dissipated=runs.heat[..., 0],
+        horizon=motion.horizon,
+    )
+    return side, vibration, runs.passages[0]
+
+
+def _masses(vibration: Vibration, level: Floats) -> list[MassDecay]:
+    settled = vibration.settled(level)[:, 0]
+    rates = vibration.decay.column(0).rate(level[:, 0])
+    numbers = zip(
+        vibration.rest[:, 0].tolist(),
+        vibration.peak[:, 0].tolist(),
+        vibration.rms[:, 0].tolist(),
+        strict=True,
+    )
+    return [
+        MassDecay(rest, peak, rms, _known(time), _known(decay))
+        for (rest, peak, rms), time, decay in zip(numbers, settled, rates, strict=True)
+    ]
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _sinks(trial: Trial, side: Side, passages: Passages, tops: list[Floats]) -> tuple[SinkWork, ...]:
+    names = [link.name for link in side.structure.links]
+    believed = np.inf if side.horizon is None else side.horizon
+    found = []
+    for sink in trial.sinks:
+        number = names.index(sink.link)
+        times, heights = passages[number], tuple(tops[number].tolist())
+        found.append(SinkWork(sink, heights, side.share(sink.link), times, int(np.sum(times < believed))))
+    return tuple(found)
+
+
+def _harvests(trial: Trial, side: Side) -> tuple[Harvest, ...]:
+    found = []
+    for link, damping in trial.harvesters.items():
+        share = side.share(f"{link}{SUFFIX}")
+        energy = share * side.total
+        found.append(Harvest(link, damping, energy, energy / float(trial.times[-1]), share))
+    return tuple(found)

@@ -1,0 +1,103 @@
+"""When a link passes the top between two of its wells, on the very orbit that was simulated.
+
+Elongation and rate are known at the integrator's own steps, whose Taylor series reach seven times as far; the cubic between
+two steps shows every passage, and Newton's method on the dense output puts it where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.course import Course
+from linkwise.trajectory import Manner, Travelled, travel
+
+Floats = NDArray[np.float64]
+
+_NEWTON = 2  # runs after the cubic: its error of 1e-6 of a step becomes rounding
+_SAME = 1e-9  # of the run: passages closer than that are one, and one so close to the start is the start
+
+
+def crossings(course: Course, run: Travelled, tops: Sequence[Floats]) -> tuple[Floats, ...]:
+    """Times in s at which each link passes one of its `tops`, (K,) m a link, on the course that went as `run`.
+
+    A link that starts on a top does not pass it by leaving it.
+    """
+    if not any(len(each) for each in tops):
+        return tuple(np.empty(0) for _ in tops)
+    steps: list[float] = []
+    travel(course, course.times[-1:], lambda first, states: None, Manner(repeated=run, log=steps))
+    edges = np.unique(np.concatenate([[0.0], course.stops, steps]))
+    edges = edges[np.append(np.diff(edges) > _SAME * 1e-3 * course.end, True)]
+    d, rate = _motion(course, run, edges)
+    links, levels, times = _guesses(edges, d, rate, tops)
+    order = np.argsort(times, kind="stable")
+    links, levels, times = links[order], levels[order], times[order]
+    for _ in range(_NEWTON):
+        unique, back = np.unique(times, return_inverse=True)
+        if not len(unique):
+            break
+        d, rate = _motion(course, run, unique)
+        with np.errstate(all="ignore"):
+            move = (d[back, links] - levels) / rate[back, links]
+        near = np.abs(move) < 0.5 * course.end / max(run.steps, 1)
+        times = np.clip(np.where(near, times - move, times), 0.0, course.end)
+    return tuple(_distinct(times[links == number], course.end) for number in range(len(tops)))
+
+
+def counted(times: Floats, end: float) -> Floats:
+    """Ascending `times` without those at the start of a run that ends at `end`, near ones once."""
+    return _distinct(times, end)
+
+
+def _distinct(times: Floats, end: float) -> Floats:
+    times = np.sort(times)
+    times = times[times > _SAME * end]
+    return times[np.append(True, np.diff(times) > _SAME * end)] if len(times) else times
+
+
+def _motion(course: Course, run: Travelled, times: Floats) -> tuple[Floats, Floats]:
+    """(M, L) elongations and rates of all links at `times`."""
+    size, base = course.structure.size, course.excitation.base
+    states = np.empty((len(times), 2 * size))
+
+    def receive(first: int, block: Floats) -> None:
+        states[first : first + len(block)] = block
+
+    travel(course, times, receive, Manner(repeated=run))
+    where = None if base is None else base.value(times)
+    moving = None if base is None else base.derivative(times)
+    structure = course.structure
+    return structure.elongations(states[:, :size], where), structure.elongations(states[:, size:], moving)
+
+
+def _guesses(
+    edges: Floats, d: Floats, rate: Floats, tops: Sequence[Floats]
+) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Link, level and time of every root of the cubics through `d` and `rate` at the `edges`."""
+    links: list[int] = []
+    levels: list[float] = []
+    times: list[float] = []
+    step = np.diff(edges)
+    for number, heights in enumerate(tops):
+        first, last = d[:-1, number], d[1:, number]
+        inner = first + step * rate[:-1, number] / 3.0, last - step * rate[1:, number] / 3.0
+        corners = np.stack([first, *inner, last])  # the cubic stays within the hull of these (Bernstein)
+        for height in heights.tolist():
+            for row in np.flatnonzero((corners.min(axis=0) <= height) & (corners.max(axis=0) >= height)):
+                for place in _roots(corners[:, row] - height):
+                    links.append(number)
+                    levels.append(height)
+                    times.append(float(edges[row] + place * step[row]))
+    return np.array(links, dtype=np.intp), np.array(levels), np.array(times)
+
+
+def _roots(corners: Floats) -> Floats:
+    """Real roots in 0..1 of a cubic given by its Bernstein coefficients."""
+    b0, b1, b2, b3 = corners
+    roots = np.roots([b3 - 3.0 * b2 + 3.0 * b1 - b0, 3.0 * (b2 - 2.0 * b1 + b0), 3.0 * (b1 - b0), b0])
+    real = roots.real[np.abs(roots.imag) <= 1e-9]
+    found: Floats = real[(real >= 0.0) & (real <= 1.0)]
+    return found

@@ -1,0 +1,43 @@
+"""Motions of several structures under one excitation, with the energy that went through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.absorption.crossings import crossings
+from linkwise.simulate import Motion
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """W runs: `x`, `v` (N, n, W) in m and m/s at `time` (N,) in s, energies in J counted from the start.
+
+    `heat` (N, L, W) is what each link dissipated, `put_in` (N, W) what was there at the start, potentials counted from d = 0,
+    and all work done since. `passages` holds, run by run and link by link, the times in s at which the link went from well to
+    well.
+    """
+
+    time: Floats
+    x: Floats
+    v: Floats
+    heat: Floats
+    put_in: Floats
+    passages: tuple[tuple[Floats, ...], ...]
+
+
+def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
+    """One motion by itself, in the best precision there is and past the kinks of its laws; `tops` (K,) m of each link."""
+    energy = motion.energy
+    return Runs(
+        time=motion.course.times,
+        x=motion.displacement[..., None],
+        v=motion.velocity[..., None],
+        heat=energy.dissipated[..., None],
+        put_in=energy.put_in[..., None],
+        passages=(crossings(motion.course, motion.run, tops),),
+    )

@@ -1,0 +1,125 @@
+"""One question about a structure and its sinks, made ready: with them, without them, under the same excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.absorption.bare import Bare, without_sinks
+from linkwise.absorption.harvesters import SUFFIX, with_harvesters
+from linkwise.absorption.rest import RestingPlaces
+from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
+from linkwise.course import Course
+from linkwise.errors import SimulationError, StructureError
+from linkwise.excitation import Excitation
+from linkwise.modes import modes
+from linkwise.simulate import check_excitation, output_times
+from linkwise.structure import Structure
+
+Floats = NDArray[np.float64]
+
+_PER_PERIOD = 20  # samples of the fastest mode, without a rate: cubics between them are right to 3e-5
+_FEWEST = 1000  # samples, without a rate
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A `structure` with its harvesters, its `sinks`, what drives it, and the `bare` structure that it is compared with.
+
+    `times` (N,) s are those of the output, `settle` the part of its peak without sinks below which a mass counts as settled,
+    `harvesters` the damping in N s/m by link.
+    """
+
+    structure: Structure
+    sinks: tuple[Sink, ...]
+    excitation: Excitation
+    bare: Bare
+    manner: str
+    times: Floats
+    settle: float
+    harvesters: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls,
+        structure: Structure,
+        excitation: Excitation,
+        *,
+        duration: float,
+        rate: float | None = None,
+        sinks: Sequence[str] = (),
+        without: str = "removed",
+        settle: float = 0.05,
+        harvesters: Mapping[str, float] | None = None,
+    ) -> Trial:
+        """Raises StructureError and SimulationError for what cannot be asked, as `absorb` says."""
+        if not 0.0 < settle < 1.0:
+            raise SimulationError(
+                f"a mass settles when it stays below a part of its peak between 0 and 1, which {settle!r} is not"
+            )
+        _ = [link.values for link in structure.links], structure.mass_values  # says what has no number
+        found = find_sinks(structure, sinks)
+        equipped = with_harvesters(structure, harvesters or {})
+        times = output_times(duration, rate if rate is not None else _rate(structure, duration))
+        check_excitation(equipped, excitation, float(times[-1]))
+        if not (any(excitation.release.values()) or excitation.impulses or excitation.drives):
+            raise SimulationError(
+                "nothing sets the structure in motion: give a release, an impulse, a force or a motion of the base"
+            )
+        bare = without_sinks(equipped, found, excitation, without)
+        return cls(equipped, found, excitation, bare, without, times, settle, dict(harvesters or {}))
+
+    def varied(self, structure: Structure, bare: Bare | None = None) -> Trial:
+        """The same question about another structure of this shape, harvesters included; `bare` where it is known."""
+        other = bare or without_sinks(structure, self.sinks, self.excitation, self.manner)
+        return replace(self, structure=structure, bare=other)
+
+    @property
+    def course(self) -> Course:
+        """The run with sinks."""
+        return Course(self.structure, self.excitation, self.times)
+
+    @property
+    def bare_course(self) -> Course:
+        """The run without them."""
+        return Course(self.bare.structure, self.bare.excitation, self.times)
+
+    @cached_property
+    def primaries(self) -> tuple[str, ...]:
+        """The masses that no sink carries and that both structures have."""
+        return primary_masses(self.structure, self.sinks)
+
+    @cached_property
+    def absorbing(self) -> tuple[str, ...]:
+        """The links by which sinks absorb: the sinks, their harvesters, and whatever else hangs on their masses."""
+        carried = {sink.mass for sink in self.sinks}
+        names = {sink.link for sink in self.sinks} | {f"{sink.link}{SUFFIX}" for sink in self.sinks}
+        return tuple(
+            link.name for link in self.structure.links if link.name in names or carried & set(link.between)
+        )
+
+    @cached_property
+    def resting(self) -> RestingPlaces:
+        """Where the primary masses come to rest."""
+        leaves = all(sink.mass is not None and self._hangs_alone(sink) for sink in self.sinks)
+        rests = self.bare.structure if leaves else self.structure
+        return RestingPlaces(rests, self.primaries)
+
+    def _hangs_alone(self, sink: Sink) -> bool:
+        joined = (set(link.between) for link in self.structure.links if sink.mass in link.between)
+        return all(ends == {sink.mass, sink.host} for ends in joined)
+
+
+def _rate(structure: Structure, duration: float) -> float:
+    """Samples per second that show the fastest mode: 1, 2 or 5 times a power of ten."""
+    try:
+        fastest = float(np.nanmax(modes(structure).frequencies))
+    except (StructureError, ValueError):
+        fastest = 0.0
+    least = max(_PER_PERIOD * fastest, _FEWEST / duration)
+    power = 10.0 ** np.floor(np.log10(least))
+    return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * (1.0 - 1e-9)))

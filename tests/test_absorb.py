@@ -1,0 +1,260 @@
+"""Absorption: closed forms of linear structures, energy to the last joule, crossings between samples, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.absorption.bare import without_sinks
+from linkwise.absorption.decay import Decay
+from linkwise.absorption.sinks import find_sinks
+from linkwise.excitation import Excitation
+from linkwise.structure import Coefficient, Link, Mass, Structure
+
+RELEASE = {"v:m1": 1.0}
+
+
+def structure(text: str, *masses: float, **values: float) -> Structure:
+    """`"a: m1-ground: law; b: m2-m1: law"` with masses m1, m2, ... in kg and coefficients by name."""
+    links = []
+    for part in text.split("; "):
+        name, ends, law = (each.strip() for each in part.split(":"))
+        parsed = lw.Law.parse(law)
+        numbers = {each: Coefficient.number(values[each]) for each in parsed.coefficients}
+        links.append(Link(name, tuple(ends.split("-")), parsed, numbers))
+    bodies = tuple(Mass(f"m{i}", Coefficient.number(m)) for i, m in enumerate(masses, start=1))
+    return Structure("test", bodies, tuple(links))
+
+
+@pytest.fixture(scope="module")
+def paper() -> lw.Absorption:
+    """The paper's Fig. 3: the chain of two with its sink and with it removed."""
+    return lw.absorb(lw.bnes_chain(2), duration=6.0, release=RELEASE)
+
+
+def test_the_primary_without_its_sink_is_the_damped_oscillator(paper: lw.Absorption) -> None:
+    """x = exp(-s t) sin(w t) / w: peak, rate, RMS, share of the damper and settling time in closed form."""
+    s, w = 0.5, np.sqrt(30000.0 - 0.25)
+    mass = paper.masses[0].without
+    turn = np.arctan(w / s) / w
+    assert mass.peak == pytest.approx(
+        np.exp(-s * turn) * np.sin(w * turn) / w, rel=1e-5
+    )  # cubic at 27 Hz, 1 kHz
+    assert mass.rate == pytest.approx(s, rel=1e-6)
+    time = np.linspace(0.0, 6.0, 600001)
+    square = np.mean((np.exp(-s * time) * np.sin(w * time) / w)[:-1] ** 2)
+    assert mass.rms == pytest.approx(np.sqrt(square), rel=1e-5)
+    assert mass.settled is None  # exp(-0.5 * 6) is 4.98 %, within the last 5 % of the run
+    looser = lw.absorb(lw.bnes_chain(2), duration=6.0, release=RELEASE, settle=0.2).masses[0].without
+    assert looser.settled == pytest.approx(
+        np.log(5.0) / s, abs=np.pi / w
+    )  # it leaves its band once in a half period
+    stored = np.exp(-2.0 * s * 6.0)
+    assert paper.without.share("spring1") == pytest.approx(1.0 - stored, abs=2.0 * s / w * stored)
+
+
+def test_the_sink_takes_its_share_and_every_joule_is_somewhere(paper: lw.Absorption) -> None:
+    for side in (paper.with_sinks, paper.without):
+        total = side.shares.sum(axis=1) + side.remaining
+        np.testing.assert_allclose(total, 1.0, atol=1e-12)  # free decay: all energy is put in at the start
+        assert np.all(side.stored > -1e-12 * side.total)  # seen from the lowest wells nothing is negative
+    assert paper.with_sinks.total == pytest.approx(0.5 + 0.0025, rel=1e-12)  # the sink starts on its barrier
+    assert paper.sinks_share == paper.sinks[0].share > 0.5
+    assert paper.trusted
+
+
+def test_crossings_are_those_of_the_paper(paper: lw.Absorption) -> None:
+    """METHODS section 1: it crosses wells until 2.38 s and settles at +0.0099 m."""
+    (sink,) = paper.sinks
+    assert sink.last == pytest.approx(2.38, abs=5e-3) and sink.believed == len(sink.crossings)
+    assert paper.with_sinks.x[-1, 1] == pytest.approx(0.0099, abs=5e-5)
+    assert len(sink.crossings) % 2 == 1  # it leaves the top downwards without passing it, and ends up
+    record = lw.simulate(lw.bnes_chain(2), release=RELEASE, duration=6.0, rate=20000.0)
+    d = record.channel("x:m2") - record.channel("x:m1")
+    after = np.flatnonzero(np.diff(np.sign(d[1:]))) + 1
+    seen = record.time[after] - d[after] * record.step / (d[after + 1] - d[after])
+    assert len(seen) == len(sink.crossings)
+    np.testing.assert_allclose(seen, sink.crossings, atol=1e-7)  # secant over 50 us: (a h^2 / 8 v)
+
+
+def test_crossings_that_samples_miss_are_found() -> None:
+    """Sampled 20 times a second, most of the sink's passages lie between two samples on the same side."""
+    coarse = lw.absorb(lw.bnes_chain(2), duration=6.0, rate=20.0, release=RELEASE)
+    fine = lw.absorb(lw.bnes_chain(2), duration=6.0, rate=1000.0, release=RELEASE)
+    np.testing.assert_allclose(coarse.sinks[0].crossings, fine.sinks[0].crossings, atol=1e-8)  # same numerics
+    d = coarse.with_sinks.x[1:, 1] - coarse.with_sinks.x[1:, 0]
+    assert np.sum(np.diff(np.sign(d)) != 0) < len(fine.sinks[0].crossings)
+
+
+def test_the_eight_mass_chain_says_where_chaos_begins() -> None:
+    found = lw.absorb(lw.bnes_chain(8), duration=2.0, rate=1000.0, release={"v:m1": 3.0})
+    assert [each.name for each in found.masses] == ["m1", "m3", "m5", "m7"]  # paper Fig. 5
+    assert found.with_sinks.horizon == pytest.approx(0.96, abs=0.15) and found.without.horizon is None
+    assert (
+        f"Past {found.with_sinks.horizon:.3g} s" in found.findings[0] and "one of many" in found.findings[0]
+    )
+    assert all(0 < each.believed < len(each.crossings) for each in found.sinks[:1])
+    assert found.trusted
+
+
+def test_locked_keeps_momentum_and_adds_the_mass() -> None:
+    """The paper's chain with its sink held: 1.01 kg at 1/1.01 m/s, the same linear oscillator."""
+    found = lw.absorb(lw.bnes_chain(2), duration=1.0, release=RELEASE, without="locked")
+    w = np.sqrt(30000.0 / 1.01 - (0.5 / 1.01) ** 2)
+    turn = np.arctan(w / (0.5 / 1.01)) / w
+    peak = np.exp(-0.5 / 1.01 * turn) * np.sin(w * turn) / w / 1.01
+    assert found.masses[0].without.peak == pytest.approx(peak, rel=1e-5)
+    assert found.without.total == pytest.approx(0.5 / 1.01, rel=1e-12)
+
+
+def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
+    """What else hangs on the sink's mass sees it ahead of its host by that much, with its law as it was."""
+    three = structure(
+        "a: m1-ground: k*d + c*v; s: m2-m1: p*d + q*d**3; b: m3-m2: k3*d**3", 1.0, 0.1, 0.5,
+        k=100.0, c=1.0, p=-10.0, q=1e4, k3=500.0,
+    )  # fmt: skip
+    sinks = find_sinks(three, ("s",))
+    excitation = Excitation.of(
+        release={"x:m1": 0.01, "x:m2": 0.04, "v:m2": 2.0},
+        impulses=(lw.Impulse("m2", 0.5, 0.1),),
+        forces={"m2": "sin(t)", "m1": "2"},
+    )
+    bare = without_sinks(three, sinks, excitation, "locked")
+    assert bare.structure.mass_names == ("m1", "m3") and bare.structure.mass_values.tolist() == [1.1, 0.5]
+    assert bare.structure.link("b").between == ("m3", "m1")
+    d = np.linspace(-0.1, 0.1, 5)
+    np.testing.assert_allclose(
+        bare.structure.link("b").force(d), three.link("b").force(d - 0.03), rtol=1e-12, atol=1e-15
+    )
+    assert bare.excitation.release == {"x:m1": 0.01, "v:m1": pytest.approx(0.2 / 1.1)}
+    assert bare.excitation.impulses[0].mass == "m1"
+    force = bare.excitation.forces["m1"]
+    assert float(force.value(0.3)) == pytest.approx(2.0 + np.sin(0.3), rel=1e-12)
+
+
+def test_which_mass_a_sink_carries() -> None:
+    text = "a: m1-ground: k*d; s: m1-m2: p*d + q*d**3; b: m3-m1: k*d"
+    plain = structure(text, 0.1, 5.0, 1.0, k=1.0, p=-1.0, q=1.0)
+    (leaf,) = find_sinks(plain)
+    assert (leaf.mass, leaf.host) == ("m2", "m1")  # nothing else hangs on it, heavy as it is
+    (lighter,) = find_sinks(plain, ("b",))
+    assert (lighter.mass, lighter.host) == ("m3", "m1")
+    grounded = structure("a: m1-ground: p*d + q*d**3; b: m2-m1: k*d", 1.0, 1.0, p=-1.0, q=1.0, k=1.0)
+    (sink,) = find_sinks(grounded)
+    assert sink.mass is None and sink.host == "ground"
+
+
+def test_a_linear_absorber_may_be_named_and_harvested_from() -> None:
+    """The harvester is a damper in parallel: its share to that of the link's own damper is as their dampings."""
+    tuned = structure(
+        "a: m1-ground: k*d + c*v; tmd: m2-m1: k2*d + c2*v", 1.0, 0.05, k=900.0, c=0.3, k2=40.0, c2=0.06
+    )
+    found = lw.absorb(tuned, sinks=("tmd",), duration=30.0, release=RELEASE, harvesters={"tmd": 0.02})
+    (harvest,) = found.harvests
+    assert harvest.share == pytest.approx(found.sinks[0].share * 0.02 / 0.06, rel=1e-9)
+    assert harvest.power == pytest.approx(harvest.energy / 30.0, rel=1e-12)
+    assert found.sinks_share == pytest.approx(found.sinks[0].share + harvest.share, rel=1e-12)
+    with_sinks, without = found.settled
+    assert with_sinks is not None and without is not None and with_sinks < 0.5 * without
+    assert found.masses[0].rms_reduction > 0.3 and not len(found.sinks[0].crossings)
+
+
+def test_without_damping_nothing_settles() -> None:
+    still = structure("a: m1-ground: k*d; s: m2-m1: p*d + q*d**3", 1.0, 0.01, k=900.0, p=-100.0, q=1e6)
+    found = lw.absorb(still, duration=2.0, release={"v:m1": 0.1})
+    assert found.settled == (None, None)
+    np.testing.assert_allclose(found.with_sinks.dissipated, 0.0, atol=1e-15)
+    assert found.with_sinks.remaining[-1] == pytest.approx(1.0, abs=1e-12)
+    assert found.masses[0].without.rate == pytest.approx(0.0, abs=1e-6)
+    assert any("did not settle" in line for line in found.findings)
+
+
+def test_forced_structures_take_energy_in() -> None:
+    found = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=1000.0, forces={"m1": "20*sin(170*t)"})
+    side = found.with_sinks
+    np.testing.assert_allclose(
+        side.dissipated.sum(axis=1) + side.stored, side.put_in, atol=1e-9 * side.put_in.max()
+    )
+    assert side.put_in[0] == pytest.approx(0.0025, rel=1e-12) and side.total > 1.0
+
+
+def test_kinks_and_impulses_are_no_obstacle() -> None:
+    """A one-sided stop on the sink: energy still closes, a blow counts as put in."""
+    stop = structure(
+        "a: m1-ground: k*d + c*v; s: m2-m1: p*d + q*d**3 + c2*v; stop: m2-m1: kk*max(d - g, 0)", 1.0, 0.01,
+        k=900.0, c=0.3, p=-100.0, q=1e6, c2=0.02, kk=1e4, g=0.012,
+    )  # fmt: skip
+    found = lw.absorb(stop, duration=1.0, impulses=(lw.Impulse("m1", 0.2, 0.1),))
+    assert found.trusted and found.with_sinks.total == pytest.approx(0.5 * 0.04 + 0.0025, rel=1e-9)
+    assert found.absorbing == ("s", "stop")
+
+
+def test_decay_between_samples() -> None:
+    """Twenty samples a period of a decaying sine: envelope, settling time and rate as those of the curve."""
+    time = np.arange(0.0, 10.0, 0.05)
+    pole = complex(-0.3, 2.0 * np.pi)
+    z = np.exp(pole * time)
+    decay = Decay(time, z.imag[:, None, None], (pole * z).imag[:, None, None])
+    fine = np.arange(0.0, 10.0, 1e-4)
+    curve = np.abs(np.exp(pole * fine).imag)
+    assert decay.peak[0, 0] == pytest.approx(curve.max(), rel=1e-4)
+    later = np.maximum.accumulate(curve[::-1])[::-1]
+    np.testing.assert_allclose(decay.envelope[:-2, 0, 0], later[::500][: len(time) - 2], rtol=1e-4, atol=1e-4)
+    level = np.array([[0.25]])
+    assert decay.settled(level)[0, 0] == pytest.approx(fine[curve > 0.25][-1], abs=2e-4)
+    assert decay.column(0).rate(level[:, 0])[0] == pytest.approx(0.3, rel=1e-3)
+    assert np.isnan(decay.settled(np.array([[0.04]]))).all()  # it leaves the band within the last 5 %
+    assert decay.settled(np.array([[2.0]]))[0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"sinks": ("nes9",)}, lw.StructureError, r'there is no link "nes9".*the links are "spring1", "nes1"'),
+        ({"sinks": ("spring1", "nes1")}, lw.StructureError, r"with the sinks removed it cannot stand: nothing holds it"),
+        ({"release": {}}, lw.SimulationError, r"nothing sets the structure in motion: give a release"),
+        ({"release": {"v:m1": 0.0}}, lw.SimulationError, r"nothing sets the structure in motion"),
+        ({"release": {"v:m2": 1.0}}, lw.SimulationError, r"removed nothing sets.*--without locked"),
+        ({"release": {}, "forces": {"m1": "0"}}, lw.SimulationError, r"removed nothing moves, so there is nothing"),
+        ({"without": "frozen"}, lw.StructureError, r"removed or locked, not with sinks 'frozen'"),
+        ({"settle": 1.5}, lw.SimulationError, r"between 0 and 1, which 1.5 is not"),
+        ({"harvesters": {"nes1": -1.0}}, lw.StructureError, r'link "nes1": a harvester\'s damping of -1.0 N s/m'),
+        ({"harvesters": {"nes3": 1.0}}, lw.StructureError, r'there is no link "nes3"'),
+        ({"release": {"v:m7": 1.0}}, lw.SimulationError, r"there is no mass 'm7' that could be released"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_asked(changes: dict[str, object], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        lw.absorb(lw.bnes_chain(2), **{"duration": 1.0, "release": RELEASE, **changes})
+
+
+def test_structures_without_an_answer() -> None:
+    with pytest.raises(lw.StructureError, match="coefficient alpha is unknown and has no start"):
+        lw.absorb(lw.bnes_chain(2).unknown("nes"), duration=1.0, release=RELEASE)
+    linear = structure("a: m1-ground: k*d; b: m2-m1: k*d", 1.0, 1.0, k=100.0)
+    with pytest.raises(
+        lw.StructureError, match=r"no link of test has more than one stable well.*the links are a, b"
+    ):
+        lw.absorb(linear, duration=1.0, release=RELEASE)
+    through = structure("s: m2-ground: p*d + q*d**3; b: m1-m2: k*d", 1.0, 0.1, k=100.0, p=-1.0, q=1.0)
+    with pytest.raises(lw.StructureError, match='link "s": it holds on to the ground: locked'):
+        lw.absorb(through, duration=1.0, release=RELEASE, without="locked")
+    between = structure("s: m2-ground: p*d + q*d**3; b: m1-m2: p*d + q*d**3", 1.0, 0.1, p=-1.0, q=1.0)
+    with pytest.raises(lw.StructureError, match="with the sinks removed it cannot stand: nothing holds it"):
+        lw.absorb(between, duration=1.0, release=RELEASE, sinks=("b", "s"))
+
+
+def test_a_structure_of_sinks_alone_is_refused() -> None:
+    lone = structure("s: m1-ground: p*d + q*d**3", 1.0, p=-1.0, q=1.0)
+    with pytest.raises(
+        lw.StructureError, match=r"every mass \(m1\) would be the mass of a sink.*name fewer sinks"
+    ):
+        lw.absorb(lone, duration=1.0, release=RELEASE)
+
+
+def test_prints_what_matters(paper: lw.Absorption) -> None:
+    text = str(paper)
+    assert "with its sinks (nes1) and with them removed" in text and "smaller with sinks" in text
+    assert "109" in text and "2.379 s" in text and "the balance closes to" in text
+    assert paper.to_dict()["sinks"]["nes1"]["crossings"] == 109
