@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from linkwise.sparse.stlsq import Stlsq
     from linkwise.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.structure_file import format_structure, parse_structure, read_structure, write_structure
+    from linkwise.study.campaign import run_study
     from linkwise.study.definition import Study
     from linkwise.study.row import Row
     from linkwise.study.store import read_rows, stored_study
@@ -122,6 +123,7 @@ __all__ = [
     "read_structure",
     "read_study",
     "result_of",
+    "run_study",
     "simulate",
     "stored_study",
     "wells",
@@ -170,6 +172,7 @@ _HOMES = {
     "sparse.stlsq": ("Stlsq",),
     "structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
     "structure_file": ("format_structure", "parse_structure", "read_structure", "write_structure"),
+    "study.campaign": ("run_study",),
     "study.definition": ("Study",),
     "study.row": ("Row",),
     "study.store": ("read_rows", "stored_study"),

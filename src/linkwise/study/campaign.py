@@ -1,0 +1,71 @@
+"""Run a study from its definition to its tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+from linkwise.errors import StudyError
+from linkwise.study.crew import Crew, Processes
+from linkwise.study.definition import Study
+from linkwise.study.row import Row
+from linkwise.study.runner import Progress, run
+from linkwise.study.store import opened, read_rows
+from linkwise.study.study_file import read_study
+
+
+def run_study(
+    which: Study | str | Path,
+    folder: str | Path,
+    *,
+    quick: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> tuple[Row, ...]:
+    """Run a study, "paper" or a TOML file, in `folder`, or go on with it there, and return its rows.
+
+    `quick` takes the few cycles that the study calls quick. It runs on `workers` processes of this machine (default: as many
+    as there are processors), or on the dask cluster whose `scheduler` is at this address. Killed at any moment it loses only
+    what was being computed; a row never depends on who computed it.
+
+    Raises StudyError for a study that cannot be read, for a folder that holds another one or in which another process runs
+    one, and where workers cannot be had.
+    """
+    study = which if isinstance(which, Study) else read_study(which)
+    study = study.quickly() if quick else study
+    if workers is not None and scheduler is not None:
+        raise StudyError(
+            "workers are processes of this machine, a scheduler has workers of its own; give one of the two"
+        )
+    with opened(Path(folder), study) as store:
+        if len(store.done()) < len(study):
+            with _crew(workers, scheduler) as crew:
+                run(study, store, crew, progress or _silently)
+    return read_rows(folder)
+
+
+def _silently(progress: Progress) -> None:
+    """Report to nobody."""
+
+
+def _crew(workers: int | None, scheduler: str | None) -> Crew:
+    if scheduler is None:
+        return Processes(workers if workers is not None else processors())
+    try:
+        cluster = import_module("linkwise.study.cluster")
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
+            raise
+        raise StudyError(
+            "a scheduler needs the library distributed, which comes with the extra 'cluster': pip install 'linkwise[cluster]'"
+        ) from error
+    crew: Crew = cluster.Cluster(scheduler)
+    return crew
+
+
+def processors() -> int:
+    """The processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,161 @@
+"""Who runs the batches of a study: an interface, and the processes of this machine behind it.
+
+A crew hands out futures of `concurrent.futures`, and says of a failed one whether the worker was lost or the batch is to
+blame.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Self, final
+
+from linkwise.errors import StudyError
+from linkwise.study.worker import Batch, Done, run_batch
+
+_ATTEMPTS = 3  # to start a worker
+
+
+class Crew(ABC):
+    """Workers, from `__enter__` to `__exit__`; leaving by an exception abandons what they are at."""
+
+    seconds: float  # how long a batch should last, so that handing it out costs next to nothing
+
+    @property
+    @abstractmethod
+    def places(self) -> int:
+        """How many batches should be out at once."""
+
+    @abstractmethod
+    def submit(self, batch: Batch) -> Future[list[Done]]:
+        """Hand out a batch; no more than `places` at a time."""
+
+    @abstractmethod
+    def lost(self, error: BaseException) -> bool:
+        """Whether a batch failed with `error` because its worker died; then it can be handed out again."""
+
+    @abstractmethod
+    def __enter__(self) -> Self: ...
+
+    @abstractmethod
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+@final
+class Processes(Crew):
+    """`count` processes of this machine, each alone in a pool of its own: one that dies takes its own batch with it and no
+    other, and a new one takes its place.
+
+    Workers end with this process, even one that is killed. Raises StudyError where none can be started.
+    """
+
+    seconds = 0.25
+
+    def __init__(self, count: int) -> None:
+        if count < 1:
+            raise StudyError(f"a study needs at least one worker, got {count}")
+        self._count = count
+        self._pools: list[ProcessPoolExecutor] = []
+        self._at: dict[int, Future[list[Done]]] = {}
+        self._context = multiprocessing.get_context("spawn")
+        self._ends: tuple[Connection, Connection] | None = None
+
+    @property
+    def places(self) -> int:
+        return self._count
+
+    def __enter__(self) -> Self:
+        self._ends = self._context.Pipe(duplex=False)
+        self._pools = [self._pool() for _ in range(self._count)]
+        for place, started in enumerate([_submit(pool, os.getpid) for pool in self._pools]):
+            self._await(place, started)
+        return self
+
+    def submit(self, batch: Batch) -> Future[list[Done]]:
+        place = next(i for i in range(self._count) if i not in self._at or self._at[i].done())
+        try:
+            future = _submit(self._pools[place], run_batch, batch)
+        except BrokenProcessPool:
+            self._renew(place)
+            future = _submit(self._pools[place], run_batch, batch)
+        self._at[place] = future
+        return future
+
+    def lost(self, error: BaseException) -> bool:
+        return isinstance(error, BrokenProcessPool)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._ends is not None
+        if kind is not None:
+            self._ends[1].close()  # tells every worker to leave at once
+        for pool in self._pools:
+            pool.shutdown(wait=True, cancel_futures=True)
+        for end in self._ends:
+            end.close()
+
+    def _pool(self) -> ProcessPoolExecutor:
+        assert self._ends is not None
+        return ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=(self._ends[0],))
+
+    def _renew(self, place: int) -> None:
+        self._pools[place].shutdown(wait=True)
+        self._pools[place] = self._pool()
+
+    def _await(self, place: int, started: Future[int]) -> None:
+        """Wait until a worker is up: what keeps it from starting keeps it for good, and no case is to blame."""
+        for _ in range(_ATTEMPTS):
+            try:
+                started.result()
+                return
+            except BrokenProcessPool:
+                self._renew(place)
+                started = _submit(self._pools[place], os.getpid)
+        raise StudyError(
+            "its worker processes end as soon as they start. A script that runs a study does so under "
+            '`if __name__ == "__main__":` and is a file, since every worker imports it'
+        )
+
+
+def _submit(pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    with _without_interrupt():  # a process that starts here is not the one that Ctrl-C is for
+        return pool.submit(function, *arguments)
+
+
+@contextmanager
+def _without_interrupt() -> Iterator[None]:
+    """Put off Ctrl-C; processes started meanwhile never see it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin(end: Connection) -> None:
+    """In a new worker: leave Ctrl-C to the coordinator, and leave when it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with, args=(end,), daemon=True).start()
+
+
+def _leave_with(end: Connection) -> None:
+    """Wait until the other end of the pipe is closed, by the coordinator or by its death, and end this process."""
+    try:
+        end.poll(None)
+    finally:
+        os._exit(1)

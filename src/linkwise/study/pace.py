@@ -1,0 +1,87 @@
+"""How long cases take, from those that were run; how many make a batch, and how long is left."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from time import perf_counter
+
+from linkwise.study.row import Case, Row
+
+Cell = tuple[str, float, str]
+
+
+class Pace:
+    """Measured seconds of cases by (structure, noise, method), and what they promise for those still to come."""
+
+    def __init__(self, done: list[Row], pending: list[Case]) -> None:
+        self._seconds: dict[Cell, float] = {}
+        self._counts: Counter[Cell] = Counter()
+        self._left: Counter[Cell] = Counter(map(_cell, pending))
+        self._began = perf_counter()
+        self._worked = 0.0
+        self.done = 0
+        for row in done:
+            self._learn(_cell(row.case), row.seconds)
+
+    def finished(self, case: Case, seconds: float) -> None:
+        """Take note of a case that took so many `seconds` of a worker."""
+        self._learn(_cell(case), seconds)
+        self._left[_cell(case)] -= 1
+        self._worked += seconds
+        self.done += 1
+
+    def known(self, case: Case) -> bool:
+        """Whether one like it was run."""
+        return self._counts[_cell(case)] > 0
+
+    def expected(self, case: Case) -> float:
+        """Seconds that a worker should take: the mean of those like it, or of those by the same method, or of all."""
+        return self._expected(_cell(case))
+
+    @property
+    def rate(self) -> float:
+        """Cases a second since the start, 0 before the first."""
+        return self.done / max(perf_counter() - self._began, 1e-9)
+
+    @property
+    def left(self) -> float | None:
+        """Seconds left at the speed of the workers so far; None before anything is known."""
+        if not self._worked:
+            return None
+        work = sum(count * self._expected(cell) for cell, count in self._left.items() if count)
+        return work * (perf_counter() - self._began) / self._worked
+
+    def _learn(self, cell: Cell, seconds: float) -> None:
+        count = self._counts[cell]
+        self._seconds[cell] = (self._seconds.get(cell, 0.0) * count + seconds) / (count + 1)
+        self._counts[cell] = count + 1
+
+    def _expected(self, cell: Cell) -> float:
+        if cell in self._seconds:
+            return self._seconds[cell]
+        alike = [seconds for (_, _, method), seconds in self._seconds.items() if method == cell[2]]
+        known = alike or list(self._seconds.values())
+        return sum(known) / len(known) if known else 0.0
+
+
+def next_batch(pending: deque[Case], pace: Pace, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
+    """Take cases off the front of `pending` that should last `seconds` together, at least one.
+
+    One that was never timed, and one in `alone`, makes a batch of its own.
+    """
+    chosen = [pending.popleft()]
+    total = pace.expected(chosen[0])
+
+    def single(case: Case) -> bool:
+        return case in alone or not pace.known(case)
+
+    while pending and not single(chosen[0]) and not single(pending[0]):
+        total += pace.expected(pending[0])
+        if total > seconds:
+            break
+        chosen.append(pending.popleft())
+    return tuple(chosen)
+
+
+def _cell(case: Case) -> Cell:
+    return case.structure, case.snr_db, case.method
