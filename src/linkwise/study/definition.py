@@ -75,6 +75,10 @@ class Study:
         """The method called `name`; StudyError lists those there are."""
         return self._methods[name] if name in self._methods else _absent(name, "method", self._methods)
 
+    def cycle(self, case: Case) -> int:
+        """Which cycle a case belongs to, 0 the first: the number that `Subject.simulate` asks for."""
+        return case.seed - self.first_seed
+
     def place(self, case: Case) -> tuple[int, int, int, int]:
         """Where a case stands in tables: by structure, noise, method, seed, in the order of the study."""
         return (*self._places[case.structure, case.snr_db, case.method], case.seed)

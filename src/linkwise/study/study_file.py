@@ -6,18 +6,21 @@ import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from linkwise.chains import bnes_chain
+from linkwise.conventions import Convention
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.excitation import Impulse
 from linkwise.link import near_miss
+from linkwise.monomialforce import Reading
 from linkwise.structure import Structure
 from linkwise.structure_file import parse_structure, read_structure
 from linkwise.study.definition import Study
 from linkwise.study.method import LinkByLink, Method, PhysicsInformed
+from linkwise.study.monomial import AllMonomials, RegressorName
 from linkwise.study.subject import Subject
 
 _SOURCES = ("bnes", "file", "toml")
@@ -43,6 +46,7 @@ class _Structure(msgspec.Struct, forbid_unknown_fields=True):
     sensors: tuple[str, ...] = ("x",)
     unknown: tuple[str, ...] = ("all",)
     judge: tuple[str, ...] = ()
+    scatter: float = 0.0
 
 
 class _LinkByLink(msgspec.Struct, forbid_unknown_fields=True):
@@ -63,7 +67,26 @@ class _PhysicsInformed(msgspec.Struct, forbid_unknown_fields=True):
         return PhysicsInformed(self.name or self.kind, self.derivative, self.regressor)
 
 
-_KINDS: dict[str, type[Any]] = {"ml": _LinkByLink, "weak": _LinkByLink, "physics-informed": _PhysicsInformed}
+class _Classical(msgspec.Struct, forbid_unknown_fields=True):
+    kind: Literal["classical"]
+    convention: Convention
+    name: str = ""
+    regressor: RegressorName = "least-squares"
+    reading: Reading = "coefficients"
+    order: Annotated[int, msgspec.Meta(ge=1)] = 3
+    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
+
+    def build(self) -> Method:
+        name = self.name or f"{self.kind}, {self.convention}"
+        return AllMonomials(name, self.convention, self.regressor, self.reading, self.order, self.threshold)
+
+
+_KINDS: dict[str, type[Any]] = {
+    "ml": _LinkByLink,
+    "weak": _LinkByLink,
+    "physics-informed": _PhysicsInformed,
+    "classical": _Classical,
+}
 
 
 class _Document(msgspec.Struct, forbid_unknown_fields=True):
@@ -153,6 +176,7 @@ def _subject(entry: _Structure, path: str, source: str, folder: Path) -> Subject
             sensors=entry.sensors,
             unknown=entry.unknown,
             judge=entry.judge,
+            scatter=entry.scatter,
         )
     except StudyError as error:
         raise StudyError(error.message, f"{source}, {path}.{error.where}") from None

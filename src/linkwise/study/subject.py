@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,8 +27,13 @@ class Subject:
 
     `release`, `impulses`, `forces` and `base` are as in `simulate`, forces and base as text in t. Estimators see `sensors`
     and are asked for `unknown`, as in `Structure.unknown`; `judge` names, in the same way, the links whose force is compared
-    with the truth, by default those asked for whose stiffness is nonlinear, or all asked for where none is. Raises
-    StudyError, naming the key, for what does not fit the structure.
+    with the truth, by default those asked for whose stiffness is nonlinear, or all asked for where none is.
+
+    With `scatter` s, cycle k = 0, 1, ... is released from (1 + k s) times the release. Past its horizon a chaotic motion is
+    one of many, and some are harder to identify than others: a tiny scatter lets every cycle follow its own, so that a
+    median over cycles is of the structure and not of one orbit.
+
+    Raises StudyError, naming the key, for what does not fit the structure.
     """
 
     name: str
@@ -41,11 +47,14 @@ class Subject:
     sensors: tuple[str, ...] = ("x",)
     unknown: tuple[str, ...] = ("all",)
     judge: tuple[str, ...] = ()
+    scatter: float = 0.0
 
     def __post_init__(self) -> None:
         for key, value in (("duration", self.duration), ("rate", self.rate)):
             if not 0.0 < value < float("inf"):
                 raise StudyError(f"it must be a number above 0, got {value!r}", key)
+        if not math.isfinite(self.scatter):
+            raise StudyError(f"it must be a finite number, got {self.scatter!r}", "scatter")
         self._check_excitation()
         for key, names in (("sensors", self.sensors), ("unknown", self.unknown)):
             if not names:
@@ -76,14 +85,18 @@ class Subject:
         bent = [link for link in asked if "d" in symbols(differentiate(link.law.expression, "d"))]
         return tuple(link.name for link in bent or asked)
 
-    def simulate(self) -> Record:
-        """The clean record: x, v and a of every mass, and the inputs; raises SimulationError where it diverges."""
+    def simulate(self, cycle: int = 0) -> Record:
+        """The clean record of a cycle, 0 the first: x, v and a of every mass, and the inputs.
+
+        Raises SimulationError where it diverges.
+        """
+        factor = 1.0 + self.scatter * cycle
         return simulate(
             self.structure,
             duration=self.duration,
             rate=self.rate,
             sensors=_ALL,
-            release=self.release,
+            release={name: value * factor for name, value in self.release.items()},
             impulses=self.impulses,
             forces=self.forces,
             base=self.base,
@@ -114,6 +127,7 @@ class Subject:
             "sensors": list(self.sensors),
             "unknown": list(self.unknown),
             "judge": list(self.judge),
+            "scatter": float(self.scatter),
         }
 
     def _check_excitation(self) -> None:

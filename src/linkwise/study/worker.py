@@ -68,9 +68,8 @@ def _run(study: Study, text: str, case: Case) -> Done:
     subject = study.subject(case.structure)
     masses = subject.structure.size
     try:
-        answer = study.method(case.method).answer(
-            subject, _clean(text, case.structure), case.snr_db, case.seed
-        )
+        clean = _clean(text, case.structure, study.cycle(case) if subject.scatter else 0)
+        answer = study.method(case.method).answer(subject, clean, case.snr_db, case.seed)
         row = _row(case, masses, answer)
     except LinkwiseError as error:
         row = failure(case, masses, str(error), perf_counter() - started)
@@ -111,16 +110,16 @@ def _study(text: str) -> Study:
 
 
 @lru_cache(maxsize=_RECORDS)
-def _outcome(text: str, name: str) -> Record | LinkwiseError:
+def _outcome(text: str, name: str, cycle: int) -> Record | LinkwiseError:
     try:
-        return _study(text).subject(name).simulate()
+        return _study(text).subject(name).simulate(cycle)
     except LinkwiseError as error:  # kept too: a structure that diverges does so for every case
         return error
 
 
-def _clean(text: str, name: str) -> Record:
-    """The clean record of a structure, simulated once in this process."""
-    outcome = _outcome(text, name)
+def _clean(text: str, name: str, cycle: int) -> Record:
+    """The clean record of a structure in a cycle, simulated once in this process."""
+    outcome = _outcome(text, name, cycle)
     if isinstance(outcome, LinkwiseError):
         raise outcome
     return outcome

@@ -1,0 +1,133 @@
+"""The paper's classical SINDy as a method of a study: all monomials of all states, read for the force of each judged link."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from time import perf_counter
+from typing import Any, Literal, final
+
+import numpy as np
+
+from linkwise.conventions import Convention, noisy_states
+from linkwise.equations import StreamedEquations
+from linkwise.estimate import CONVERGED
+from linkwise.expression import polynomial
+from linkwise.library import monomial_equations
+from linkwise.link import Link
+from linkwise.monomialforce import Array, Reading, monomial_force, monomial_nmse
+from linkwise.monomials import tags
+from linkwise.record import Record
+from linkwise.sparse.gram import Gram
+from linkwise.sparse.l1 import L1
+from linkwise.sparse.least_squares import LeastSquares
+from linkwise.sparse.regressor import Fit, Regressor
+from linkwise.sparse.stlsq import Stlsq
+from linkwise.structure import Structure
+from linkwise.study.method import Answer, Method
+from linkwise.study.subject import Subject
+
+RegressorName = Literal["least-squares", "stlsq", "l1"]
+
+
+@final
+@dataclass(frozen=True)
+class AllMonomials(Method):
+    """Noise where the `convention` puts it, all monomials up to `order`, a regressor, and a `reading` of the force.
+
+    `threshold` is that of "stlsq", None for the one of smallest BIC. Methods that differ in regressor or reading share the
+    Gram matrix of a case; its time counts for each of them. Only the equations of masses with one link are solved: the others
+    tell no link's force alone.
+    """
+
+    name: str
+    convention: Convention
+    regressor: RegressorName = "least-squares"
+    reading: Reading = "coefficients"
+    order: int = 3
+    threshold: float | None = None
+
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+        equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
+        started = perf_counter()
+        fit = _fit(equations, gram, subject.structure, self._chosen())
+        seconds += perf_counter() - started
+        structure, links, found = subject.structure, {}, {}
+        for name in subject.judged:
+            links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
+            d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
+            found.update(_coefficients(structure.link(name), d, force))
+        return Answer(CONVERGED, seconds, links, found)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "kind": "classical",
+            "convention": self.convention,
+            "regressor": self.regressor,
+            "reading": self.reading,
+            "order": self.order,
+            **({} if self.threshold is None else {"threshold": self.threshold}),
+        }
+
+    def _chosen(self) -> Regressor:
+        match self.regressor:
+            case "least-squares":
+                return LeastSquares()
+            case "stlsq":
+                return Stlsq(self.threshold)
+            case "l1":
+                return L1()
+
+
+@lru_cache(maxsize=1)
+def _gram(
+    clean: Record, convention: Convention, snr_db: float, seed: int, order: int
+) -> tuple[StreamedEquations, Gram, float]:
+    """The equations of a case, their Gram matrix and the seconds that it took; the last one is kept."""
+    states = noisy_states(clean, convention, snr_db, seed=seed)
+    started = perf_counter()
+    equations = monomial_equations(states, order)
+    gram = Gram.of(equations)
+    return equations, gram, perf_counter() - started
+
+
+def _fit(equations: StreamedEquations, gram: Gram, structure: Structure, regressor: Regressor) -> Fit:
+    """The equations of the masses that hold on to one link only. Standard errors, which nobody reads here, are NaN: the
+    inverse of a matrix of 1771 columns takes longer than everything else.
+    """
+    named = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
+    ends = [end for link in structure.links for end in link.between]
+    targets = tuple(f"x{tag}''" for mass, tag in named.items() if ends.count(mass) == 1)
+    columns = [equations.targets.index(target) for target in targets]
+    scaled = np.zeros((len(gram.names), len(targets)))
+    setting = np.zeros(len(targets))
+    for place, column in enumerate(columns):
+        scaled[:, place], setting[place], _ = regressor.solve(gram, column)
+    norms = np.where(gram.norms[columns] > 0, gram.norms[columns], 1.0)
+    return Fit(
+        names=gram.names,
+        units=equations.units,
+        targets=targets,
+        coefficients=gram.unscaled(scaled),
+        support=scaled != 0,
+        standard_error=np.full_like(scaled, np.nan),
+        contribution=np.abs(scaled) / norms,
+        residual=np.full(len(targets), np.nan),
+        setting=setting,
+        paths=(),
+    )
+
+
+def _coefficients(link: Link, d: Array, force: Array) -> dict[str, float]:
+    """The coefficients of a polynomial law, those of its stiffness, that come closest to a force (N,) at elongations d (N,);
+    none for another law.
+    """
+    if polynomial(link.law.elastic, ("d",)) is None:
+        return {}
+    partials = link.law.partials(d, np.zeros_like(d), link.values).by_coefficient
+    columns = {name: values for name, values in partials.items() if np.any(values)}
+    sizes = [float(np.linalg.norm(values)) for values in columns.values()]
+    matrix = np.column_stack([values / size for values, size in zip(columns.values(), sizes, strict=True)])
+    solved = np.linalg.lstsq(matrix, force, rcond=None)[0] / sizes
+    return {f"{link.name}.{name}": float(value) for name, value in zip(columns, solved, strict=True)}
