@@ -1,0 +1,86 @@
+"""Rows told as cells: medians, spreads, what failed, what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from linkwise.study.cells import StudyTable
+from linkwise.study.definition import Study
+from linkwise.study.row import FAILED, Case, Row
+from linkwise.study.study_file import parse_study
+
+TEXT = """
+snr_db = [20, 40]
+cycles = 4
+structure = [
+  { name = "four", bnes = 4, duration = 1.0, rate = 1000.0, release = { "v:m1" = 3.0 } },
+  { name = "two", bnes = 2, duration = 1.0, rate = 1000.0, release = { "v:m1" = 1.0 } },
+]
+method = [{ kind = "weak" }, { kind = "ml" }]
+"""
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    """Two structures, two noise levels, two methods, four seeds from 1000 on."""
+    return parse_study(TEXT, "study.toml", None)  # type: ignore[arg-type]
+
+
+def row(case: Case, error: float, *, seconds: float = 0.1) -> Row:
+    """An answer to `case` with one sink, whose error is `error` in %."""
+    return Row(
+        case.structure, 2, case.snr_db, case.method, case.seed, "converged", {"nes1": error}, seconds=seconds
+    )
+
+
+def rows(study: Study, errors: list[float]) -> list[Row]:
+    """Every case answered; seed by seed the error is that of the list."""
+    return [row(case, errors[case.seed - 1000], seconds=case.seed - 999.0) for case in study.cases()]
+
+
+def test_cells_stand_in_order_and_carry_medians(study: Study) -> None:
+    table = StudyTable.of(study, rows(study, [4.0, 1.0, 2.0, 9.0]))
+    assert (table.structures, table.decibels, table.methods) == (
+        ("two", "four"),
+        (40.0, 20.0),
+        ("weak", "ml"),
+    )
+    assert table.masses == {"two": 2, "four": 4}
+    assert (table.expected, table.missing, table.failed) == (32, 0, 0)
+    cell = table.cell("two", 20.0, "ml")
+    assert (cell.nmse, cell.low, cell.high, cell.seconds) == (3.0, 1.0, 9.0, 2.5)
+    assert cell.middle.seed == 1000  # 4 and 2 are as close to 3: the first seed
+    assert cell.share_above(3.0) == 0.5
+    assert table.cell("two", 30.0, "ml") is None
+
+
+def test_a_failed_case_counts_as_worse_than_any_answer(study: Study) -> None:
+    given = [
+        replace(one, status=FAILED, links={}, reason="it diverged") if one.seed > 1000 + 1 else one
+        for one in rows(study, [4.0, 1.0, 0.0, 0.0])
+    ]
+    cell = StudyTable.of(study, given).cell("two", 20.0, "ml")
+    assert (cell.nmse, cell.low, cell.high) == (None, 1.0, None)  # half of them failed
+    assert cell.done == 4 and cell.reasons == (("it diverged", 2),)
+    assert cell.middle is None and cell.share_above(100.0) == 0.5
+    one_failed = StudyTable.of(study, given[:-8]).cell("two", 20.0, "ml")
+    assert (one_failed.done, one_failed.nmse) == (3, 4.0)
+
+
+def test_an_error_that_is_no_number_is_a_failure(study: Study) -> None:
+    table = StudyTable.of(study, [row(case, np.nan) for case in study.cases()])
+    assert table.failed == 32 and table.cell("two", 20.0, "ml").nmse is None
+
+
+def test_missing_cells_are_counted_and_strangers_left_out(study: Study) -> None:
+    given = [one for one in rows(study, [1.0] * 4) if one.structure == "two"]
+    stranger = row(Case("two", 20.0, "ml", 7), 1e9)
+    table = StudyTable.of(study, [*given, stranger])
+    assert table.missing == 16 and table.cell("two", 20.0, "ml").nmse == 1.0
+    empty = table.cell("four", 20.0, "ml")
+    assert (empty.done, empty.expected, empty.masses) == (0, 4, 4)
+    assert (empty.nmse, empty.low, empty.seconds, empty.middle) == (None, None, None, None)
+    assert np.isnan(empty.share_above(1.0))
