@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from linkwise.absorb import absorb
+    from linkwise.absorbed import absorption_of, write_absorption
     from linkwise.absorption.result import Absorption
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from linkwise.study.row import Row
     from linkwise.study.store import read_rows, stored_study
     from linkwise.study.study_file import read_study
+    from linkwise.study.summary import StudySummary, study_summary
     from linkwise.validate import FreeRun, free_run, nmse
     from linkwise.wells import barrier, wells
 
@@ -97,8 +99,10 @@ __all__ = [
     "Student",
     "Study",
     "StudyError",
+    "StudySummary",
     "TimeFunction",
     "absorb",
+    "absorption_of",
     "barrier",
     "bnes_chain",
     "differentiate",
@@ -126,7 +130,9 @@ __all__ = [
     "run_study",
     "simulate",
     "stored_study",
+    "study_summary",
     "wells",
+    "write_absorption",
     "write_record",
     "write_result",
     "write_structure",
@@ -135,6 +141,7 @@ __all__ = [
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
     "absorb": ("absorb",),
+    "absorbed": ("absorption_of", "write_absorption"),
     "absorption.result": ("Absorption",),
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),
@@ -177,6 +184,7 @@ _HOMES = {
     "study.row": ("Row",),
     "study.store": ("read_rows", "stored_study"),
     "study.study_file": ("read_study",),
+    "study.summary": ("StudySummary", "study_summary"),
     "validate": ("FreeRun", "free_run", "nmse"),
     "wells": ("barrier", "wells"),
 }

@@ -124,11 +124,14 @@ def _known(value: float) -> float | None:
 def _sinks(trial: Trial, side: Side, passages: Passages, tops: list[Floats]) -> tuple[SinkWork, ...]:
     names = [link.name for link in side.structure.links]
     believed = np.inf if side.horizon is None else side.horizon
+    base = trial.excitation.base
+    d = side.structure.elongations(side.x, None if base is None else base.value(trial.times))
     found = []
     for sink in trial.sinks:
         number = names.index(sink.link)
         times, heights = passages[number], tuple(tops[number].tolist())
-        found.append(SinkWork(sink, heights, side.share(sink.link), times, int(np.sum(times < believed))))
+        share, before = side.share(sink.link), int(np.sum(times < believed))
+        found.append(SinkWork(sink, heights, share, d[:, number], times, before))
     return tuple(found)
 
 

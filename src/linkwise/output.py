@@ -13,6 +13,7 @@ from typing import Any
 from linkwise.errors import LinkwiseError
 
 RESULT = "result.json"  # marks a folder as a result of linkwise; its "files" lists what linkwise put there
+ABSORPTION = "absorption.json"  # the same of `absorb`
 
 
 class OutputError(LinkwiseError):
@@ -103,8 +104,11 @@ def _carry_over(old: Path, new: Path) -> None:
 
 def _written(folder: Path) -> set[str] | None:
     """The names that linkwise wrote into an earlier result; None where `folder` is not one."""
-    try:
-        result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-        return {RESULT, *map(str, result["files"])} if "method" in result else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    for mark in (RESULT, ABSORPTION):
+        try:
+            result = json.loads((folder / mark).read_text(encoding="utf-8"))
+            if "method" in result:
+                return {mark, *map(str, result["files"])}
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return None

@@ -16,7 +16,9 @@ from linkwise.trajectory import Manner, Travelled, travel
 
 Floats = NDArray[np.float64]
 
-_NEWTON = 2  # runs after the cubic: its error of 1e-6 of a step becomes rounding
+_NEWTON = 5  # runs after the cubic at most; two make its error of 1e-6 of a step one of rounding
+_AGREED = 1e-6  # of a step: the last move of a root that was found
+_TREMBLE = 1e-9  # of the farthest from a top: a link that near has not begun to move
 _SAME = 1e-9  # of the run: passages closer than that are one, and one so close to the start is the start
 
 
@@ -35,24 +37,35 @@ def crossings(course: Course, run: Travelled, tops: Sequence[Floats]) -> tuple[F
     links, levels, times = _guesses(edges, d, rate, tops)
     order = np.argsort(times, kind="stable")
     links, levels, times = links[order], levels[order], times[order]
+    step = course.end / max(run.steps, 1)
+    move = np.full(len(times), np.inf)
     for _ in range(_NEWTON):
-        unique, back = np.unique(times, return_inverse=True)
-        if not len(unique):
+        if not np.any(np.abs(move) > _AGREED * step):
             break
+        unique, back = np.unique(times, return_inverse=True)
         d, rate = _motion(course, run, unique)
         with np.errstate(all="ignore"):
             move = (d[back, links] - levels) / rate[back, links]
-        near = np.abs(move) < 0.5 * course.end / max(run.steps, 1)
-        times = np.clip(np.where(near, times - move, times), 0.0, course.end)
-    return tuple(_distinct(times[links == number], course.end) for number in range(len(tops)))
+        times = np.clip(np.where(np.abs(move) < step, times - move, times), 0.0, course.end)
+    passed = np.abs(move) <= _AGREED * step  # a cubic may bend where a motion that sets in gently does not
+    links, times = links[passed], times[passed]
+    return tuple(distinct(times[links == number], course.end) for number in range(len(tops)))
 
 
-def counted(times: Floats, end: float) -> Floats:
-    """Ascending `times` without those at the start of a run that ends at `end`, near ones once."""
-    return _distinct(times, end)
+def begun(times: Floats, time: Floats, d: Floats, tops: Floats) -> Floats:
+    """Passages at `times` of a link with elongation `d` (N,) at samples `time` (N,), without those before it moves.
+
+    A sink that rests on its top until the first wave arrives trembles there by rounding, from one side to the other.
+    """
+    if not (len(times) and len(tops)):
+        return times
+    away = np.abs(d[:, None] - tops).min(axis=1)
+    first = int(np.argmax(away > _TREMBLE * away.max()))
+    return times[times >= time[max(first - 1, 0)]]
 
 
-def _distinct(times: Floats, end: float) -> Floats:
+def distinct(times: Floats, end: float) -> Floats:
+    """`times` in order without those at the start of a run that ends at `end`, near ones once."""
     times = np.sort(times)
     times = times[times > _SAME * end]
     return times[np.append(True, np.diff(times) > _SAME * end)] if len(times) else times

@@ -100,13 +100,14 @@ class Side:
 class SinkWork:
     """What one sink did: `share` is the part of the energy put in that it dissipated.
 
-    `crossings` (C,) s are its passages between wells over one of its `tops` m, of which the first `believed` are before the
-    horizon of prediction.
+    `elongation` (N,) m is that of its link; `crossings` (C,) s are its passages between wells over one of its `tops` m, of
+    which the first `believed` are before the horizon of prediction.
     """
 
     sink: Sink
     tops: tuple[float, ...]
     share: float
+    elongation: Floats
     crossings: Floats
     believed: int
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.absorption.crossings import crossings
+from linkwise.absorption.crossings import begun, crossings
 from linkwise.simulate import Motion
 
 Floats = NDArray[np.float64]
@@ -32,12 +32,16 @@ class Runs:
 
 def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
     """One motion by itself, in the best precision there is and past the kinks of its laws; `tops` (K,) m of each link."""
-    energy = motion.energy
+    energy, course = motion.energy, motion.course
+    base = course.excitation.base
+    d = course.structure.elongations(motion.displacement, None if base is None else base.value(course.times))
+    found = crossings(course, motion.run, tops)
+    passages = tuple(begun(found[k], course.times, d[:, k], tops[k]) for k in range(len(tops)))
     return Runs(
-        time=motion.course.times,
+        time=course.times,
         x=motion.displacement[..., None],
         v=motion.velocity[..., None],
         heat=energy.dissipated[..., None],
         put_in=energy.put_in[..., None],
-        passages=(crossings(motion.course, motion.run, tops),),
+        passages=(passages,),
     )

@@ -1,4 +1,4 @@
-"""The printed answer of `absorb`."""
+"""The answer of `absorb` as rows of text, for print and for the page."""
 
 from __future__ import annotations
 
@@ -12,15 +12,21 @@ if TYPE_CHECKING:
 
 Rows = list[tuple[str, ...]]
 
-_MANY = 12  # masses, links or sinks that are shown
+_MANY = 12  # masses, links or sinks that are printed
 _WIDTH = 100  # at which sentences are broken
 
 
 def text_table(found: Absorption) -> str:
     """The whole answer as text."""
-    blocks = [_head(found), _masses(found), _energy(found), _crossings(found)]
+    blocks = ["\n".join(fill(line, _WIDTH) for line in headline(found))]
+    tables = [
+        (mass_rows(found), "masses"),
+        (energy_rows(found), "links"),
+        (crossing_rows(found), "sinks"),
+    ]
     if found.harvests:
-        blocks.append(_harvests(found))
+        tables.append((harvest_rows(found), "harvesters"))
+    blocks += [_printed(rows, what) for rows, what in tables]
     if found.findings:
         blocks.append("\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in found.findings))
     return "\n\n".join(blocks)
@@ -41,49 +47,48 @@ def seconds(time: float | None) -> str:
     return "never" if time is None else f"{time:.4g} s"
 
 
-def _head(found: Absorption) -> str:
-    structure = found.with_sinks.structure
+def headline(found: Absorption) -> tuple[str, ...]:
+    """The answer in three sentences."""
     names = ", ".join(each.sink.link for each in found.sinks[:_MANY])
     more = f" and {len(found.sinks) - _MANY} more" if len(found.sinks) > _MANY else ""
-    settled = " against ".join(seconds(each) for each in found.settled)
+    one, other = found.settled
     return (
-        f"{structure.name or 'structure'}, {found.time[-1]:g} s, with its sinks ({names}{more}) and with them {found.manner}\n"
-        f"RMS of the primary masses: {smaller(found.rms_reduction)} with sinks; settled below "
-        f"{100 * found.settle:g} %: {settled}"
+        f"With its sinks the primary masses' RMS is {smaller(found.rms_reduction)} over {found.time[-1]:g} s.",
+        f"The sinks ({names}{more}) took {percent(found.sinks_share)} of the energy; for comparison they are "
+        f"{found.manner}.",
+        f"All primary masses below {100 * found.settle:g} % of their peak: {seconds(one)} with sinks, "
+        f"{seconds(other)} without.",
     )
 
 
-def _masses(found: Absorption) -> str:
-    rows: Rows = [("mass", "peak", "without", "RMS", "without", "settled", "without", "decay", "without", "")]
-    rows += [_mass(each) for each in found.masses[:_MANY]]
-    return "\n".join([*columns(rows), *_rest(len(found.masses), "masses")])
+def mass_rows(found: Absorption) -> Rows:
+    """Peak, RMS, settling time and decay of each primary mass, with sinks and without."""
+    titles = ("mass", "peak", "without", "RMS", "without", "settled", "without", "decay", "without")
+    return [titles, *(_mass(each) for each in found.masses)]
 
 
 def _mass(each: MassChange) -> tuple[str, ...]:
     one, other = each.with_sinks, each.without
-    rates = ("-" if rate is None else f"{rate:.3g}/s" for rate in (one.rate, other.rate))
-    pairs = (
-        (f"{one.peak:.4g} m", f"{other.peak:.4g} m"),
-        (f"{one.rms:.3g} m", f"{other.rms:.3g} m"),
-        (seconds(one.settled), seconds(other.settled)),
-        tuple(rates),
-    )
-    return each.name, *(text for pair in pairs for text in pair), ""
+    rates = ["-" if rate is None else f"{rate:.3g}/s" for rate in (one.rate, other.rate)]
+    peaks = [f"{peak:.4g} m" for peak in (one.peak, other.peak)]
+    rms = [f"{value:.3g} m" for value in (one.rms, other.rms)]
+    return each.name, *peaks, *rms, seconds(one.settled), seconds(other.settled), *rates
 
 
-def _energy(found: Absorption) -> str:
+def energy_rows(found: Absorption) -> Rows:
+    """What was put in, and the shares of it that each link dissipated and that is left."""
     one, other = found.with_sinks, found.without
-    names = [link.name for link in one.structure.links]
     there = {link.name for link in other.structure.links}
-    rows: Rows = [("energy", "with sinks", "without", "")]
-    rows.append(("put in", f"{one.total:.4g} J", f"{other.total:.4g} J", ""))
-    rows += [
-        (name, percent(one.share(name)), percent(other.share(name) if name in there else None), "dissipated")
-        for name in names[:_MANY]
+    rows: Rows = [
+        ("energy", "with sinks", "without"),
+        ("put in", f"{one.total:.4g} J", f"{other.total:.4g} J"),
+        ("left at the end", percent(_left(one)), percent(_left(other))),
+        ("all sinks", percent(found.sinks_share), ""),
     ]
-    rows.append(("left", percent(_left(one)), percent(_left(other)), f"at {found.time[-1]:g} s"))
-    told = f"  all sinks {percent(found.sinks_share)}; the balance closes to {max(one.closure, other.closure):.0e}"
-    return "\n".join([*columns(rows), *_rest(len(names), "links"), told])
+    for link in one.structure.links:
+        name = link.name
+        rows.append((name, percent(one.share(name)), percent(other.share(name)) if name in there else "-"))
+    return rows
 
 
 def _left(side: Side) -> float:
@@ -91,28 +96,34 @@ def _left(side: Side) -> float:
     return 0.0 if abs(part) < 1e-12 else part
 
 
-def _crossings(found: Absorption) -> str:
-    rows: Rows = [("sink", "mass", "on", "crossings", "believable", "last", "")]
-    rows += [_sink(each) for each in found.sinks[:_MANY]]
-    return "\n".join([*columns(rows), *_rest(len(found.sinks), "sinks")])
+def crossing_rows(found: Absorption) -> Rows:
+    """How often each sink went from well to well, how often before chaos ends prediction, and when last."""
+    return [
+        ("sink", "mass", "on", "crossings", "believable", "last"),
+        *(_sink(each) for each in found.sinks),
+    ]
 
 
 def _sink(each: SinkWork) -> tuple[str, ...]:
     place = (each.sink.link, each.sink.mass or "-", each.sink.host)
     if not each.tops:
-        return *place, "one well", "", "", ""
+        return *place, "one well", "-", "-"
     last = "-" if each.last is None else seconds(each.last)
-    return *place, f"{len(each.crossings)}", f"{each.believed}", last, ""
+    return *place, f"{len(each.crossings)}", f"{each.believed}", last
 
 
-def _harvests(found: Absorption) -> str:
-    rows: Rows = [("harvester on", "damping", "energy", "average power", "share", "")]
-    rows += [
-        (each.link, f"{each.damping:.4g} N s/m", f"{each.energy:.4g} J", f"{each.power:.4g} W", percent(each.share), "")
-        for each in found.harvests
-    ]  # fmt: skip
-    return "\n".join(columns(rows))
+def harvest_rows(found: Absorption) -> Rows:
+    """What each harvester takes."""
+    rows: Rows = [("harvester on", "damping", "energy", "average power", "share")]
+    for each in found.harvests:
+        numbers = (f"{each.damping:.4g} N s/m", f"{each.energy:.4g} J", f"{each.power:.4g} W")
+        rows.append((each.link, *numbers, percent(each.share)))
+    return rows
 
 
-def _rest(count: int, what: str) -> list[str]:
-    return [f"  ... and {count - _MANY} more {what}; --json prints all"] if count > _MANY else []
+def _printed(rows: Rows, what: str) -> str:
+    """Rows in columns, the rest of very many left to the file."""
+    cut = [(*row, "") for row in rows[: _MANY + 4]]
+    hidden = len(rows) - len(cut)
+    lines = columns(cut)
+    return "\n".join([*lines, *([f"  ... and {hidden} more {what}; --json prints all"] if hidden else [])])

@@ -20,7 +20,7 @@ from linkwise.structure import Structure
 from linkwise.structure_file import format_structure
 from linkwise.table import error_number, number
 
-_TEMPLATES = Environment(
+TEMPLATES = Environment(
     loader=PackageLoader("linkwise", "report"),
     autoescape=True,
     undefined=StrictUndefined,
@@ -73,7 +73,7 @@ def report(
     for done, link in enumerate(sorted(estimate.links, key=lambda each: not each.free)):  # found ones first
         progress(done / len(estimate.links), f"page: {link.link.name}")
         sections.append(_section(estimate, link.link.name, truth, nmse or {}, link.link.name in pictured))
-    return _TEMPLATES.get_template("page.html.jinja").render(
+    return TEMPLATES.get_template("page.html.jinja").render(
         estimate=estimate,
         record=estimate.record,
         sections=sections,

@@ -1,0 +1,114 @@
+"""The result folder of `absorb`: numbers, histories, figures and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.absorption.result import Absorption
+from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
+from linkwise.output import ABSORPTION, to_json, whole_folder
+from linkwise.plot import save
+from linkwise.plot.absorb import crossings_figure, decay_figure, energy_figure
+from linkwise.report.sheet import Section, embedded, sheet_page
+from linkwise.structure_file import format_structure
+
+Floats = NDArray[np.float64]
+Progress = Callable[[float, str], object]
+
+
+def absorption_of(found: Absorption) -> dict[str, Any]:
+    """What absorption.json says, as plain data."""
+    return {**found.to_dict(), "version": version("linkwise")}
+
+
+def write_absorption(
+    found: Absorption, folder: str | Path, *, progress: Progress = lambda fraction, now: None
+) -> Path:
+    """Write absorption.json, histories, figures and report.html into `folder`; all of them or none.
+
+    An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
+    something else.
+    """
+    result = absorption_of(found)
+    with whole_folder(Path(folder)) as partial:
+        _write_histories(found, partial)
+        progress(0.2, "figures")
+        save(decay_figure(found), partial / "decay")
+        save(energy_figure(found), partial / "energy")
+        save(crossings_figure(found), partial / "crossings")
+        structure = format_structure(found.with_sinks.structure)
+        (partial / "structure.toml").write_text(structure, encoding="utf-8", newline="\n")
+        progress(0.9, "page")
+        page = sheet_page(
+            found.with_sinks.structure.name or "structure",
+            verdict=headline(found),
+            trusted=found.trusted,
+            sections=_sections(found, partial),
+            structure=structure,
+            version=result["version"],
+            findings=found.findings,
+        )
+        (partial / "report.html").write_text(page, encoding="utf-8")
+        finish(partial, result)
+    return Path(folder)
+
+
+def finish(partial: Path, result: dict[str, Any]) -> None:
+    """Write absorption.json, which names the files beside it."""
+    result["files"] = sorted(path.name for path in partial.iterdir())
+    (partial / ABSORPTION).write_text(to_json(result, indent=1) + "\n", encoding="utf-8")
+
+
+def write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) -> None:
+    """A CSV file with a header."""
+    np.savetxt(
+        path, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(names), comments=""
+    )
+
+
+def _write_histories(found: Absorption, folder: Path) -> None:
+    """decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
+    names, columns = ["time"], [found.time]
+    for number, mass in enumerate(found.masses):
+        for side, label in ((found.with_sinks, ""), (found.without, " without sinks")):
+            names += [f"x:{mass.name}{label}", f"envelope:{mass.name}{label}"]
+            columns += [
+                side.x[:, side.structure.mass_names.index(mass.name)],
+                np.ascontiguousarray(side.envelope[:, number]),
+            ]
+    write_columns(folder / "decay.csv", names, columns)
+    names, columns = ["time"], [found.time]
+    for side, label in ((found.with_sinks, ""), (found.without, " without sinks")):
+        names += [
+            f"{what}{label}" for what in ("put in", "stored", *(link.name for link in side.structure.links))
+        ]
+        columns += [side.put_in, side.stored, *side.dissipated.T]
+    write_columns(folder / "energy.csv", names, columns)
+    rows = [f"{work.sink.link},{time:.12g}" for work in found.sinks for time in work.crossings]
+    (folder / "crossings.csv").write_text("\n".join(["sink,time", *rows]) + "\n", encoding="utf-8")
+
+
+def _sections(found: Absorption, folder: Path) -> list[Section]:
+    settle = (
+        f"A mass has settled when it stays below {100 * found.settle:g} % of its peak without sinks until the end, and has "
+        "done so for the last 5 % of the run at least. The envelope is the largest excursion still to come; decay is the rate "
+        "of an exponential through the peaks that none later exceeds."
+    )
+    energy = (
+        "Energies count from the lowest wells of all links, so that what was put in is what is still there and what each link "
+        f"dissipated: the balance closes to {max(found.with_sinks.closure, found.without.closure):.0e}."
+    )
+    sections = [
+        Section("Primary masses", settle, mass_rows(found), embedded(folder / "decay.svg")),
+        Section("Energy", energy, energy_rows(found), embedded(folder / "energy.svg")),
+        Section("Wells crossed", "", crossing_rows(found), embedded(folder / "crossings.svg")),
+    ]
+    if found.harvests:
+        sections.append(Section("Harvesters", "Dampers in parallel to links.", harvest_rows(found)))
+    return sections

@@ -1,0 +1,164 @@
+"""`linkwise absorb`: what it prints and writes, and what it says to messy input."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+
+TRIAL = ["--duration", "1", "--rate", "500", "--release", "v:m1=1.0"]
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("absorb") / "chain.toml"
+    lw.write_structure(lw.bnes_chain(2), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(chain: Path) -> Path:
+    """A result folder."""
+    assert (
+        run(["absorb", str(chain), *TRIAL, "--harvester", "nes1=0.01", "-o", str(chain.parent / "out")]) == 0
+    )
+    return chain.parent / "out"
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
+    """What --json prints, and nothing else."""
+    assert run(["absorb", *arguments, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return json.loads(out)
+
+
+def test_json_is_the_answer_of_the_library(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--without", "locked", "--settle", "0.5", "--harvester", "nes1=0.01", "--sink", "nes1"]
+    found = told(capsys, str(chain), *TRIAL, *options, "--impulse", "m2=0.01@0.2", "--force", "m1=sin(9*t)")
+    same = lw.absorb(
+        lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0}, impulses=(lw.Impulse("m2", 0.01, 0.2),),
+        forces={"m1": "sin(9*t)"}, without="locked", settle=0.5, harvesters={"nes1": 0.01}, sinks=("nes1",),
+    )  # fmt: skip
+    assert found["version"] == lw.__version__ and found["method"] == "absorb" and found["without"] == "locked"
+    assert found["rms_reduction"] == pytest.approx(same.rms_reduction, rel=1e-12)
+    assert found["sinks"]["nes1"]["crossing_times"] == same.sinks[0].crossings.tolist()
+    assert found["harvesters"]["nes1"]["average_power"] == pytest.approx(same.harvests[0].power, rel=1e-12)
+    shares = found["energy"]["with_sinks"]
+    assert sum(shares["shares"].values()) + shares["remaining"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_prints_the_answer(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["absorb", str(chain), *TRIAL]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("With its sinks the primary masses' RMS is") and err == ""
+    assert "nes1    m2  m1" in out and "! m1 did not settle below 5 %" in out
+
+
+def test_folder_is_complete(folder: Path) -> None:
+    names = {path.name for path in folder.iterdir()}
+    figures = {
+        f"{name}.{suffix}" for name in ("decay", "energy", "crossings") for suffix in ("png", "svg", "csv")
+    }
+    assert names == {"absorption.json", "structure.toml", "report.html", *figures}
+    result = json.loads((folder / "absorption.json").read_text())
+    assert set(result["files"]) == names - {"absorption.json"}
+    assert lw.read_structure(folder / "structure.toml").link("nes1-harvester").values == {"c": 0.01}
+
+
+def test_tables_hold_the_histories(folder: Path) -> None:
+    header = (folder / "energy.csv").read_text().splitlines()[0].split(",")
+    assert header[:3] == ["time", "put in", "stored"] and "spring1 without sinks" in header
+    table = np.loadtxt(folder / "energy.csv", delimiter=",", skiprows=1)
+    links = [header.index(name) for name in ("spring1", "nes1", "nes1-harvester")]
+    np.testing.assert_allclose(
+        table[:, links].sum(axis=1) + table[:, 2], table[:, 1], rtol=1e-9
+    )  # ten digits
+    decay = np.loadtxt(folder / "decay.csv", delimiter=",", skiprows=1)
+    assert decay.shape == (501, 5) and np.all(np.abs(decay[:, 1]) <= decay[:, 2] * (1 + 1e-9))
+    lines = (folder / "crossings.csv").read_text().splitlines()
+    assert lines[0] == "sink,time" and all(line.startswith("nes1,") for line in lines[1:]) and len(lines) > 20
+
+
+def test_page_needs_nothing_else(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert (
+        re.findall(r'(?:src|href)="(?!data:)', page) == [] and page.count("data:image/svg+xml;base64,") == 3
+    )
+    body = page.partition("<body>")[2]
+    assert 0 < body.index("With its sinks") < body.index("<h2>Primary masses") < body.index("<h2>Harvesters")
+    assert len(page) < 2e6
+
+
+def test_an_earlier_result_is_replaced_and_other_folders_are_left(
+    folder: Path, chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "notes.txt").write_text("mine")
+    assert run(["absorb", str(chain), *TRIAL, "-o", str(folder)]) == 0
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert "harvesters" not in (folder / "report.html").read_text().lower()
+    (folder / "notes.txt").unlink()
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.tex").write_text("")
+    capsys.readouterr()
+    assert run(["absorb", str(chain), *TRIAL, "-o", str(other)]) == 2
+    assert "is no result of linkwise" in capsys.readouterr().err
+    assert [path.name for path in other.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        ([*TRIAL, "--sink", "nes2"], 2, 'there is no link "nes2"; did you mean "nes1"?'),
+        (["--duration", "1"], 2, "nothing sets the structure in motion: give a release, an impulse"),
+        (["--duration", "1", "--release", "v:m2=1"], 2, "--without locked"),
+        (["--duration", "1", "--release", "v:m9=1"], 2, "there is no mass 'm9'"),
+        ([*TRIAL, "--harvester", "nes1"], 2, "--harvester 'nes1' is not NAME=VALUE, as in --harvester nes1=0.01"),
+        ([*TRIAL, "--harvester", "nes1=0"], 2, "a harvester's damping of 0.0 N s/m cannot be"),
+        ([*TRIAL, "--settle", "1"], 2, "1.0 is not in the range 0.0<x<1.0"),
+        ([*TRIAL, "--without", "frozen"], 2, "'frozen' is not one of 'removed', 'locked'"),
+        ([*TRIAL, "--rate", "0.5"], 2, "less than one sampling interval"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_asked_is_one_paragraph(
+    chain: Path, options: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["absorb", str(chain), *options]) == code
+    out, err = capsys.readouterr()
+    assert out == "" and message in err
+    assert err.startswith("linkwise: ") and "Traceback" not in err and "\n\n" not in err
+
+
+@pytest.mark.parametrize(
+    ("structure", "code", "message"),
+    [
+        (lw.bnes_chain(2).unknown("nes"), 2, 'link "nes1": coefficient alpha is unknown and has no start'),
+        (
+            lw.bnes_chain(2, alpha=100.0),
+            2,
+            "has more than one stable well, so none is taken for a sink; name those",
+        ),
+        (lw.bnes_chain(2, beta=-1e6, alpha=100.0), 2, "has more than one stable well"),
+    ],
+)
+def test_structures_without_sinks_or_numbers(
+    structure: lw.Structure, code: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lw.write_structure(structure, tmp_path / "s.toml")
+    assert run(["absorb", str(tmp_path / "s.toml"), *TRIAL]) == code
+    assert message in capsys.readouterr().err
+
+
+def test_a_sink_that_tears_off_fails_with_a_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lw.write_structure(lw.bnes_chain(2, beta=-1e6), tmp_path / "s.toml")
+    assert run(["absorb", str(tmp_path / "s.toml"), *TRIAL, "--sink", "nes1"]) == 1
+    assert "the motion diverges" in capsys.readouterr().err
