@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     from linkwise.study.row import Row
     from linkwise.study.store import read_rows, stored_study
     from linkwise.study.study_file import read_study
-    from linkwise.study.summary import StudySummary, study_summary
     from linkwise.validate import FreeRun, free_run, nmse
     from linkwise.wells import barrier, wells
 
@@ -99,7 +98,6 @@ __all__ = [
     "Student",
     "Study",
     "StudyError",
-    "StudySummary",
     "TimeFunction",
     "absorb",
     "absorption_of",
@@ -130,7 +128,6 @@ __all__ = [
     "run_study",
     "simulate",
     "stored_study",
-    "study_summary",
     "wells",
     "write_absorption",
     "write_record",
@@ -184,7 +181,6 @@ _HOMES = {
     "study.row": ("Row",),
     "study.store": ("read_rows", "stored_study"),
     "study.study_file": ("read_study",),
-    "study.summary": ("StudySummary", "study_summary"),
     "validate": ("FreeRun", "free_run", "nmse"),
     "wells": ("barrier", "wells"),
 }

@@ -20,7 +20,6 @@ from linkwise.cli.identify import identify
 from linkwise.cli.limit import limit
 from linkwise.cli.simulate import simulate
 from linkwise.cli.structure import structure
-from linkwise.cli.study import study
 from linkwise.errors import LinkwiseError
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
@@ -41,7 +40,7 @@ def linkwise(debug: bool) -> None:
     """
 
 
-for command in (structure, limit, simulate, identify, absorb, study):
+for command in (structure, limit, simulate, identify, absorb):
     linkwise.add_command(command)
 
 
