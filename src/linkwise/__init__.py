@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from linkwise.absorb import absorb
-    from linkwise.absorbed import absorption_of, write_absorption
     from linkwise.absorption.result import Absorption
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
@@ -53,9 +52,11 @@ if TYPE_CHECKING:
     from linkwise.structure_file import format_structure, parse_structure, read_structure, write_structure
     from linkwise.study.campaign import run_study
     from linkwise.study.definition import Study
+    from linkwise.study.export import export_study
     from linkwise.study.row import Row
     from linkwise.study.store import read_rows, stored_study
     from linkwise.study.study_file import read_study
+    from linkwise.study.summary import StudySummary, study_summary
     from linkwise.validate import FreeRun, free_run, nmse
     from linkwise.wells import barrier, wells
 
@@ -98,14 +99,15 @@ __all__ = [
     "Student",
     "Study",
     "StudyError",
+    "StudySummary",
     "TimeFunction",
     "absorb",
-    "absorption_of",
     "barrier",
     "bnes_chain",
     "differentiate",
     "equilibria",
     "equivalent",
+    "export_study",
     "format_structure",
     "free_run",
     "identify",
@@ -128,8 +130,8 @@ __all__ = [
     "run_study",
     "simulate",
     "stored_study",
+    "study_summary",
     "wells",
-    "write_absorption",
     "write_record",
     "write_result",
     "write_structure",
@@ -138,7 +140,6 @@ __all__ = [
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
     "absorb": ("absorb",),
-    "absorbed": ("absorption_of", "write_absorption"),
     "absorption.result": ("Absorption",),
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),
@@ -178,9 +179,11 @@ _HOMES = {
     "structure_file": ("format_structure", "parse_structure", "read_structure", "write_structure"),
     "study.campaign": ("run_study",),
     "study.definition": ("Study",),
+    "study.export": ("export_study",),
     "study.row": ("Row",),
     "study.store": ("read_rows", "stored_study"),
     "study.study_file": ("read_study",),
+    "study.summary": ("StudySummary", "study_summary"),
     "validate": ("FreeRun", "free_run", "nmse"),
     "wells": ("barrier", "wells"),
 }

@@ -14,12 +14,12 @@ from collections.abc import Sequence
 
 import click
 
-from linkwise.cli.absorb import absorb
 from linkwise.cli.console import fail
 from linkwise.cli.identify import identify
 from linkwise.cli.limit import limit
 from linkwise.cli.simulate import simulate
 from linkwise.cli.structure import structure
+from linkwise.cli.study import study
 from linkwise.errors import LinkwiseError
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
@@ -40,7 +40,7 @@ def linkwise(debug: bool) -> None:
     """
 
 
-for command in (structure, limit, simulate, identify, absorb):
+for command in (structure, limit, simulate, identify, study):
     linkwise.add_command(command)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from linkwise.errors import StudyError
 from linkwise.study.crew import Crew, Processes
 from linkwise.study.definition import Study
+from linkwise.study.export import export_study
 from linkwise.study.row import Row
 from linkwise.study.runner import Progress, run
 from linkwise.study.store import opened, read_rows
@@ -25,7 +26,7 @@ def run_study(
     scheduler: str | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> tuple[Row, ...]:
-    """Run a study, "paper" or a TOML file, in `folder`, or go on with it there, and return its rows.
+    """Run a study, "paper" or a TOML file, in `folder`, or go on with it there; write its tables and return its rows.
 
     `quick` takes the few cycles that the study calls quick. It runs on `workers` processes of this machine (default: as many
     as there are processors), or on the dask cluster whose `scheduler` is at this address. Killed at any moment it loses only
@@ -44,6 +45,7 @@ def run_study(
         if len(store.done()) < len(study):
             with _crew(workers, scheduler) as crew:
                 run(study, store, crew, progress or _silently)
+        export_study(folder)
     return read_rows(folder)
 
 

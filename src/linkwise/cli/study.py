@@ -1,0 +1,108 @@
+"""`linkwise study`: a Monte Carlo study, from its definition to its tables, over as many runs as it takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+import linkwise as lw
+from linkwise.cli.console import progress, tell
+from linkwise.cli.options import FOLDER
+from linkwise.output import to_json
+
+if TYPE_CHECKING:
+    from linkwise.study.runner import Progress
+
+UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at all
+
+
+@click.command()
+@click.argument("name", metavar="NAME|FILE.toml")
+@click.option("--quick", is_flag=True, help="Take the few cycles that the study calls quick.")
+@click.option(
+    "--workers",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Processes on this machine.  [default: one for each processor]",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the dask cluster with this scheduler, as in tcp://host:8786.",
+)
+@click.option(
+    "-o",
+    "--output",
+    metavar="DIR",
+    type=FOLDER,
+    required=True,
+    help="Folder of the study; one that was stopped goes on.",
+)
+@click.option("--export", is_flag=True, help="Run nothing: write and print the tables of what is there.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
+def study(
+    name: str,
+    quick: bool,
+    workers: int | None,
+    scheduler: str | None,
+    output: Path,
+    export: bool,
+    as_json: bool,
+) -> int:
+    """Run the study NAME that ships with linkwise ("paper"), or the one in a TOML file.
+
+    Every structure at every noise level by every method, once a seed. It may be stopped at any moment, killed too: the same
+    command goes on where it was. Exit code 3 means that some method had no answer at all for some structure and noise.
+
+    \b
+    Examples:
+      linkwise study paper --quick -o results/quick
+      linkwise study mine.toml --workers 4 -o results/mine
+      linkwise study mine.toml --scheduler tcp://host:8786 -o results/mine
+    """
+    if workers is not None and scheduler is not None:
+        raise click.UsageError(
+            "--workers are processes of this machine, --scheduler has its own; give one of them."
+        )
+    asked = lw.read_study(name)
+    asked = asked.quickly() if quick else asked
+    if not export:
+        _run(asked, output, workers, scheduler)
+    files = [str(path) for path in lw.export_study(output)]
+    summary = lw.study_summary(output)
+    click.echo(
+        to_json({**summary.to_dict(), "files": files})
+        if as_json
+        else f"{summary}\n\nwritten: {', '.join(files)}"
+    )
+    return UNTRUSTED if summary.hopeless else 0
+
+
+def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
+    """Run what is left of the study; where it is interrupted, say how far it came."""
+    last: list[Progress] = []
+    try:
+        with progress(f"{asked.name}: starting workers") as step:
+
+            def show(now: Progress) -> None:
+                last[:] = [now]
+                step(now.done / now.total, _line(now))
+
+            lw.run_study(asked, output, workers=workers, scheduler=scheduler, progress=show)
+    except KeyboardInterrupt:
+        done = f"{last[0].done} of {last[0].total} cases are" if last else "What was finished is"
+        tell(f"{done} in {output}; the same command goes on from there.")
+        raise
+
+
+def _line(now: Progress) -> str:
+    left = "" if now.left is None else f", {_duration(now.left)} left"
+    return f"{now.done} of {now.total} cases, {now.rate:.2g}/s{left}"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

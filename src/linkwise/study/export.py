@@ -1,0 +1,68 @@
+"""The rows of a study as tables that other programs read, and their summary by cell."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from linkwise.output import whole_file
+from linkwise.study.row import Row
+from linkwise.study.store import read_rows
+from linkwise.study.summary import cell_record, study_summary
+
+ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
+
+
+def export_study(folder: str | Path) -> tuple[Path, ...]:
+    """Write what the study in `folder` has so far into it: rows.csv, summary.csv and, with the extra [files], rows.parquet.
+
+    Returns the files. Each appears whole or not at all. Raises StudyError where there is no study.
+    """
+    folder = Path(folder)
+    rows = read_rows(folder)
+    cells = study_summary(folder).cells
+    with whole_file(folder / ROWS) as path:
+        _write_csv(path, list(_EMPTY), [row_record(row) for row in rows])
+    with whole_file(folder / SUMMARY) as path:
+        summary = [cell_record(cell) for cell in cells]
+        _write_csv(path, list(summary[0]), summary)
+    written = [folder / ROWS, folder / SUMMARY]
+    if rows and find_spec("pyarrow") is not None:
+        with whole_file(folder / PARQUET) as path:
+            import_module("linkwise.study.parquet").write([row_record(row) for row in rows], path)
+        written.append(folder / PARQUET)
+    return tuple(written)
+
+
+def row_record(row: Row) -> dict[str, Any]:
+    """A row as plain columns: NMSE in % (`nmse` the median over its links), mappings as JSON."""
+    return {
+        "structure": row.structure,
+        "masses": row.masses,
+        "snr_db": row.snr_db,
+        "method": row.method,
+        "seed": row.seed,
+        "status": row.status,
+        "nmse": row.nmse,
+        "worst": row.worst,
+        "seconds": row.seconds,
+        "links": json.dumps(dict(row.links)),
+        "coefficients": json.dumps(dict(row.coefficients)),
+        "standard_errors": json.dumps(dict(row.standard_errors)),
+        "reason": row.reason,
+    }
+
+
+_EMPTY = row_record(Row("", 0, 0.0, "", 0, ""))
+
+
+def _write_csv(path: Path, names: Sequence[str], records: Sequence[dict[str, Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(records)

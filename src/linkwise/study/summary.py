@@ -1,0 +1,95 @@
+"""What a study came to, cell by cell: a result that prints itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from linkwise.estimate import CONVERGED
+from linkwise.study.cells import Cell, StudyTable
+from linkwise.study.store import read_rows, stored_study
+from linkwise.table import columns
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """The `cells` of the study called `name`, in its order: structure, noise, method."""
+
+    name: str
+    cells: tuple[Cell, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every case was run."""
+        return all(cell.done == cell.expected for cell in self.cells)
+
+    @property
+    def hopeless(self) -> tuple[Cell, ...]:
+        """The cells in which every case that was run failed."""
+        return tuple(cell for cell in self.cells if cell.done and not cell.answers)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Counts of cases, and the cells as in summary.csv."""
+        return {"study": self.name, **self._counts(), "cells": [cell_record(cell) for cell in self.cells]}
+
+    def __str__(self) -> str:
+        counts = self._counts()
+        blocks = ["{}: {done} of {cases} cases done, {failed} failed".format(self.name, **counts)]
+        for (structure, level), group in groupby(self.cells, key=lambda cell: (cell.structure, cell.snr_db)):
+            lines: list[tuple[str, ...]] = [
+                ("method", "median %", "worst %", "failed", "untrusted", "of", "seconds")
+            ]
+            lines += [_line(cell_record(cell)) for cell in group]
+            blocks.append("\n".join([f"{structure}, {level:g} dB", *columns(lines)]))
+        reasons = [
+            f"! {cell.structure}, {cell.snr_db:g} dB, {cell.method} failed {count} times: {reason}"
+            for cell in self.cells
+            for reason, count in cell.reasons[:1]
+        ]
+        return "\n\n".join([*blocks, *(["\n".join(reasons)] if reasons else [])])
+
+    def _counts(self) -> dict[str, int]:
+        return {
+            "cases": sum(cell.expected for cell in self.cells),
+            "done": sum(cell.done for cell in self.cells),
+            "failed": sum(len(cell.failures) for cell in self.cells),
+        }
+
+
+def study_summary(folder: str | Path) -> StudySummary:
+    """The summary of the study in `folder`, finished or not. Raises StudyError where there is none."""
+    study = stored_study(folder)
+    return StudySummary(study.name, StudyTable.of(study, read_rows(folder)).cells)
+
+
+def cell_record(cell: Cell) -> dict[str, Any]:
+    """A cell as plain columns. NMSE in %: median over its seeds, a failed one counting as worst, 5 and 95 % quantiles, and the
+    worst of those with an answer; `untrusted` counts answers that the method itself does not vouch for.
+    """
+    errors = [row.nmse for row in cell.answers if row.nmse is not None]
+    return {
+        "structure": cell.structure,
+        "masses": cell.masses,
+        "snr_db": cell.snr_db,
+        "method": cell.method,
+        "cases": cell.expected,
+        "done": cell.done,
+        "failed": len(cell.failures),
+        "untrusted": sum(row.status != CONVERGED for row in cell.answers),
+        "median": cell.nmse,
+        "low": cell.low,
+        "high": cell.high,
+        "worst": max(errors, default=None),
+        "seconds": cell.seconds,
+    }
+
+
+def _line(record: dict[str, Any]) -> tuple[str, ...]:
+    return (
+        record["method"],
+        *("-" if record[key] is None else f"{record[key]:.3g}" for key in ("median", "worst")),
+        *(str(record[key]) for key in ("failed", "untrusted", "done")),
+        "-" if record["seconds"] is None else f"{record['seconds']:.3g}",
+    )
