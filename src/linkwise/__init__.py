@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from linkwise.absorb import absorb
+    from linkwise.absorbed import absorption_of, write_absorption
     from linkwise.absorption.result import Absorption
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
@@ -102,6 +103,7 @@ __all__ = [
     "StudySummary",
     "TimeFunction",
     "absorb",
+    "absorption_of",
     "barrier",
     "bnes_chain",
     "differentiate",
@@ -132,6 +134,7 @@ __all__ = [
     "stored_study",
     "study_summary",
     "wells",
+    "write_absorption",
     "write_record",
     "write_result",
     "write_structure",
@@ -140,6 +143,7 @@ __all__ = [
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
     "absorb": ("absorb",),
+    "absorbed": ("absorption_of", "write_absorption"),
     "absorption.result": ("Absorption",),
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),

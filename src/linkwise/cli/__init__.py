@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import click
 
+from linkwise.cli.absorb import absorb
 from linkwise.cli.console import fail
 from linkwise.cli.identify import identify
 from linkwise.cli.limit import limit
@@ -40,7 +41,7 @@ def linkwise(debug: bool) -> None:
     """
 
 
-for command in (structure, limit, simulate, identify, study):
+for command in (structure, limit, simulate, identify, absorb, study):
     linkwise.add_command(command)
 
 
