@@ -38,15 +38,13 @@ from linkwise.expression import (
     multiply,
     symbols,
 )
-from linkwise.shape import SCALE, Layout, Shape, edges
+from linkwise.shape import SCALE, Layout, Shape, edges, power_lost
 
 Floats = NDArray[np.float64]
 Formula = Any  # heyoka.expression: the library ships no types
 
 TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
-EXTENDED_TOLERANCE = (
-    1e-16  # order 20, enough for 80-bit arithmetic since the method stays far below its tolerance
-)
+EXTENDED_TOLERANCE = 1e-16  # order 20, enough for 80-bit arithmetic: the method stays far below its tolerance
 UNROLLED = 12  # masses up to which the step is compiled without loops: twice as fast, compiles longer
 
 _CALLS: Mapping[str, Callable[..., Formula]] = {
@@ -69,6 +67,7 @@ class Equations:
         self._bends = {bend: number for number, bend in enumerate(dict.fromkeys(bends))}
         self.kinks = len(self._bends)
         self.layout = Layout(shape, self.kinks)
+        self._batches: dict[tuple[int, tuple[int, ...]], Batch] = {}
 
     def owner(self, kink: int) -> int:
         """The number of the link whose law has this kink; -1 for an input."""
@@ -202,6 +201,50 @@ class Equations:
             t_events=events,
         )
 
+    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> Batch:
+        """The integrator of `lanes` structures side by side, for a shape without kinks.
+
+        Its states (2n + L + 1, lanes) are y, y', the energy in J that each link has dissipated and the work of the inputs;
+        parameters (size + W, lanes) those of the layout, then for each of the W `watched` links the elongation in m at whose
+        passages the time is noted.
+        """
+        if (lanes, watched) not in self._batches:
+            passages: list[list[tuple[int, float]]] = [[] for _ in watched]
+            elongations = (self._link_names(link)["d"] for link in watched)
+            self._batches[lanes, watched] = Batch(
+                heyoka.taylor_adaptive_batch(
+                    [*self.system, *self._accounts],
+                    np.zeros((len(self.system) + len(self._accounts), lanes)),
+                    pars=np.zeros((self.layout.size + len(watched), lanes)),
+                    tol=TOLERANCE,
+                    fast_math=True,
+                    compact_mode=self.shape.masses > UNROLLED,
+                    nt_events=[
+                        heyoka.nt_event_batch(
+                            d - heyoka.par[self.layout.size + k], callback=_noting(passages[k])
+                        )
+                        for k, d in enumerate(elongations)
+                    ],
+                ),
+                passages,
+            )
+        return self._batches[lanes, watched]
+
+    @cached_property
+    def _accounts(self) -> list[tuple[Formula, Formula]]:
+        """Equations of the energies: heat of every link, then the work of forces and base."""
+        heat, work = [], [heyoka.expression(0.0)]
+        base = [self._input(i)[1] for i, (mass, _) in enumerate(self.shape.inputs) if mass == -2]
+        for number, (first, second, law) in enumerate(self.shape.links):
+            names = self._link_names(number)
+            heat.append((heyoka.expression(f"h{number}"), self._translate(power_lost(law), names, number)))
+            if -2 in (first, second):
+                work.append((1.0 if first == -2 else -1.0) * self._translate(law, names, number) * base[0])
+        for number, (mass, _) in enumerate(self.shape.inputs):
+            if mass >= 0:
+                work.append(SCALE * self._input(number)[0] * self._symbols[1][mass])
+        return [*heat, (heyoka.expression("w"), heyoka.sum(work))]
+
     @cached_property
     def extended(self) -> Any | None:
         """The integrator in 80-bit arithmetic; None where the machine has none, and for shapes with kinks."""
@@ -242,6 +285,30 @@ def _power(base: Formula, exponent: int) -> Formula:
         return base
     half = _power(base, exponent // 2)
     return half * half * base if exponent % 2 else half * half
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """An integrator of several structures, and where it notes (lane, time in s) of each watched passage."""
+
+    integrator: Any
+    passages: list[list[tuple[int, float]]]
+
+    def advance(self, grid: Floats, most_steps: int) -> tuple[Floats, NDArray[np.bool_]]:
+        """States (M, variables, lanes) at `grid` (M,), whose first time is where the lanes stand, and which lanes failed.
+
+        Where one lane fails, no longer finite or out of steps, the others may not come to the end either.
+        """
+        times = np.repeat(grid[:, None], self.integrator.batch_size, axis=1)
+        times[0] = self.integrator.time
+        _, states = self.integrator.propagate_grid(times, most_steps)
+        bad = (heyoka.taylor_outcome.err_nf_state, heyoka.taylor_outcome.step_limit)
+        return states, np.array([result[0] in bad for result in self.integrator.propagate_res])
+
+
+def _noting(times: list[tuple[int, float]]) -> Callable[[Any, float, int, int], None]:
+    """What notes lane and time of a passage: a function, since heyoka copies objects and would note in the copy."""
+    return lambda _, time, __, lane: times.append((lane, time))
 
 
 def equations(shape: Shape) -> Equations:

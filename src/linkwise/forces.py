@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.excitation import Excitation
-from linkwise.expression import Number, Program, Symbol, add, multiply, symbols
+from linkwise.expression import Program, symbols
 from linkwise.law import Law
+from linkwise.shape import power_lost
 from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]
@@ -54,10 +55,10 @@ class Forces:
 
     @cached_property
     def _losses(self) -> list[tuple[Program, list[int], dict[str, Floats]]]:
-        """As `_groups`, with the power lost; the difference is taken in symbols, so that what is stored drops out."""
+        """As `_groups`, with the power lost."""
         losses = []
         for law, numbers, values in self._groups:
-            loss = multiply(Symbol("v"), add(law.expression, multiply(Number(-1.0), law.elastic)))
+            loss = power_lost(law.expression)
             losses.append((Program([loss], symbols(loss)), numbers, values))
         return losses
 

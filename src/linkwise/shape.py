@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from linkwise.expression import Call, Expression, Number, add, symbols, walk
+from linkwise.expression import Call, Expression, Number, Symbol, add, multiply, substitute, symbols, walk
 
 SCALE = 2.0**-40  # m, a power of two so that scaling rounds nothing
 FLAT = 15.0  # argument of tanh up to which its slope, computed as 1 - tanh^2, still has digits; tanh is 1 - 2e-13 there
@@ -64,3 +64,9 @@ def edges(tree: Expression) -> list[Expression]:
             case Call("exp", (argument,)):
                 edges.append(add(argument, Number(-FADED)))
     return edges
+
+
+def power_lost(law: Expression) -> Expression:
+    """(f(d, v) - f(d, 0)) v, what a link turns into heat; taken in symbols, so that what is stored drops out."""
+    elastic = substitute(law, {"v": Number(0.0)})
+    return multiply(Symbol("v"), add(law, multiply(Number(-1.0), elastic)))

@@ -1,0 +1,99 @@
+"""Runs side by side are the runs one by one: motion, energies, passages; lanes that fail do not touch the others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.absorption.crossings import crossings, distinct
+from linkwise.course import Course
+from linkwise.ensemble import LANES, can_fly, fly
+from linkwise.excitation import Excitation
+from linkwise.simulate import Motion
+from linkwise.structure import Coefficient, Link, Mass, Structure
+
+TIMES = np.arange(501) / 1000.0
+RELEASE = Excitation.of(release={"v:m1": 1.0})
+TOPS = [np.zeros((LANES, 0)), np.zeros((LANES, 1))]
+
+
+def courses(betas: list[float], excitation: Excitation = RELEASE) -> list[Course]:
+    return [Course(lw.bnes_chain(2, beta=beta), excitation, TIMES) for beta in betas]
+
+
+def tops(runs: int) -> list[np.ndarray]:
+    return [each[:runs] for each in TOPS]
+
+
+def agree(flock: object, run: int, course: Course) -> None:
+    """Double precision throughout against the first steps in 80 bits: same numerics, before chaos multiplies it."""
+    motion = Motion.of(course)
+    energy, size = motion.energy, np.abs(motion.displacement).max()
+    np.testing.assert_allclose(flock.x[..., run], motion.displacement, rtol=0.0, atol=1e-8 * size)
+    np.testing.assert_allclose(
+        flock.v[..., run], motion.velocity, rtol=0.0, atol=1e-8 * np.abs(motion.velocity).max()
+    )
+    put_in = energy.put_in - energy.put_in[0]  # released with energy that no work was done for
+    scale = np.abs(energy.put_in).max()
+    np.testing.assert_allclose(flock.heat[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
+    np.testing.assert_allclose(flock.work[:, run], put_in, rtol=0.0, atol=1e-8 * scale)
+    found = distinct(flock.passages[run][1], 0.5)
+    np.testing.assert_allclose(found, crossings(course, motion.run, [np.empty(0), np.zeros(1)])[1], atol=1e-8)
+    assert len(found) > 3  # or the line above would compare nothing
+
+
+@pytest.mark.parametrize("betas", [[1e6, 3e5, 5e5, 2e6], [8e5]])
+def test_free_decays(betas: list[float]) -> None:
+    fleet = courses(betas)
+    flock = fly(fleet, tops(len(betas)))
+    assert flock.alive.all()
+    for run, course in enumerate(fleet):
+        agree(flock, run, course)
+
+
+def test_blows_samples_and_functions_of_time_do_work() -> None:
+    samples = lw.Sampled(0.0, 500.0, np.random.default_rng(1000).standard_normal(600))
+    excitation = Excitation.of(
+        forces={"m1": samples, "m2": "0.1*sin(30*t)"},
+        impulses=(lw.Impulse("m1", 0.5, 0.25), lw.Impulse("m2", 0.01, 0.2555), lw.Impulse("m1", 0.3, 0.0)),
+    )
+    fleet = courses([1e6, 7e5], excitation)
+    flock = fly(fleet, tops(2))
+    for run, course in enumerate(fleet):
+        motion = Motion.of(course)
+        put_in = motion.energy.put_in
+        np.testing.assert_allclose(flock.work[:, run], put_in, rtol=0.0, atol=1e-8 * put_in.max())
+        apart = np.abs(flock.x[..., run] - motion.displacement).max()
+        assert apart < 1e-8 * np.abs(motion.displacement).max()
+
+
+def test_a_moving_base_does_work() -> None:
+    links = (
+        Link("a", ("m1", "base"), lw.Law.parse("k*d + c*v"), {"k": Coefficient.number(900.0), "c": Coefficient.number(0.5)}),
+        Link("s", ("m2", "m1"), lw.Law.parse("p*d + q*d**3 + c*v"),
+             {"p": Coefficient.number(-10.0), "q": Coefficient.number(1e5), "c": Coefficient.number(0.01)}),
+    )  # fmt: skip
+    held = Structure(
+        "held", (Mass("m1", Coefficient.number(1.0)), Mass("m2", Coefficient.number(0.02))), links
+    )
+    course = Course(held, Excitation.of(base="0.02*sin(28*t)"), TIMES)
+    flock = fly([course], tops(1))
+    agree(flock, 0, course)
+
+
+def test_a_lane_that_diverges_leaves_the_others_alone() -> None:
+    fleet = courses([1e6, -1e6, 7e5, -2e6])
+    flock = fly(fleet, tops(4))
+    assert flock.alive.tolist() == [True, False, True, False]
+    assert np.isnan(flock.x[..., 1]).all() and not len(flock.passages[1][1])
+    for run in (0, 2):
+        agree(flock, run, fleet[run])
+    assert not fly(courses([-1e6, -1e6]), tops(2)).alive.any()
+
+
+def test_only_smooth_laws_can_fly() -> None:
+    links = (Link("a", ("m1", "ground"), lw.Law.parse("k*d + F*sign(v)"),
+                  {"k": Coefficient.number(9.0), "F": Coefficient.number(1.0)}),)  # fmt: skip
+    rubbing = Structure("rubbing", (Mass("m1", Coefficient.number(1.0)),), links)
+    assert not can_fly(Course(rubbing, RELEASE, TIMES)) and can_fly(courses([1e6])[0])
