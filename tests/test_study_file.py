@@ -1,0 +1,157 @@
+"""Study files: what they say, what is filled in, and what each mistake is answered with."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from small_study import TEXT, small
+
+import linkwise as lw
+from linkwise.study.study_file import build_study, parse_study
+
+STRUCTURE = '[[structure]]\nbnes = 2\nduration = 1.0\nrate = 500.0\nrelease = { "v:m1" = 1.0 }\n'
+METHOD = '[[method]]\nkind = "weak"\n'
+HEAD = "snr_db = [20]\n"
+
+
+def test_the_paper_ships_with_linkwise() -> None:
+    paper = lw.read_study("paper")
+    assert [subject.structure.size for subject in paper.subjects] == [2, 4, 6, 8, 10]
+    assert paper.snr_db == (40.0, 30.0, 20.0) and paper.first_seed == 1000 and paper.cycles == 100
+    assert {"physics-informed", "weak", "ml"} < {method.name for method in paper.methods}
+    conventions = {f"classical, {one}" for one in ("displacement", "states", "differenced", "derivatives")}
+    assert conventions < {method.name for method in paper.methods}
+    assert len(paper) == len(list(paper.cases())) == 5 * 3 * len(paper.methods) * 100
+    assert paper.quickly().cycles == paper.quick == 5
+    assert [subject.release for subject in paper.subjects] == [{"v:m1": 1.0}] + 4 * [{"v:m1": 3.0}]
+    assert paper.subject("6 masses").judged == ("nes1", "nes2", "nes3")
+
+
+def test_cases_come_cycle_by_cycle(tmp_path: Path) -> None:
+    study = lw.read_study(small(tmp_path, cycles=3))
+    assert [case.seed for case in study.cases()] == sorted([1000, 1001, 1002] * 12)
+    assert len(set(study.cases())) == len(study) == 36
+    assert [study.cycle(case) for case in study.cases()][::12] == [0, 1, 2]
+
+
+def test_a_study_is_the_same_from_its_document(tmp_path: Path) -> None:
+    for study in (lw.read_study("paper"), lw.read_study(small(tmp_path))):
+        again = build_study(json.loads(study.text()), "again", Path())
+        assert again.text() == study.text()
+        for one, other in zip(study.subjects, again.subjects, strict=True):
+            assert one.structure == other.structure
+
+
+def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
+    lw.write_structure(lw.bnes_chain(4), tmp_path / "chain.toml")
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        HEAD + '[[structure]]\nname = "mine"\nfile = "chain.toml"\nduration = 0.2\nrate = 1000\nsensors = ["v", "x:m2"]\n'
+        'unknown = ["nes1", "spring2.k"]\njudge = ["nes1"]\nscatter = 0.5\nrelease = { "x:m1" = 0.01 }\n'
+        'forces = { m2 = "sin(9*t)" }\n[[structure.impulse]]\nmass = "m1"\nmomentum = 0.3\ntime = 0.1\n' + METHOD,
+        encoding="utf-8",
+    )  # fmt: skip
+    study = lw.read_study(path)
+    assert study.name == "mine"
+    (subject,) = study.subjects
+    assert {p.name for p in subject.asked.parameters} == {"spring2.k", "nes1.alpha", "nes1.beta", "nes1.c"}
+    clean = subject.simulate(cycle=2)
+    same = lw.simulate(
+        lw.bnes_chain(4),
+        duration=0.2,
+        rate=1000.0,
+        release={"x:m1": 0.02},  # twice, by scatter 0.5 and cycle 2
+        impulses=[lw.Impulse("m1", 0.3, 0.1)],
+        forces={"m2": "sin(9*t)"},
+    )
+    assert (clean.channel("x:m4") == same.channel("x:m4")).all()
+    assert subject.seen(clean).channels == ("v:m1", "v:m2", "v:m3", "v:m4", "x:m2", "force:m2")
+    assert subject.judged == ("nes1",)
+
+
+def test_all_links_are_judged_where_none_is_bent() -> None:
+    text = STRUCTURE.replace("rate", 'unknown = ["spring"]\nrate')
+    (subject,) = parse_study(HEAD + text + METHOD, "s.toml", Path()).subjects
+    assert subject.judged == ("spring1",)
+
+
+GOOD = HEAD + STRUCTURE + METHOD
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[20]", "[20", r"s\.toml, line 2, column 1: this is no TOML: unclosed array"),
+        (HEAD, "", r"s\.toml: the key `snr_db` is missing"),
+        (STRUCTURE, "", r"s\.toml: the key `structure` is missing"),
+        ("[20]", "[]", r"s\.toml, snr_db: the study needs at least one"),
+        ("[20]", "[20, 20]", r"s\.toml, snr_db: 20\.0 is there 2 times"),
+        ("[20]", "[nan]", r"s\.toml, snr_db: a signal-to-noise ratio is a finite number"),
+        ("[20]", '["20"]', r"s\.toml, snr_db\[0\]: expected `float`, got `str`"),
+        (HEAD, HEAD + "cycles = 0\n", r"s\.toml, cycles: it must be at least 1, got 0"),
+        (HEAD, HEAD + "cycels = 3\n", r's\.toml: there is no key "cycels"; did you mean "cycles"\?'),
+        (METHOD, STRUCTURE + METHOD, r"s\.toml, structure: 'bnes2' is there 2 times"),
+        ("rate", "raet", r's\.toml, structure\[0\]: there is no key "raet"; did you mean "rate"'),
+        ("rate = 500.0", "", r"s\.toml, structure\[0\]: the key `rate` is missing"),
+        ("500.0", "0", r"s\.toml, structure\[0\]\.rate: it must be a number above 0"),
+        ("bnes = 2", "bnes = 3", r"s\.toml, structure\[0\]\.bnes: a chain of 3 masses cannot be"),
+        ("bnes = 2", "", r"structure\[0\]: a structure is given by one of bnes .*; got none"),
+        ("bnes = 2", 'bnes = 2\nfile = "x"', r"structure\[0\]: .* got bnes and file"),
+        ("bnes = 2", 'file = "no.toml"', r"structure\[0\]\.file: no\.toml: there is no such file"),
+        ("v:m1", "v:m9", r'structure\[0\]\.release\.v:m9: there is no mass "m9"; .* m1, m2'),
+        ("v:m1", "a:m1", r"release\.a:m1: an acceleration cannot be released"),
+        ("v:m1", "m1", r"release\.m1: 'm1' is no channel"),
+        ("rate", 'sensors = ["z"]\nrate', r"\.sensors: 'z' is no channel.*or one of the kinds x, v, a"),
+        ("rate", "sensors = []\nrate", r"structure\[0\]\.sensors: at least one must be named"),
+        ("rate", 'unknown = ["nse"]\nrate', r'structure\[0\]\.unknown: "nse" is no link'),
+        ("rate", 'judge = ["nse"]\nrate', r'structure\[0\]\.judge: "nse" is no link'),
+        ("rate", "scatter = inf\nrate", r"structure\[0\]\.scatter: it must be a finite number"),
+        ("rate", 'base = "sin(t)"\nrate', r'structure\[0\]\.base: it is the motion of "base"'),
+        ("rate", 'forces = { m1 = "sin(x)" }\nrate', r"forces\.m1: this is no function of time"),
+        ("rate", 'impulse = [{ mass = "m1", kick = 1 }]\nrate', r'impulse\[0\]: there is no key "kick"; the keys'),
+        ("weak", "waek", r"method\[0\]\.kind: expected one of ml, .*; got 'waek'; did you mean \"weak\"\?"),
+        ('kind = "weak"', "", r"method\[0\]\.kind: expected one of .* got nothing"),
+        (METHOD, METHOD + "order = 3\n", r'method\[0\]: there is no key "order"; the keys are kind, name'),
+        ("weak", "classical", r"method\[0\]: the key `convention` is missing"),
+        ('"weak"', '"classical"\nconvention = "no"', r"method\[0\]\.convention: invalid enum value 'no'"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named_with_its_key(old: str, new: str, message: str) -> None:
+    assert old in GOOD
+    with pytest.raises(lw.StudyError, match=message):
+        parse_study(GOOD.replace(old, new), "s.toml", Path())
+
+
+def test_without_a_mistake_it_is_read() -> None:
+    assert len(parse_study(GOOD, "s.toml", Path())) == 100
+
+
+def test_a_structure_must_have_its_numbers(tmp_path: Path) -> None:
+    lw.write_structure(lw.bnes_chain(2).unknown("nes"), tmp_path / "unknown.toml")
+    text = HEAD + STRUCTURE.replace("bnes = 2", 'file = "unknown.toml"') + METHOD
+    with pytest.raises(
+        lw.StudyError, match=r"structure\[0\]\.file: nes1\.alpha is unknown, .* say in `unknown`"
+    ):
+        parse_study(text, "s.toml", tmp_path)
+
+
+def test_what_is_no_study_is_said(tmp_path: Path) -> None:
+    with pytest.raises(
+        lw.StudyError, match=r'papr: there is no such study file; did you mean "paper"\?.*: paper$'
+    ):
+        lw.read_study("papr")
+    with pytest.raises(lw.StudyError, match="there is no such study file"):
+        lw.read_study(tmp_path)
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(lw.StudyError, match="it is not UTF-8 text"):
+        lw.read_study(tmp_path / "bytes.toml")
+
+
+def test_names_that_are_not_there() -> None:
+    study = parse_study(TEXT.format(cycles=1), "small.toml", Path())
+    with pytest.raises(lw.StudyError, match=r'there is no structure "bnes3"; did you mean "bnes[24]"'):
+        study.subject("bnes3")
+    with pytest.raises(lw.StudyError, match='there is no method "mll"; did you mean "ml"'):
+        study.method("mll")

@@ -1,0 +1,256 @@
+"""Running a study: rows that do not depend on who ran them, failures that are rows, workers that die."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from concurrent.futures import Future
+from pathlib import Path
+from types import TracebackType
+from typing import Self, final
+
+import pytest
+from small_study import DIVERGING, small
+
+import linkwise as lw
+from linkwise.study.crew import Crew, Processes
+from linkwise.study.pace import Pace, next_batch
+from linkwise.study.row import Case
+from linkwise.study.runner import Progress, run
+from linkwise.study.store import opened
+from linkwise.study.worker import Batch, Done, failure, run_batch
+
+
+class Died(Exception):
+    """What the crew below says of a worker that died."""
+
+
+@final
+class Here(Crew):
+    """A crew that works in this process, the newest batch first; a worker dies at each case in `deadly`, so many times."""
+
+    seconds = 0.2
+
+    def __init__(
+        self, places: int = 1, deadly: dict[Case, int] | None = None, error: Exception | None = None
+    ) -> None:
+        self._places, self._left, self._error = places, Counter(deadly or {}), error
+        self.batches: list[tuple[Case, ...]] = []
+
+    @property
+    def places(self) -> int:
+        return self._places
+
+    def submit(self, batch: Batch) -> Future[list[Done]]:
+        self.batches.append(batch.cases)
+        future: Future[list[Done]] = Future()
+        hit = [case for case in batch.cases if self._left[case] > 0]
+        if self._error:
+            future.set_exception(self._error)
+        elif hit:
+            self._left.subtract(hit)
+            future.set_exception(Died())
+        else:
+            future.set_result(run_batch(batch))
+        return future
+
+    def lost(self, error: BaseException) -> bool:
+        return isinstance(error, Died)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.batches.append(())
+
+
+def silent(progress: Progress) -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finished small study, run by one process."""
+    folder = tmp_path_factory.mktemp("study")
+    lw.run_study(small(folder), folder / "out", workers=1)
+    return folder / "out"
+
+
+def test_the_rows_are_those_of_the_library(folder: Path) -> None:
+    row = next(row for row in lw.read_rows(folder) if row.case == Case("bnes4", 20.0, "ml", 1001))
+    chain = lw.bnes_chain(4)
+    release = {"v:m1": 3.0 * (1.0 + 1e-10)}  # the second cycle
+    clean = lw.simulate(chain, release=release, duration=0.5, rate=1000.0)
+    fit = lw.identify(clean.with_noise(20.0, seed=1001), chain.unknown("all"))
+    links = {name: lw.nmse(chain.link(name), fit.structure.link(name), clean) for name in ("nes1", "nes2")}
+    assert row.links == pytest.approx(links, rel=1e-8)  # same numerics
+    assert row.nmse == pytest.approx(sum(links.values()) / 2) and row.worst == max(row.links.values())
+    assert row.coefficients["nes2.beta"] == pytest.approx(fit.coefficient("nes2.beta").value, rel=1e-8)
+    assert row.standard_errors["nes1.c"] == pytest.approx(fit.coefficient("nes1.c").standard_error, rel=1e-8)
+    assert row.status == "converged" and row.reason == "" and row.seconds > 0.0 and row.masses == 4
+
+
+def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
+    row = next(
+        row for row in lw.read_rows(folder) if row.case == Case("bnes2", 40.0, "classical, states", 1001)
+    )
+    chain = lw.bnes_chain(2)
+    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0, sensors=("x", "v", "a"))
+    states = lw.noisy_states(clean, "states", 40.0, seed=1001)
+    fit = lw.LeastSquares().fit(lw.monomial_equations(states, order=3))
+    assert row.links == pytest.approx({"nes1": lw.monomial_nmse(fit, chain, "nes1", clean)}, rel=1e-6)
+    terms = fit.terms("x2''")
+    expected = {"nes1.alpha": -0.01 * terms["x2"], "nes1.beta": -0.01 * terms["x2**3"]}
+    assert row.coefficients == pytest.approx(
+        expected, rel=1e-6
+    )  # same numerics, but for the solve of two columns
+
+
+@pytest.mark.parametrize("places", [1, 5])
+def test_rows_depend_neither_on_order_nor_on_the_crew(folder: Path, tmp_path: Path, places: int) -> None:
+    study = lw.stored_study(folder)
+    with opened(tmp_path / "out", study) as store, Here(places) as crew:
+        run(study, store, crew, silent)
+    assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
+
+
+def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
+    folder: Path, tmp_path: Path
+) -> None:
+    study = lw.stored_study(folder)
+    told: list[Progress] = []
+    rows = lw.run_study(study, tmp_path / "out", workers=2, progress=told.append)
+    assert rows == lw.read_rows(folder)
+    assert told[0].done == 0 and told[0].left is None
+    assert told[-1].done == told[-1].total == len(rows) == len(study) and told[-1].left == 0.0
+    seconds = [row.seconds for row in rows]
+    again = lw.run_study(study, tmp_path / "out", workers=2)
+    assert [row.seconds for row in again] == seconds
+
+
+def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    study = lw.read_study(small(tmp_path, cycles=1, more=DIVERGING))
+    with opened(tmp_path / "out", study) as store, Here() as crew:
+        run(study, store, crew, silent)
+    rows = lw.read_rows(tmp_path / "out")
+    failed = [row for row in rows if row.failed]
+    assert {row.structure for row in failed} == {"pushed away"} and len(failed) == 6
+    assert all("m1" in row.reason and row.nmse is None and row.worst is None for row in failed)
+    assert not any(row.reason.startswith("this is a fault") for row in failed)
+    assert len(rows) == len(study) == 18
+    summary = lw.study_summary(tmp_path / "out")
+    assert len(summary.hopeless) == 6 and summary.complete
+    assert "! pushed away, 40 dB, weak failed 1 times: " in str(summary)
+
+
+def test_a_worker_that_dies_loses_only_what_it_was_at(folder: Path, tmp_path: Path) -> None:
+    study = lw.stored_study(folder)
+    unlucky = list(study.cases())[-1]
+    with opened(tmp_path / "out", study) as store, Here(2, {unlucky: 2}) as crew:
+        run(study, store, crew, silent)
+    assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
+    assert sum(unlucky in batch for batch in crew.batches) == 3
+    assert crew.batches[-2] == (unlucky,)  # alone, once it was under suspicion
+
+
+def test_a_case_that_kills_its_worker_three_times_is_a_failure(folder: Path, tmp_path: Path) -> None:
+    study = lw.stored_study(folder)
+    deadly = Case("bnes2", 20.0, "ml", 1001)
+    with opened(tmp_path / "out", study) as store, Here(1, {deadly: 99}) as crew:
+        run(study, store, crew, silent)
+    rows = lw.read_rows(tmp_path / "out")
+    assert [row.case for row in rows if row.failed] == [deadly]
+    row = next(row for row in rows if row.failed)
+    assert row.reason == "its worker process died 3 times while at it: killed, out of memory, or crashed"
+    assert [row for row in rows if not row.failed] == [
+        row for row in lw.read_rows(folder) if row.case != deadly
+    ]
+
+
+def test_workers_that_cannot_work_end_the_study_and_keep_its_rows(folder: Path, tmp_path: Path) -> None:
+    study = lw.stored_study(folder)
+    with (
+        opened(tmp_path / "out", study) as store,
+        Here(error=ModuleNotFoundError("No module named 'linkwise'")) as crew,
+        pytest.raises(lw.StudyError, match="a worker cannot run linkwise: ModuleNotFoundError: No module"),
+    ):
+        run(study, store, crew, silent)
+    with opened(tmp_path / "out", study) as store, pytest.raises(lw.StudyError, match="the workers are gone"):
+        run(study, store, Gone(), silent)
+
+
+@final
+class Gone(Crew):
+    """A crew whose cluster has gone: it drops what it is given."""
+
+    seconds = 1.0
+    places = 1
+
+    def submit(self, batch: Batch) -> Future[list[Done]]:
+        future: Future[list[Done]] = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+    def lost(self, error: BaseException) -> bool:
+        return False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *arguments: object) -> None:
+        pass
+
+
+def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = lw.stored_study(folder)
+    case = Case("bnes2", 20.0, "weak", 1000)
+    monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
+    (done,) = run_batch(Batch(study.text(), (case,)))
+    assert done.row.failed and done.row.reason == "the answer is not finite."
+    monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)
+    (done,) = run_batch(Batch(study.text(), (case,)))
+    assert done.row.reason == "this is a fault of linkwise: ZeroDivisionError: division by zero"
+
+
+def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
+    with pytest.raises(lw.StudyError, match="a scheduler has workers of its own; give one of the two"):
+        lw.run_study("paper", tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:8786")
+    with pytest.raises(lw.StudyError, match="at least one worker, got 0"):
+        lw.run_study("paper", tmp_path / "out", workers=0)
+    with pytest.raises(lw.StudyError, match="at least one worker"):
+        Processes(0)
+
+
+def test_batches_last_as_long_as_they_should() -> None:
+    cases = [Case("a", 20.0, "fast", seed) for seed in range(30)] + [
+        Case("a", 20.0, "slow", seed) for seed in range(4)
+    ]
+    rows = [
+        failure(Case("a", 20.0, "fast", 99), 2, "", 0.01),
+        failure(Case("a", 20.0, "slow", 99), 2, "", 5.0),
+    ]
+    pace, pending = Pace(rows, cases), deque(cases)
+    suspects = {cases[12]}
+    sizes = []
+    while pending:
+        sizes.append(len(next_batch(pending, pace, 0.1, suspects)))
+    assert sizes == [10, 2, 1, 10, 7, 1, 1, 1, 1]
+    unknown = deque(Case("b", 20.0, "new", seed) for seed in range(2))
+    assert len(next_batch(unknown, pace, 1e9, set())) == 1  # nobody knows how long it takes
+
+
+def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 10.0, 10.0, 20.0])
+    monkeypatch.setattr("linkwise.study.pace.perf_counter", lambda: next(clock))
+    cases = [Case("a", 20.0, method, seed) for method in ("fast", "slow") for seed in range(3)]
+    pace = Pace([], cases)
+    assert pace.left is None
+    pace.finished(cases[0], 2.0)
+    pace.finished(cases[3], 8.0)
+    # Ten seconds of work took ten seconds: two cases of 2 s and two of 8 s are left.
+    assert pace.left == pytest.approx(20.0)
+    assert pace.rate == pytest.approx(0.2)
+    # The same, seen twice as late: the workers are half as fast.
+    assert pace.left == pytest.approx(40.0)
