@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from paper_rows import BEST, paper_rows, paper_study
 
 import linkwise as lw
 from linkwise.plot import paper_motion, save
+from linkwise.plot.paper_accuracy import figure_8, figure_9
+from linkwise.plot.paper_force import figure_6, figure_7
 from linkwise.plot.paper_numbers import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2
+from linkwise.plot.paper_study import PaperStudy
+from linkwise.plot.study_accuracy import accuracy_figure
 from linkwise.plot.study_motion import motion_after
 from linkwise.plot.study_responses import responses_figure
+from linkwise.report.study_page import Told
 
 SHOWN = 0.8  # s that every curve must follow the reference
 FACTOR = {"m": 1.0, "mm": 1e-3}
@@ -125,3 +132,92 @@ def test_the_printed_numbers_are_those_of_the_paper():
         assert [float(cell) for cell in row[1].split()] == [TABLE_2[masses, decibel] for masses in MASSES]
     times = re.search(r"computing times are (.*?) for two degrees", text)
     assert [float(number) for number in re.findall(r"[\d.]+", times[1])] == list(INFORMED_SECONDS.values())
+
+
+@pytest.fixture(scope="module")
+def told() -> Told:
+    """What made-up rows of the paper's study tell."""
+    study = paper_study()
+    return Told.of(study, paper_rows(study))
+
+
+def values(axes: Axes, label: str) -> np.ndarray:
+    """Heights of the line of that label."""
+    return np.asarray(next(line for line in axes.lines if line.get_label() == label).get_ydata())
+
+
+def test_figure_8_has_the_paper_beside_ours(told: Told) -> None:
+    figure = figure_8(told.table, told.paper, BEST)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        *("a  40 dB", "b  30 dB", "c  20 dB", "d  time of one estimate, 20 dB")
+    ]
+    for axes, decibel in zip(figure.axes[:3], DECIBELS, strict=True):
+        printed = [TABLE_2[masses, decibel] for masses in MASSES]
+        np.testing.assert_array_equal(values(axes, "paper, Table 2"), printed)
+        np.testing.assert_allclose(values(axes, BEST), 1.1 * np.array(printed), rtol=1e-12)
+        np.testing.assert_array_equal(values(axes, "ml"), [1e-4] * 5)
+        assert [text.get_text() for text in axes.get_xticklabels()] == ["2", "4", "6", "8", "10"]
+        faint = [line for line in axes.lines if line.get_label() == "SINDy, other conventions"]
+        assert len(faint) == 3
+    np.testing.assert_allclose(values(figure.axes[3], BEST), 0.01 * np.array(MASSES), rtol=1e-12)
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert sorted(names) == sorted({*names}) and "physics-informed" not in names
+
+
+def test_figure_9_has_the_paper_beside_ours(told: Told) -> None:
+    errors, times = figure_9(told.table, told.paper).axes
+    np.testing.assert_array_equal(values(errors, "paper, physics-informed"), [0.5] * 5)
+    np.testing.assert_array_equal(values(errors, "physics-informed"), [0.4] * 5)
+    np.testing.assert_array_equal(values(times, "paper, physics-informed"), [*INFORMED_SECONDS.values()])
+    assert not any(line.get_label().startswith("classical") for line in errors.lines)
+
+
+@pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])
+def test_forces_stand_beside_the_theory(told: Told, draw, shown) -> None:
+    """The made-up coefficients are all off by one factor, so the error is that factor's wherever the force is largest."""
+    forces, errors = draw(told.study, told.table, told.paper, BEST).axes
+    labels = [line.get_label() for line in forces.lines]
+    assert labels == ["theory", *(f"SINDy, {level:g} dB" for level in shown), "ml, 20 dB"]
+    theory = values(forces, "theory")
+    masses = 2 if draw is figure_6 else 8
+    for level in DECIBELS:
+        off = np.sqrt(1.1 * TABLE_2[masses, level] / 100.0)
+        assert values(errors, f"SINDy, {level:g} dB").max() == pytest.approx(100.0 * off, rel=1e-8)
+    np.testing.assert_allclose(values(forces, "ml, 20 dB"), theory * (1.0 + np.sqrt(1e-6)), rtol=1e-8)
+    d = np.asarray(forces.lines[0].get_xdata())
+    assert d[0] < -20.0 and d[-1] > 20.0 and forces.get_xlabel() == "elongation d, mm"  # wells at 10 mm
+
+
+def test_forces_that_nobody_found_are_not_drawn(told: Told) -> None:
+    empty = Told.of(told.study, [])
+    assert figure_6(empty.study, empty.table, empty.paper, BEST) is None
+    two = Told.of(told.study, [row for row in paper_rows(told.study) if row.masses == 2])
+    assert figure_7(two.study, two.table, two.paper, BEST) is None
+    assert figure_6(two.study, two.table, two.paper, BEST) is not None
+
+
+def test_cells_without_a_number_leave_gaps(told: Told) -> None:
+    part = Told.of(told.study, [row for row in paper_rows(told.study) if row.masses != 6])
+    axes = figure_8(part.table, part.paper, BEST).axes[0]
+    assert np.flatnonzero(np.isnan(values(axes, "ml"))).tolist() == [2]
+
+
+def test_only_the_papers_own_chains_count(told: Told) -> None:
+    """Another damper, another start or another length, and the paper's numbers have no place beside it."""
+    subject = told.study.subject("2 masses")
+    for changed in (
+        replace(subject, structure=lw.bnes_chain(2, sink_c=0.03)),
+        replace(subject, release={"v:m1": 2.0}),
+        replace(subject, duration=5.0),
+    ):
+        found = PaperStudy.of(replace(told.study, subjects=(changed,))).masses
+        assert dict(found) == {}
+    assert dict(PaperStudy.of(told.study).masses) == {f"{masses} masses": masses for masses in MASSES}
+
+
+def test_a_study_of_ones_own_has_a_panel_for_each_noise_level(told: Told) -> None:
+    figure = accuracy_figure(told.table)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        *("a  40 dB", "b  30 dB", "c  20 dB", "d  time of one estimate, 20 dB")
+    ]
+    assert {line.get_label() for line in figure.axes[0].lines} == set(told.table.methods)

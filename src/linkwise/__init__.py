@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from linkwise.modes import modes
     from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
     from linkwise.record import Record
+    from linkwise.report.study_folder import write_study_report
     from linkwise.simulate import simulate
     from linkwise.sparse.l1 import L1
     from linkwise.sparse.least_squares import LeastSquares
@@ -138,6 +139,7 @@ __all__ = [
     "write_record",
     "write_result",
     "write_structure",
+    "write_study_report",
 ]
 
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
@@ -175,6 +177,7 @@ _HOMES = {
     "modes": ("modes",),
     "monomialforce": ("READINGS", "monomial_force", "monomial_nmse"),
     "record": ("Record",),
+    "report.study_folder": ("write_study_report",),
     "simulate": ("simulate",),
     "sparse.l1": ("L1",),
     "sparse.least_squares": ("LeastSquares",),

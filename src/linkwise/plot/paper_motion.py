@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from matplotlib.figure import Figure
 
+from linkwise.absorption.bare import without_sinks
+from linkwise.absorption.sinks import find_sinks
 from linkwise.chains import bnes_chain
+from linkwise.excitation import Excitation
 from linkwise.plot.paper_numbers import DURATION, RATE, start
 from linkwise.plot.study_motion import Motion, motion_after
 from linkwise.plot.study_responses import comparison_figure, responses_figure
-from linkwise.structure import GROUND, Structure
 
 
+@lru_cache(maxsize=4)
 def chain_motion(masses: int, *, sinks: bool = True) -> Motion:
     """The paper's run of the chain of so many masses, with its sinks or without the masses that they are."""
-    chain = bnes_chain(masses)
-    structure = chain if sinks else _without_sinks(chain)
+    structure = bnes_chain(masses)
+    if not sinks:
+        drive = Excitation.of(release=start(masses))
+        structure = without_sinks(structure, find_sinks(structure), drive, "removed").structure
     return motion_after(structure, start(masses), duration=DURATION, rate=RATE)
 
 
@@ -43,11 +50,3 @@ def figure_5() -> Figure:
     without = chain_motion(8, sinks=False)
     titles = [f"primary mass {mass}" for mass in without.masses]
     return comparison_figure(chain_motion(8), without, columns=2, titles=titles)
-
-
-def _without_sinks(chain: Structure) -> Structure:
-    """The primary masses alone and the links between them."""
-    masses = chain.masses[::2]
-    held = {GROUND, *(mass.name for mass in masses)}
-    links = tuple(link for link in chain.links if held.issuperset(link.between))
-    return Structure(f"{chain.name}, without sinks", masses, links)

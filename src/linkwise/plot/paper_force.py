@@ -1,0 +1,80 @@
+"""Figures 6 and 7 of the paper: the sink's force in the cycle whose error is the median of its cell."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from linkwise.plot.palette import IDENTIFIED, SERIES
+from linkwise.plot.paper_numbers import DECIBELS
+from linkwise.plot.paper_study import PaperStudy
+from linkwise.plot.study_force import FoundForce, found_forces_figure
+from linkwise.study.cells import StudyTable
+from linkwise.study.definition import Study
+from linkwise.study.row import Row
+from linkwise.study.subject import Subject
+
+_LEVELS = dict(zip(DECIBELS, (SERIES[2], SERIES[5], SERIES[1]), strict=True))
+
+
+def figure_6(study: Study, table: StudyTable, paper: PaperStudy, classical: str) -> Figure | None:
+    """The chain of two masses: a the force found at 20 dB by the method `classical`, b its error at 40, 30 and 20 dB.
+
+    The maximum likelihood at 20 dB stands beside it. None where the study has no such answer.
+    """
+    return _figure(study, table, paper, 2, classical, shown=DECIBELS[-1:])
+
+
+def figure_7(study: Study, table: StudyTable, paper: PaperStudy, classical: str) -> Figure | None:
+    """The same for the chain of eight masses; a shows all three noise levels."""
+    return _figure(study, table, paper, 8, classical, shown=DECIBELS)
+
+
+def _figure(
+    study: Study, table: StudyTable, paper: PaperStudy, masses: int, classical: str, shown: tuple[float, ...]
+) -> Figure | None:
+    name = paper.named(masses)
+    rows = {level: _middle(table, name, level, classical) for level in DECIBELS}
+    judged = next((row for level in reversed(DECIBELS) if (row := rows[level]) is not None), None)
+    if judged is None or name is None:
+        return None
+    subject = study.subject(name)
+    structure = subject.structure
+    link = _median_link(judged)  # one link for all curves: each has its own range of motion
+    found: list[FoundForce] = []
+    told: list[str] = []
+    for level, row in rows.items():
+        if row is not None:
+            one = structure.with_values(row.coefficients).link(link)
+            label = f"SINDy, {level:g} dB"
+            found.append(FoundForce(one, label, _LEVELS[level], dashed=True, in_both=level in shown))
+            told.append(f"{row.links[link]:.3g} % at {level:g} dB")
+    for method in paper.likelihood[:1]:
+        ours = _middle(table, name, DECIBELS[-1], method)
+        if ours is not None:
+            one = structure.with_values(ours.coefficients).link(link)
+            found.append(FoundForce(one, f"{method}, {DECIBELS[-1]:g} dB", IDENTIFIED))
+            told.append(f"{method} {ours.links[link]:.3g} % at {DECIBELS[-1]:g} dB")
+    title = f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(told)}"
+    return found_forces_figure(structure.link(link), found, _visited(subject, link), title=title)
+
+
+def _visited(subject: Subject, link: str) -> tuple[float, float]:
+    """The least and the greatest elongation of a link in m along the true motion."""
+    truth = subject.simulate().simulated
+    assert truth is not None  # of a simulation it is there
+    structure = subject.structure
+    d = structure.elongations(truth.displacement, truth.base)[:, structure.links.index(structure.link(link))]
+    return float(d.min()), float(d.max())
+
+
+def _median_link(row: Row) -> str:
+    """Of the judged links the one whose error comes closest to the row's."""
+    error = row.nmse or 0.0
+    return min(row.links, key=lambda link: abs(row.links[link] - error))
+
+
+def _middle(table: StudyTable, name: str | None, level: float, method: str) -> Row | None:
+    """The row that stands for a cell, None where none has coefficients."""
+    cell = None if name is None else table.cell(name, level, method)
+    row = None if cell is None else cell.middle
+    return row if row is not None and row.coefficients else None

@@ -1,0 +1,152 @@
+"""What a study shows, each claim a sentence with its figures and whether it holds: the verdict of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.plot.paper_numbers import DECIBELS, INFORMED_NMSE
+from linkwise.plot.paper_study import PaperStudy
+from linkwise.report.study_comparison import NEAR, Comparison, near
+from linkwise.study.cells import Cell, StudyTable
+
+BELOW = 500.0  # times below the paper's physics-informed error: what maximum likelihood is held to at 20 dB
+MOST = 0.8  # of the cells of Table 2 that the best convention is to reproduce: 12 of 15
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence; `met` is None where the study has too little to tell."""
+
+    text: str
+    met: bool | None
+
+    @property
+    def mark(self) -> str:
+        """A sign for a list."""
+        return {True: "✓", False: "✗", None: "–"}[self.met]
+
+
+def claims(table: StudyTable, paper: PaperStudy, comparison: Comparison) -> tuple[Claim, ...]:
+    """All that can be claimed of a study, what it was made for first."""
+    found = [_complete(table)]
+    if comparison.cells:
+        found = [
+            *(_far_below(table, paper, method) for method in paper.likelihood),
+            *([_reproduced(comparison)] if comparison.classical else []),
+            *(_informed(table, paper, method) for method in paper.informed),
+            *found,
+        ]
+    return (*found, *_trusted(table, paper))
+
+
+def _complete(table: StudyTable) -> Claim:
+    done = table.expected - table.missing
+    text = f"All {table.expected} cases were run"
+    if table.missing:
+        empty = sum(not cell.done for cell in table.cells)
+        text = (
+            f"{done} of {table.expected} cases were run; {empty} of {len(table.cells)} cells are empty, "
+            "and medians are of what there is"
+        )
+    failed = f"; {table.failed} gave no answer" if table.failed else "; every one gave an answer"
+    return Claim(f"{text}{failed if done else ''}.", not table.missing and not table.failed)
+
+
+def _far_below(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
+    level = DECIBELS[-1]
+    cells = [table.cell(name, level, method) for name in paper.masses]
+    told = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
+    asked = (
+        f"{BELOW:g} times below the {INFORMED_NMSE:g} % that the paper's physics-informed SINDy keeps there"
+    )
+    if not told:
+        return Claim(f"{method} at {level:g} dB: nothing to tell yet. It is to stay {asked}.", None)
+    least = min(INFORMED_NMSE / value for value in told.values())
+    worst = max(told, key=lambda masses: told[masses])
+    text = (
+        f"{method} at {level:g} dB: at most {told[worst]:.2g} % ({worst} masses), {_rounded_down(least)} times below "
+        f"the paper's physics-informed {INFORMED_NMSE:g} %"
+    )
+    missed = [
+        f"{masses} masses ({INFORMED_NMSE / value:.3g} times)"
+        for masses, value in told.items()
+        if INFORMED_NMSE / value < BELOW
+    ]
+    if missed:
+        return Claim(f"{text}; it misses {BELOW:g} times in the cells of {', '.join(missed)}.", False)
+    absent = _absent(paper, told)
+    if absent:
+        return Claim(f"{text}; there is nothing yet for {absent}. It is to stay {asked}.", None)
+    return Claim(f"{text} in every cell; {BELOW:g} times was asked for.", True)
+
+
+def _reproduced(comparison: Comparison) -> Claim:
+    best = comparison.best
+    if best is None:
+        return Claim("Table 2: no convention of the classical method has a number for any cell.", None)
+    within, told, count = comparison.within(best), comparison.told(best), len(comparison.cells)
+    factor = comparison.typical_factor(best)
+    text = (
+        f'Table 2 is reproduced best by "{best}": {within} of {count} cells within a factor {NEAR:g}, '
+        f"half of those with a number within a factor {factor:.2g}"
+    )
+    enough = within >= MOST * count
+    if told < count and not enough:
+        return Claim(
+            f"{text}; {count - told} cells have no number yet.",
+            None if within + count - told >= MOST * count else False,
+        )
+    return Claim(f"{text}{'' if enough else f'; {np.ceil(MOST * count):.0f} were asked for'}.", enough)
+
+
+def _informed(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
+    level = DECIBELS[-1]
+    cells = [table.cell(name, level, method) for name in paper.masses]
+    told = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
+    if not told:
+        return Claim(
+            f"{method} at {level:g} dB: nothing to tell yet; the paper has around {INFORMED_NMSE:g} %.", None
+        )
+    text = (
+        f"{method} at {level:g} dB: {min(told.values()):.2g} to {max(told.values()):.2g} %; "
+        f"the paper has around {INFORMED_NMSE:g} %"
+    )
+    off = [f"{masses} masses" for masses, value in told.items() if not near(value, INFORMED_NMSE)]
+    if off:
+        return Claim(f"{text}, which {', '.join(off)} miss by more than a factor {NEAR:g}.", False)
+    absent = _absent(paper, told)
+    return Claim(f"{text}{f'; nothing yet for {absent}' if absent else ''}.", None if absent else True)
+
+
+def _trusted(table: StudyTable, paper: PaperStudy) -> list[Claim]:
+    """Whether linkwise's own estimators stand by their answers."""
+    found = []
+    for method in (*paper.weak, *paper.likelihood):
+        answers = [row for cell in _of(table, method) for row in cell.answers]
+        doubtful = [row for row in answers if row.status != "converged"]
+        if answers:
+            text = f"{method} stands by {len(answers) - len(doubtful)} of its {len(answers)} answers"
+            found.append(
+                Claim(
+                    f"{text}{'; the others say that they are not to be trusted' if doubtful else ''}.",
+                    not doubtful,
+                )
+            )
+    return found
+
+
+def _of(table: StudyTable, method: str) -> Sequence[Cell]:
+    return [cell for cell in table.cells if cell.method == method]
+
+
+def _absent(paper: PaperStudy, told: dict[int, float]) -> str:
+    return ", ".join(f"{masses} masses" for masses in paper.masses.values() if masses not in told)
+
+
+def _rounded_down(value: float) -> str:
+    """Two digits, never more than there is."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return f"{np.floor(value / unit * (1 + 1e-12)) * unit:.0f}"

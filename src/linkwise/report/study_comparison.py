@@ -1,0 +1,145 @@
+"""A study beside the paper's Table 2, cell by cell: which convention reproduces it, and what would explain the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from linkwise.plot.paper_numbers import DECIBELS, TABLE_2
+from linkwise.plot.paper_study import PaperStudy
+from linkwise.study.cells import Cell, StudyTable
+from linkwise.study.row import Row
+
+NEAR = 3.0  # a cell is reproduced within this factor
+
+
+@dataclass(frozen=True)
+class PaperCell:
+    """One cell of Table 2: the paper's NMSE in %, and by method the cell of the study that stands beside it."""
+
+    masses: int
+    snr_db: float
+    paper: float
+    found: Mapping[str, Cell]
+
+    @property
+    def where(self) -> str:
+        """The cell in words."""
+        return f"{self.masses} masses, {self.snr_db:g} dB"
+
+    def nmse(self, method: str) -> float | None:
+        """The median NMSE in % of a method, None where there is none."""
+        return self.found[method].nmse if method in self.found else None
+
+    def ratio(self, method: str) -> float | None:
+        """Found over printed."""
+        nmse = self.nmse(method)
+        return None if nmse is None else nmse / self.paper
+
+    def near(self, method: str) -> bool:
+        """Whether a method's median is within the factor `NEAR` of the paper."""
+        return near(self.nmse(method), self.paper)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Table 2 in the paper's order, noise level by noise level, for the chains that the study has."""
+
+    cells: tuple[PaperCell, ...]
+    classical: tuple[str, ...]
+
+    @classmethod
+    def of(cls, table: StudyTable, paper: PaperStudy) -> Comparison:
+        """The cells of Table 2 that the study asks for."""
+        cells = []
+        for decibel in DECIBELS:
+            for name, masses in paper.masses.items():
+                found = {
+                    method: cell
+                    for method in table.methods
+                    if (cell := table.cell(name, decibel, method)) is not None
+                }
+                if found:
+                    cells.append(PaperCell(masses, decibel, TABLE_2[masses, decibel], found))
+        return cls(tuple(cells), paper.classical)
+
+    def within(self, method: str) -> int:
+        """Cells that a method reproduces within the factor `NEAR`."""
+        return sum(cell.near(method) for cell in self.cells)
+
+    def told(self, method: str) -> int:
+        """Cells in which a method has a median."""
+        return sum(cell.nmse(method) is not None for cell in self.cells)
+
+    def typical_factor(self, method: str) -> float | None:
+        """The median factor, above 1, between a method and the paper; None where it has no median."""
+        ratios = [ratio for cell in self.cells if (ratio := cell.ratio(method))]
+        return float(np.exp(np.median(np.abs(np.log(ratios))))) if ratios else None
+
+    @cached_property
+    def best(self) -> str | None:
+        """The classical method that reproduces most cells, of equals the one with the smallest typical factor."""
+        told = [method for method in self.classical if self.told(method)]
+        return min(
+            told, key=lambda one: (-self.within(one), self.typical_factor(one) or np.inf), default=None
+        )
+
+
+def near(value: float | None, paper: float) -> bool:
+    """Whether a value is within the factor `NEAR` of the paper's."""
+    return value is not None and paper / NEAR <= value <= paper * NEAR
+
+
+def explanation(cell: PaperCell, method: str, classical: Sequence[str]) -> str:
+    """Why a cell is off: what else the paper may have counted that comes near its value, worked out from the rows.
+
+    Empty where the cell is near, or where nothing was run.
+    """
+    found = cell.found.get(method)
+    if found is None or not found.done or cell.near(method):
+        return ""
+    if found.nmse is None:
+        return f"{len(found.failures)} of {found.done} cycles gave no answer"
+    ratio = found.nmse / cell.paper
+    told = f"{1.0 / ratio:.3g} times below the paper" if ratio < 1.0 else f"{ratio:.3g} times above the paper"
+    readings = {name: count(found.answers) for name, count in _COUNTED.items()}
+    readings |= {other: cell.nmse(other) for other in classical if other != method}
+    fitting = [f"{name} ({_percent(value)})" for name, value in readings.items() if near(value, cell.paper)]
+    share = found.share_above(cell.paper)
+    single = f"{100.0 * share:.0f} % of single cycles lie above the paper's value"
+    if fitting:
+        return f"{told}; {single}; within a factor {NEAR:g} would be {', '.join(fitting)}"
+    known = {name: value for name, value in readings.items() if value}
+    closest = min(known, key=lambda name: abs(np.log(known[name] / cell.paper)), default=None)
+    rest = "" if closest is None else f", the closest being {closest} ({_percent(known[closest])})"
+    return f"{told}; {single}; no mean, no other choice of sink and no other convention comes within a factor {NEAR:g}{rest}"
+
+
+def _each(pick: Callable[[Row], float | None]) -> Callable[[Sequence[Row]], float | None]:
+    """The median over rows of what `pick` takes from one."""
+
+    def count(rows: Sequence[Row]) -> float | None:
+        picked = [value for row in rows if (value := pick(row)) is not None]
+        return float(np.median(picked)) if picked else None
+
+    return count
+
+
+def _mean(rows: Sequence[Row]) -> float | None:
+    return float(np.mean([row.nmse for row in rows if row.nmse is not None])) if rows else None
+
+
+_COUNTED: Mapping[str, Callable[[Sequence[Row]], float | None]] = {
+    "the mean over cycles": _mean,
+    "the first sink alone": _each(lambda row: next(iter(row.links.values()), None)),
+    "the last sink alone": _each(lambda row: next(reversed(list(row.links.values())), None)),
+    "the worst sink": _each(lambda row: row.worst),
+    "the best sink": _each(lambda row: min(row.links.values(), default=None)),
+}
+
+
+def _percent(value: float | None) -> str:
+    return "no number" if value is None else f"{value:.3g} %"

@@ -1,0 +1,163 @@
+"""The page of a study: verdict first, then the paper's table with ours beside it, the figures, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from linkwise.conventions import CONVENTIONS, MEANING
+from linkwise.plot.paper_study import PaperStudy
+from linkwise.report.page import TEMPLATES
+from linkwise.report.study_claims import Claim, claims
+from linkwise.report.study_comparison import NEAR, Comparison, explanation
+from linkwise.study.cells import SPREAD, Cell, StudyTable
+from linkwise.study.definition import Study
+from linkwise.study.row import Row
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A figure on the page: `address` holds it."""
+
+    name: str
+    title: str
+    caption: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Told:
+    """All that a page tells of a study."""
+
+    study: Study
+    table: StudyTable
+    paper: PaperStudy
+    comparison: Comparison
+    claims: Sequence[Claim]
+
+    @classmethod
+    def of(cls, study: Study, rows: Iterable[Row]) -> Told:
+        """What `rows` tell of `study`."""
+        table, paper = StudyTable.of(study, rows), PaperStudy.of(study)
+        comparison = Comparison.of(table, paper)
+        return cls(study, table, paper, comparison, claims(table, paper, comparison))
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        unmet = [claim for claim in self.claims if claim.met is False]
+        open_ = [claim for claim in self.claims if claim.met is None]
+        if unmet:
+            return (
+                f"{len(unmet)} of {len(self.claims)} claims {'does' if len(unmet) == 1 else 'do'} not hold."
+            )
+        if open_:
+            return "So far nothing speaks against it, but the study is not complete."
+        if self.comparison.cells:
+            return "The paper's results are reproduced, and surpassed."
+        return "The study is complete."
+
+    @property
+    def holds(self) -> bool:
+        """Whether every claim holds."""
+        return all(claim.met for claim in self.claims)
+
+
+def study_page(told: Told, illustrations: Mapping[str, Sequence[Illustration]], *, version: str) -> str:
+    """The page as text: HTML that asks nobody for anything. `illustrations` are figures by the heading above them."""
+    comparison, table = told.comparison, told.table
+    return TEMPLATES.get_template("study.html.jinja").render(
+        told=told,
+        study=told.study,
+        methods=[method for method in table.methods if method not in comparison.classical],
+        conventions=[(name, name.removeprefix("classical, ")) for name in comparison.classical],
+        meanings=[(name, MEANING[name]) for name in CONVENTIONS],
+        rows=[_row(told, number) for number in range(len(comparison.cells))],
+        reasons=_reasons(comparison),
+        others=_others(told),
+        illustrations=illustrations,
+        empty=[cell for cell in table.cells if not cell.done],
+        partly=[cell for cell in table.cells if 0 < cell.done < cell.expected],
+        failures=[cell for cell in table.cells if cell.failures],
+        seconds=sum(row.seconds for cell in table.cells for row in cell.answers),
+        near=NEAR,
+        spread=[round(100 * part) for part in SPREAD],
+        version=version,
+    )
+
+
+def percent(value: float | None) -> str:
+    """A number for a table: three digits, powers of ten written out, a dash for none."""
+    if value is None:
+        return "–"
+    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
+        return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+    mantissa, _, exponent = f"{value:.1e}".partition("e")
+    return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """A line of Table 2 on the page; `values` by method, `spreads` what stands on them when pointed at."""
+
+    first: bool
+    snr_db: float
+    masses: int
+    paper: str
+    ratio: str
+    near: bool
+    values: Mapping[str, str]
+    spreads: Mapping[str, str]
+
+
+def _row(told: Told, number: int) -> TableRow:
+    cells, best = told.comparison.cells, told.comparison.best
+    cell = cells[number]
+    ratio = None if best is None else cell.ratio(best)
+    return TableRow(
+        first=number == 0 or cells[number - 1].snr_db != cell.snr_db,
+        snr_db=cell.snr_db,
+        masses=cell.masses,
+        paper=f"{cell.paper:g}",
+        ratio="–" if ratio is None else f"{ratio:.2g}",
+        near=best is not None and cell.near(best),
+        values={method: percent(cell.nmse(method)) for method in told.table.methods},
+        spreads={method: _spread(found) for method, found in cell.found.items()},
+    )
+
+
+def _spread(cell: Cell) -> str:
+    low, high = percent(cell.low), percent(cell.high)
+    return (
+        f"{low} to {high} % over {cell.done} of {cell.expected} cycles, {len(cell.failures)} without answer"
+    )
+
+
+def _reasons(comparison: Comparison) -> list[tuple[str, str]]:
+    best = comparison.best
+    if best is None:
+        return []
+    told = [(cell.where, explanation(cell, best, comparison.classical)) for cell in comparison.cells]
+    return [(where, text) for where, text in told if text]
+
+
+def _others(told: Told) -> list[tuple[str, float, Mapping[str, str]]]:
+    """Structures and noise levels that Table 2 does not have: the medians of all methods."""
+    shown = {(cell.snr_db, name) for cell in told.comparison.cells for name in told.paper.masses}
+    return [
+        (
+            name,
+            level,
+            {method: percent(_nmse(told.table, name, level, method)) for method in told.table.methods},
+        )
+        for name in told.table.structures
+        for level in told.table.decibels
+        if (level, name) not in shown
+    ]
+
+
+def _nmse(table: StudyTable, name: str, level: float, method: str) -> float | None:
+    cell = table.cell(name, level, method)
+    return None if cell is None else cell.nmse

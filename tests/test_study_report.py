@@ -1,0 +1,240 @@
+"""The report of a study: the right verdict, the paper's table with ours beside it, and nothing missing that is not said."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from paper_rows import BEST, error, paper_rows, paper_study, stored
+
+import linkwise as lw
+from linkwise.errors import StudyError
+from linkwise.plot.paper_numbers import TABLE_2
+from linkwise.report.study_comparison import Comparison, explanation
+from linkwise.report.study_page import Told, percent, study_page
+from linkwise.study.row import FAILED, Row
+from linkwise.study.study_file import parse_study
+
+STUDY = paper_study()
+FIGURES = {f"figure_{number}" for number in range(2, 10)}
+
+
+def judged(rows: list[Row]) -> tuple[Comparison, dict[str, bool | None]]:
+    """The comparison of rows with the paper, and their claims."""
+    told = Told.of(STUDY, rows)
+    return told.comparison, {claim.text: claim.met for claim in told.claims}
+
+
+def claim(found: dict[str, bool | None], start: str) -> tuple[str, bool | None]:
+    """The one claim that begins so."""
+    (text,) = [text for text in found if text.startswith(start)]
+    return text, found[text]
+
+
+def body(text: str) -> str:
+    """A page without its pictures, on one line."""
+    text = re.sub(r'src="data:[^"]*"', 'src=""', text).partition("<body>")[2]
+    return " ".join(text.replace("&#39;", "'").replace("&#34;", '"').split())
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete study with its report."""
+    folder = stored(tmp_path_factory.mktemp("study") / "paper", STUDY, paper_rows(STUDY))
+    assert lw.write_study_report(folder) == folder / "report.html"
+    return folder
+
+
+def test_the_best_convention_is_found_and_its_closeness_told() -> None:
+    comparison, found = judged(paper_rows(STUDY))
+    assert len(comparison.cells) == 15 and comparison.best == BEST
+    assert comparison.within(BEST) == 15 and comparison.within("classical, states") == 0
+    assert comparison.typical_factor(BEST) == pytest.approx(1.1, rel=1e-12)
+    text, met = claim(found, "Table 2")
+    assert met is True and f'"{BEST}": 15 of 15 cells within a factor 3' in text and "factor 1.1." in text
+
+
+def test_too_few_cells_are_no_reproduction() -> None:
+    few = paper_rows(STUDY, lambda case, masses: error(case, masses) * (10.0 if masses > 6 else 1.0))
+    comparison, found = judged(few)
+    text, met = claim(found, "Table 2")
+    assert met is False and "9 of 15 cells" in text and "12 were asked for" in text
+    off = [cell for cell in comparison.cells if explanation(cell, BEST, comparison.classical)]
+    assert {cell.masses for cell in off} == {8, 10}
+
+
+def test_likelihood_is_held_to_five_hundred_times_below_the_paper() -> None:
+    _, found = judged(paper_rows(STUDY))
+    assert claim(found, "ml at 20 dB") == (
+        "ml at 20 dB: at most 0.0001 % (2 masses), 5000 times below the paper's physics-informed 0.5 % in every cell; "
+        "500 times was asked for.",
+        True,
+    )
+    worse = paper_rows(
+        STUDY, lambda case, masses: 1.001e-3 if (case.method, masses) == ("ml", 4) else error(case, masses)
+    )
+    text, met = claim(judged(worse)[1], "ml at 20 dB")
+    assert (
+        met is False
+        and "misses 500 times in the cells of 4 masses (500 times)" in text
+        and "490 times below" in text
+    )
+
+
+def test_a_cell_without_answer_is_no_success() -> None:
+    gone = [one for one in paper_rows(STUDY) if (one.method, one.masses) != ("ml", 10)]
+    text, met = claim(judged(gone)[1], "ml at 20 dB")
+    assert met is None and "nothing yet for 10 masses" in text
+    assert claim(judged([])[1], "ml at 20 dB")[1] is None
+    text, met = claim(judged(gone)[1], "306 of 315 cases were run")
+    assert met is False and "3 of 105 cells are empty" in text
+
+
+def test_physics_informed_stands_beside_the_half_percent() -> None:
+    text, met = claim(judged(paper_rows(STUDY))[1], "physics-informed")
+    assert met is True and text.endswith("0.4 to 0.4 %; the paper has around 0.5 %.")
+    off = paper_rows(
+        STUDY,
+        lambda case, masses: 5.0 if (case.method, masses) == ("physics-informed", 6) else error(case, masses),
+    )
+    text, met = claim(judged(off)[1], "physics-informed")
+    assert met is False and "6 masses miss" in text
+
+
+def test_answers_that_doubt_themselves_are_counted() -> None:
+    rows = paper_rows(STUDY)
+    rows = [
+        replace(one, status="chi-square off") if one.method == "ml" and one.seed == 1000 else one
+        for one in rows
+    ]
+    text, met = claim(judged(rows)[1], "ml stands by")
+    assert met is False and "30 of its 45 answers" in text
+
+
+def test_explanations_say_what_else_would_fit() -> None:
+    """The median is ten times too high everywhere; the best sink and one other convention would do for one cell each."""
+
+    def median(case, masses):
+        if case.method == "classical, states" and (masses, case.snr_db) == (6, 30.0):
+            return TABLE_2[masses, case.snr_db]
+        return TABLE_2[masses, case.snr_db] * 10.0 if case.method == BEST else 1e4
+
+    rows = paper_rows(STUDY, median)
+    for place, one in enumerate(rows):
+        if (one.method, one.masses, one.snr_db) == (BEST, 8, 20.0):
+            rows[place] = replace(one, links={**one.links, "nes1": TABLE_2[8, 20.0]})
+    comparison, _ = judged(rows)
+    told = {cell.where: explanation(cell, BEST, comparison.classical) for cell in comparison.cells}
+    assert all(text.startswith("10 times above the paper; 100 % of single cycles") for text in told.values())
+    assert "would be classical, states (0.472 %)" in told["6 masses, 30 dB"]
+    assert "would be the first sink alone (30.3 %), the best sink (30.3 %)" in told["8 masses, 20 dB"]
+    assert "no mean, no other choice of sink and no other convention comes within" in told["2 masses, 40 dB"]
+
+
+def test_figures_and_table_are_written(complete: Path) -> None:
+    assert {path.name for path in (complete / "figures").iterdir()} == {
+        f"{name}.{suffix}" for name in FIGURES for suffix in ("png", "svg")
+    }
+    with (complete / "table_2.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [(float(line["snr_db"]), int(line["masses"])) for line in lines] == [(d, m) for m, d in TABLE_2]
+    for line in lines:
+        paper = TABLE_2[int(line["masses"]), float(line["snr_db"])]
+        assert float(line["paper: percent"]) == paper
+        assert float(line[f"{BEST}: ratio"]) == pytest.approx(1.1, rel=1e-5)  # six printed digits
+        assert float(line["ml: percent"]) == 1e-4 and line["ml: cycles"] == "3"
+
+
+def test_the_page_tells_the_story_verdict_first(complete: Path) -> None:
+    page = body((complete / "report.html").read_text(encoding="utf-8"))
+    places = [
+        page.index("The paper's results are reproduced, and surpassed."),
+        page.index("Table 2: error of the sinks' force"),
+        *(page.index(f'<figure id="figure_{number}">') for number in range(2, 10)),
+        page.index("How it was found"),
+    ]
+    assert places == sorted(places)
+    assert page.count("✓") == 6 and "✗" not in page and "What is missing" not in page
+    assert "<td>63.0856</td>" in page and "1.0·10⁻⁴" in page
+    assert "Cells that differ" not in page
+
+
+def test_the_page_needs_nothing_else(complete: Path) -> None:
+    text = (complete / "report.html").read_text(encoding="utf-8")
+    addresses = re.findall(r'(?:src|href)="([^"]{0,30})', text)
+    assert len(addresses) == 8 and all(one.startswith("data:image/svg+xml;base64,") for one in addresses)
+    assert "<script" not in text and len(text) < 3e6
+
+
+def test_a_partial_study_says_what_is_missing() -> None:
+    rows = [
+        one
+        for one in paper_rows(STUDY)
+        if one.structure == "2 masses" and one.seed < 1002 and one.method != "weak"
+    ]
+    rows[0] = replace(
+        rows[0], status=FAILED, links={}, coefficients={}, reason="a step <size> became too small"
+    )
+    page = body(study_page(Told.of(STUDY, rows), {}, version="1.2.3"))
+    assert "1 of 5 claims does not hold." in page
+    assert "36 of 315 cases were run; 87 of 105 cells are empty" in page and "1 gave no answer" in page
+    missing = page.partition("What is missing")[2]
+    assert "10 masses at 20 dB by ml" in missing and "2 masses at 40 dB by weak" in missing
+    assert "2 masses, 20 dB, ml (2 of 3)" in missing
+    assert "1 of 2 gave no answer. 1 times: a step &lt;size&gt; became too small" in missing
+
+
+def test_an_empty_study_has_a_report(tmp_path: Path) -> None:
+    told: list[float] = []
+    folder = stored(tmp_path / "empty", STUDY, [])
+    page = lw.write_study_report(folder, progress=lambda fraction, now: told.append(fraction))
+    assert told == sorted(told) and told[0] == 0.0 and told[-1] == 1.0
+    text = body(page.read_text(encoding="utf-8"))
+    assert "0 of 315 cases were run" in text and "Figure 2" in text and "Figure 6" not in text
+    assert {path.stem for path in (folder / "figures").iterdir()} == FIGURES - {"figure_6", "figure_7"}
+
+
+def test_a_study_of_ones_own_has_its_table_and_figure(tmp_path: Path) -> None:
+    text = """
+    name = "mine"
+    snr_db = [50, 20]
+    cycles = 3
+    structure = [{ name = "short", bnes = 2, duration = 1.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
+    method = [{ kind = "weak" }, { kind = "ml", name = "most likely" }]
+    """
+    study = parse_study(text, "mine.toml", tmp_path)
+    rows = [
+        Row(c.structure, 2, c.snr_db, c.method, c.seed, "converged", {"nes1": 0.25}, seconds=0.1)
+        for c in study.cases()
+    ]
+    folder = stored(tmp_path / "mine", study, rows)
+    page = body(lw.write_study_report(folder).read_text(encoding="utf-8"))
+    assert "<h1>Study mine</h1>" in page and "The study is complete." in page and "Table 2" not in page
+    assert page.count("<td>0.25</td>") == 4 and "<th>most likely</th>" in page
+    assert {path.name for path in (folder / "figures").iterdir()} == {"accuracy.png", "accuracy.svg"}
+    assert not (folder / "table_2.csv").exists()
+
+
+def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match="there is no study in it"):
+        lw.write_study_report(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (0.0, "0"),
+        (1e-3, "0.001"),
+        (9.4e-4, "9.4·10⁻⁴"),
+        (63.08, "63.1"),
+        (4377.2, "4377"),
+        (2.5e12, "2.5·10¹²"),
+    ],
+)
+def test_numbers_for_a_table(value: float | None, text: str) -> None:
+    assert percent(value) == text
