@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 
 from linkwise.chains import bnes_chain
+from linkwise.conventions import noisy_states
 from linkwise.derive import differentiate
 from linkwise.equations import Equations, StreamedEquations
 from linkwise.errors import IdentificationError
 from linkwise.library import monomial_equations
+from linkwise.monomialforce import monomial_nmse
 from linkwise.simulate import simulate
 from linkwise.sparse.gram import Gram
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Fit, Regressor
 from linkwise.sparse.stlsq import Stlsq
+from linkwise.sparse.sums import held_out
 
 TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
     "x1'": {"v1": 1.0},
@@ -151,6 +154,93 @@ def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
     truth = random.normal(size=8)
     fit = LeastSquares().fit(Equations(matrix, matrix @ truth, tuple("abcdefgh")))
     np.testing.assert_allclose(fit.coefficients[:, 0], truth, rtol=1e-7)
+
+
+@pytest.mark.parametrize("dropped", [1, 5, 6, 11])
+def test_dropping_columns_gives_what_qr_gives_on_the_rest(dropped: int) -> None:
+    equations, _ = _problem(0.1)
+    gram = Gram.of(equations)
+    scale = np.linalg.norm(equations.matrix, axis=0)
+    for whole, rows in ((gram, slice(None)), (gram.training, ~held_out(equations.rows))):
+        for target in range(2):
+            kept = np.ones(12, dtype=bool)
+            kept[np.random.default_rng(dropped).permutation(12)[:dropped]] = False
+            matrix, right = (equations.matrix[:, kept] / scale[kept])[rows], equations.target[rows, target]
+            direct = np.linalg.lstsq(matrix, right)[0]
+            scaled, squares = whole.project(kept, target)
+            # Same numerics: the condition number of these columns is about 20.
+            np.testing.assert_allclose(scaled[kept], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max())
+            assert not scaled[~kept].any()
+            assert squares == pytest.approx(np.sum((right - matrix @ direct) ** 2), rel=1e-8)
+            small = whole.restricted(kept, target)
+            np.testing.assert_allclose(
+                small.anchor[:, 0], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max()
+            )
+            answer = gram.unscaled(np.sqrt(whole.variances(kept)) * gram.scale**2)[kept]
+            covariance = np.linalg.inv(matrix.T @ matrix)
+            np.testing.assert_allclose(answer, np.sqrt(np.diag(covariance)), rtol=1e-6)
+
+
+def test_rows_held_out_are_every_fifth_of_a_hundred_runs() -> None:
+    held = held_out(6001)
+    edges = np.flatnonzero(np.diff(held.astype(int)))
+    assert len(edges) == 40  # twenty runs, none at an end of the record
+    assert set(np.diff(edges)[::2]) <= {59, 60, 61}
+    assert held_out(60).sum() == 12 and not held_out(49).any()
+
+
+def test_what_is_held_out_is_judged_by_its_own_rows() -> None:
+    equations, _ = _problem(0.3)
+    held = held_out(equations.rows)
+    path = Stlsq().fit(equations).paths[0]
+    assert [one.terms for one in path] == list(range(12, -1, -1))
+    for one in path[:-1]:
+        kept = one.support
+        found = np.linalg.lstsq(equations.matrix[~held][:, kept], equations.target[~held, 0])[0]
+        missed = equations.target[held, 0] - equations.matrix[held][:, kept] @ found
+        share = np.linalg.norm(missed) / np.linalg.norm(equations.target[held, 0])
+        assert one.held_out == pytest.approx(share, rel=1e-6)
+        count = held.sum()
+        expected = count * np.log(np.sum(missed**2) / count) + one.terms * np.log(count)
+        assert one.bic == pytest.approx(expected, rel=1e-6)
+
+
+def test_too_few_rows_to_hold_any_out_are_refused() -> None:
+    equations, _ = _problem(0.1, rows=49)
+    for regressor in (Stlsq(), L1()):
+        with pytest.raises(
+            IdentificationError, match="49 equations are too few to hold some out and choose a threshold"
+        ):
+            regressor.fit(equations)
+    assert Stlsq(1e-3).fit(equations).support.any()
+
+
+@pytest.mark.parametrize("regressor", [Stlsq(), L1()])
+@pytest.mark.parametrize("decibel", [30.0, 20.0])
+def test_the_choice_on_rows_held_out_beats_all_terms_on_noisy_states(
+    regressor: Regressor, decibel: float
+) -> None:
+    structure = bnes_chain(6)
+    record = simulate(structure, release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
+    system = monomial_equations(noisy_states(record, "states", decibel, seed=1000), 3)
+    gram = Gram.of(system)
+    errors = {
+        name: [monomial_nmse(fit, structure, f"nes{cell}", record) for cell in (1, 2, 3)]
+        for name, fit in (
+            ("chosen", regressor.fit_gram(gram, system.units, system.targets)),
+            ("all", LeastSquares().fit_gram(gram, system.units, system.targets)),
+        )
+    }
+    # Tuned on seeds 0 to 20: the chosen support has 6 to 12 of 455 terms, and a tenth of the error in the middle.
+    assert np.median(errors["chosen"]) < np.median(errors["all"]) / 3
+
+
+def test_noise_alone_has_no_terms() -> None:
+    random = np.random.default_rng(1000)
+    matrix = random.normal(size=(2000, 30))
+    system = Equations(matrix, random.normal(size=2000), tuple(f"c{j}" for j in range(30)))
+    # Of 30 candidates the best is chosen by 1600 rows and judged by 400 others: a fluke must beat log(400) there.
+    assert Stlsq().fit(system).support.sum() == 0
 
 
 def test_weights_are_those_of_weighted_least_squares() -> None:

@@ -3,52 +3,89 @@
 Columns are scaled to unit norm, so "small" means the same in every unit. The normal equations square the condition
 number, and with it lose half of the digits; they come back by one more pass over the rows: it computes the residual of
 an anchor solution to all digits, and every later fit is a correction of that anchor. Its error is then relative to the
-correction, not to the target.
+correction, not to the target. The same holds for the residual over rows that were held out.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.linalg.blas import dgemm, dsymm, dsyrk
+from scipy.linalg import cho_solve
+from scipy.linalg.blas import dsymm, dsymv
+from scipy.linalg.lapack import dpotri, dtrtrs
 
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
+from linkwise.sparse.cholesky import Factor, cholesky, ridged, vanishing
+from linkwise.sparse.sums import Remainder, held_out, products, remainders
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 _PASSES = 3  # over the rows at most to refine the anchor; one does unless columns are all but dependent
 _ROUNDING = 1e-13  # a residual this far below its target cannot be refined
 _SMALL = 8  # a support below this part of all columns is first tried without the anchor
 _CANCELLING = 3e-5  # residual, as a share of its target, below which ||b||^2 - c'A'b has lost too many digits
-_DEPENDENT = 3e-8  # a column whose part outside the span of the others is smaller is one of them, rounded
-_RIDGE = 1e-14  # added to the unit diagonal of dependent columns
+_STATIONARY = 1e-13  # slope, as a share of the target, at which a solution needs no refinement
+_REFINEMENTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums over R rows about an anchor: `matrix` (p, p) is A'A, `slope` (p, T) is A'(b - A anchor), `squares` (T,) is
+    ||b - A anchor||^2, `norms` (T,) is ||b||, all for scaled columns.
+    """
+
+    rows: int
+    matrix: Array
+    slope: Array
+    squares: Array
+    norms: Array
+
+    def moved(self, change: Array) -> Sums:
+        """The same sums about an anchor that is `change` (p, T) further."""
+        pull = dsymm(1.0, self.matrix, change, lower=1)
+        squares = np.maximum(self.squares + np.sum(change * (pull - 2 * self.slope), axis=0), 0.0)
+        return Sums(self.rows, self.matrix, self.slope - pull, squares, self.norms)
+
+    def squares_at(self, change: Array, target: int) -> float:
+        """||b - A (anchor + change)||^2 of one target, `change` (p,)."""
+        pull = dsymv(1.0, self.matrix, change, lower=1)
+        return max(float(self.squares[target] + change @ (pull - 2 * self.slope[:, target])), 0.0)
+
+    def of_target(self, target: int) -> Sums:
+        """The sums of one target alone."""
+        at = slice(target, target + 1)
+        return Sums(self.rows, self.matrix, self.slope[:, at], self.squares[at], self.norms[at])
+
+    def part(self, kept: Indices) -> Sums:
+        """The sums of some columns, where the anchor of the others is zero."""
+        matrix = np.asfortranarray(self.matrix[np.ix_(kept, kept)])
+        return Sums(self.rows, matrix, self.slope[kept], self.squares, self.norms)
 
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Unit-norm Gram matrix of a system with R rows, p columns and T targets, and the anchor that restores its digits.
+    """Unit-norm Gram matrix of a system with p columns and T targets, and the anchor that restores its digits.
 
-    In scaled coefficients z_j = c_j ||A_j||: `matrix` (p, p) is A'A, `moments` (p, T) is A'b, `scale` (p,) holds
-    ||A_j||, `norms` (T,) holds ||b||, `alive` (p,) is False for columns that are zero throughout. `anchor` (p, T) is an
-    approximate solution, `slope` (p, T) is A'(b - A anchor) and `squares` (T,) is ||b - A anchor||^2, both from the
-    rows themselves.
+    In scaled coefficients z_j = c_j ||A_j||, the norm taken over all rows of the system: `sums` are those of the rows that are
+    fitted, about `anchor` (p, T), their least squares solution; `moments` (p, T) is A'b; `scale` (p,) holds ||A_j||;
+    `alive` (p,) is False for columns that are zero throughout, which have a one on the diagonal so that nothing is singular.
+    `held` are the sums of the rows that are held out, about the same anchor: among the fitted ones in what `of` gives, beside
+    them in `training`, None where there are too few rows.
     """
 
     names: tuple[str, ...]
-    rows: int
-    matrix: Array
+    sums: Sums
     moments: Array
     scale: Array
-    norms: Array
     alive: Mask
     anchor: Array
-    slope: Array
-    squares: Array
+    held: Sums | None
 
     @classmethod
     def of(cls, system: LinearSystem) -> Gram:
@@ -61,42 +98,99 @@ class Gram:
             raise IdentificationError(
                 f"{system.rows} equations in {len(system.names)} unknowns leave nothing to solve"
             )
-        raw, raw_moments, norms = _accumulate(system)
-        scale = np.sqrt(np.diagonal(raw))
+        parts = products(system)
+        scale = np.sqrt(sum(np.diagonal(one.matrix) for one in parts))
         alive = scale > 0
         if not alive.any():
             raise IdentificationError(
                 "every column of the equations is zero throughout: the record shows no motion to fit"
             )
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=alive)
-        raw *= inverse[:, None]
-        raw *= inverse
-        moments = raw_moments * inverse[:, None]
-        factor = _factor(raw if alive.all() else raw[np.ix_(alive, alive)])
-        anchor, change = np.zeros_like(moments), np.zeros_like(moments)
-        anchor[alive] = cho_solve(factor, moments[alive])
-        for _ in range(_PASSES):
-            squares, slope = _residual(system, anchor * inverse[:, None])
-            slope *= inverse[:, None]
-            change[alive] = cho_solve(factor, slope[alive])
-            gain = np.sum(change * slope, axis=0)
-            if np.all((gain < squares / 2) | (squares <= (_ROUNDING * norms) ** 2)):
-                break
-            anchor += change
-            change = np.zeros_like(moments)
-        pull = dsymm(1.0, raw, change, lower=1)
-        squares = np.maximum(squares + np.sum(change * (pull - 2 * slope), axis=0), 0.0)
-        return cls(
-            system.names,
+        for one in parts:
+            one.matrix[...] *= inverse[:, None]
+            one.matrix[...] *= inverse
+        whole = parts[0].matrix
+        for one in parts[1:]:
+            whole += one.matrix
+        whole[~alive, ~alive] = 1.0
+        moments = inverse[:, None] * np.sum([one.moments for one in parts], axis=0)
+        norms = np.sqrt(np.sum([one.squares for one in parts], axis=0))
+        anchor, change, left = _anchored(system, ridged(whole), moments, inverse, norms)
+        rows = Sums(
             system.rows,
-            raw,
-            moments,
-            scale,
+            whole,
+            np.sum([one.slope for one in left], axis=0),
+            np.sum([one.squares for one in left], axis=0),
             norms,
-            alive,
-            anchor + change,
-            slope - pull,
-            squares,
+        )
+        held = None
+        if len(parts) > 1:
+            count = int(np.count_nonzero(held_out(system.rows)))
+            held = Sums(count, parts[1].matrix, left[1].slope, left[1].squares, np.sqrt(parts[1].squares))
+            held = held.moved(change)
+        return cls(system.names, rows.moved(change), moments, scale, alive, anchor + change, held)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows that are fitted."""
+        return self.sums.rows
+
+    @property
+    def matrix(self) -> Array:
+        """(p, p) A'A."""
+        return self.sums.matrix
+
+    @property
+    def norms(self) -> Array:
+        """(T,) ||b||."""
+        return self.sums.norms
+
+    @cached_property
+    def training(self) -> Gram:
+        """The same without the rows held out, in the same scaled coefficients (whose columns then have a norm near 0.9).
+
+        Raises IdentificationError where the system has too few rows to hold any out.
+        """
+        if self.held is None:
+            raise IdentificationError(
+                f"{self.rows} equations are too few to hold some out and choose a threshold or a penalty by them; give one"
+            )
+        matrix = np.asfortranarray(self.matrix - self.held.matrix)
+        rows = Sums(
+            self.rows - self.held.rows,
+            matrix,
+            self.sums.slope - self.held.slope,
+            np.maximum(self.sums.squares - self.held.squares, 0.0),
+            np.sqrt(np.maximum(self.norms**2 - self.held.norms**2, 0.0)),
+        )
+        change = np.asarray(cho_solve(ridged(matrix), rows.slope))
+        moments = rows.slope + dsymm(1.0, matrix, self.anchor, lower=1)
+        return Gram(
+            self.names,
+            rows.moved(change),
+            moments,
+            self.scale,
+            self.alive,
+            self.anchor + change,
+            self.held.moved(change),
+        )
+
+    def restricted(self, support: Mask, target: int) -> Gram:
+        """Only the columns in `support` (p,) and one target, about the least squares solution there: what is solved within a
+        small support then costs no more than its size.
+        """
+        kept = np.flatnonzero(support & self.alive)
+        scaled = self.project(support, target)[0]
+        change = (scaled - self.anchor[:, target])[:, None]
+        at = slice(target, target + 1)
+        return Gram(
+            tuple(self.names[column] for column in kept),
+            self.sums.of_target(target).moved(change).part(kept),
+            self.moments[kept, at],
+            self.scale[kept],
+            np.ones(len(kept), dtype=bool),
+            scaled[kept, None],
+            None if self.held is None else self.held.of_target(target).moved(change).part(kept),
         )
 
     def project(self, support: Mask, target: int) -> tuple[Array, float]:
@@ -108,31 +202,29 @@ class Gram:
         1e-14.
         """
         kept = np.flatnonzero(support & self.alive)
-        anchor, slope = self.anchor[:, target], self.slope[:, target]
-        if kept.size == np.count_nonzero(self.alive):
-            return anchor, float(self.squares[target])
-        factor = _factor(self.matrix[np.ix_(kept, kept)]) if kept.size else None
+        dropped = np.flatnonzero(~support & self.alive)
+        anchor, slope = self.anchor[:, target], self.sums.slope[:, target]
+        if not dropped.size:
+            return np.where(self.alive, anchor, 0.0), float(self.sums.squares[target])
+        if (inverse := self._worth_inverting(kept, dropped)) is not None:
+            change = self._eliminated(kept, dropped, target, inverse)
+            return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
+        factor = ridged(self.matrix[np.ix_(kept, kept)]) if kept.size else None
         if factor and kept.size < len(self.names) / _SMALL:
             scaled, squares = self._directly(kept, factor, target)
             if squares > (_CANCELLING * self.norms[target]) ** 2:
                 return scaled, squares
-        change = np.where(support, 0.0, -anchor)
-        pull = dsymm(1.0, self.matrix, change[:, None], lower=1)[:, 0]
+        change = np.where(support & self.alive, 0.0, -anchor)
         if factor:
+            pull = dsymv(1.0, self.matrix, change, lower=1)
             change[kept] = cho_solve(factor, slope[kept] - pull[kept], check_finite=False)
-            pull += self.matrix[:, kept] @ change[kept]
-        squares = self.squares[target] + float(change @ (pull - 2 * slope))
-        return np.where(support, anchor + change, 0.0), max(squares, 0.0)
+        return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
 
-    def _directly(
-        self, kept: NDArray[np.intp], factor: tuple[Array, bool], target: int
-    ) -> tuple[Array, float]:
-        """`project` without the anchor: cheaper for few columns, and as good where the residual is not tiny."""
-        moments = self.moments[kept, target]
-        solved = cho_solve(factor, moments, check_finite=False)
-        scaled = np.zeros(len(self.names))
-        scaled[kept] = solved
-        return scaled, float(self.norms[target] ** 2 - solved @ moments)
+    def held_squares(self, scaled: Array, target: int) -> float:
+        """||b - A c||^2 of one target over the rows held out, for scaled coefficients (p,). Only where some are held out."""
+        if self.held is None:
+            raise IdentificationError("no rows were held out")
+        return self.held.squares_at(scaled - self.anchor[:, target], target)
 
     def unscaled(self, scaled: Array) -> Array:
         """Coefficients c in their own units from scaled ones (p,) or (p, T); zero for columns that are zero throughout."""
@@ -145,20 +237,70 @@ class Gram:
         Raises IdentificationError, naming columns, where columns of the support are dependent.
         """
         answer = np.zeros(len(self.names))
-        kept = np.flatnonzero(support & self.alive)
-        if kept.size:
+        kept, dropped = np.flatnonzero(support & self.alive), np.flatnonzero(~support & self.alive)
+        if kept.size and (inverse := self._worth_inverting(kept, dropped)) is not None:
+            answer[kept] = np.diagonal(inverse)[kept]
+            if dropped.size:
+                corner = ridged(inverse[np.ix_(dropped, dropped)])[0]
+                gone = dtrtrs(corner, inverse[np.ix_(dropped, kept)], lower=1)[0]
+                answer[kept] -= np.sum(gone**2, axis=0)
+            answer[kept] /= self.scale[kept] ** 2
+        elif kept.size:
             block = self.matrix[np.ix_(kept, kept)]
             factor = cholesky(block)
             if factor is None:
                 raise self._dependent(kept, block)
-            answer[kept] = np.diagonal(cho_solve(factor, np.eye(kept.size))) / self.scale[kept] ** 2
+            answer[kept] = np.diagonal(dpotri(factor[0], lower=1)[0]) / self.scale[kept] ** 2
         return answer
 
-    def _dependent(self, kept: NDArray[np.intp], block: Array) -> IdentificationError:
-        weakest = np.random.default_rng(0).normal(size=kept.size)
-        for _ in range(3):  # inverse iteration: what survives is the combination that vanishes
-            weakest = cho_solve(_factor(block), weakest / np.abs(weakest).max())
-        shown = kept[np.flatnonzero(np.abs(weakest) > 0.1 * np.abs(weakest).max())]
+    def _worth_inverting(self, kept: Indices, dropped: Indices) -> Array | None:
+        """The inverse of the matrix where fewer columns are dropped than kept and several targets share it; None where not,
+        and where columns are dependent.
+        """
+        worth = dropped.size < kept.size and self.anchor.shape[1] > 1
+        return self._inverse if worth else None
+
+    @cached_property
+    def _inverse(self) -> Array | None:
+        """(p, p) inverse of the matrix, None where columns are dependent."""
+        factor = cholesky(self.matrix)
+        if factor is None:
+            return None
+        inverse = dpotri(factor[0], lower=1, overwrite_c=1)[0]
+        for column in range(len(inverse) - 1):
+            inverse[column, column + 1 :] = inverse[column + 1 :, column]
+        return np.asarray(inverse)
+
+    def _eliminated(self, kept: Indices, dropped: Indices, target: int, inverse: Array) -> Array:
+        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero: few columns are taken out of the
+        inverse of all at the cost of their own number. The inverse has lost digits, so the slope is looked at and the solution
+        refined until it is stationary.
+        """
+        anchor, slope = self.anchor[:, target], self.sums.slope[:, target]
+        corner = ridged(inverse[np.ix_(dropped, dropped)])
+        pulls = inverse[:, dropped]
+        change = pulls @ cho_solve(corner, -anchor[dropped], check_finite=False)
+        for _ in range(_REFINEMENTS):
+            change[dropped] = -anchor[dropped]
+            left = slope - dsymv(1.0, self.matrix, change, lower=1)
+            left[dropped] = 0.0
+            if np.max(np.abs(left[kept])) <= _STATIONARY * self.norms[target]:
+                break
+            step = dsymv(1.0, inverse, left, lower=1)
+            change += step - pulls @ cho_solve(corner, step[dropped], check_finite=False)
+        change[dropped] = -anchor[dropped]
+        return np.asarray(change)
+
+    def _directly(self, kept: Indices, factor: Factor, target: int) -> tuple[Array, float]:
+        """`project` without the anchor: cheaper for few columns, and as good where the residual is not tiny."""
+        moments = self.moments[kept, target]
+        solved = cho_solve(factor, moments, check_finite=False)
+        scaled = np.zeros(len(self.names))
+        scaled[kept] = solved
+        return scaled, float(self.norms[target] ** 2 - solved @ moments)
+
+    def _dependent(self, kept: Indices, block: Array) -> IdentificationError:
+        shown = kept[np.flatnonzero(np.abs(vanishing(block)) > 0.1)]
         named = ", ".join(self.names[column] for column in shown[:8])
         return IdentificationError(
             f"the columns {named} move together in these data: only their sum can be told apart; leave one out, "
@@ -166,57 +308,21 @@ class Gram:
         )
 
 
-def _accumulate(system: LinearSystem) -> tuple[Array, Array, Array]:
-    """A'A (p, p), A'b (p, T) and ||b|| (T,) over all blocks of rows."""
-    columns, targets = len(system.names), len(system.targets)
-    total = np.zeros((columns, columns), order="F")
-    moments = np.zeros((columns, targets))
-    squares = np.zeros(targets)
-    for rows, target in system.blocks():
-        # syrk reads Fortran order; a block in C order is the transpose of one.
-        if rows.flags.c_contiguous:
-            total = dsyrk(1.0, rows.T, beta=1.0, c=total, lower=1, overwrite_c=1)
-        else:
-            total = dsyrk(1.0, rows, beta=1.0, c=total, trans=1, lower=1, overwrite_c=1)
-        moments += _times(rows, target, transposed=True)
-        squares += np.sum(target**2, axis=0)
-    for column in range(columns - 1):
-        total[column, column + 1 :] = total[column + 1 :, column]
-    return total, moments, np.sqrt(squares)
-
-
-def _residual(system: LinearSystem, coefficients: Array) -> tuple[Array, Array]:
-    """||b - A c||^2 (T,) and A'(b - A c) (p, T), from the rows themselves."""
-    squares, slope = np.zeros(coefficients.shape[1]), np.zeros_like(coefficients)
-    for rows, target in system.blocks():
-        residual = target - _times(rows, coefficients)
-        slope += _times(rows, residual, transposed=True)
-        squares += np.sum(residual**2, axis=0)
-    return squares, slope
-
-
-def _times(rows: Array, right: Array, *, transposed: bool = False) -> Array:
-    """rows @ right, or rows.T @ right, by SciPy's BLAS.
-
-    NumPy brings a BLAS of its own; where each keeps threads, calling both in turn lets them spin in each other's way.
-    """
-    if rows.flags.c_contiguous:
-        return np.asarray(dgemm(1.0, rows.T, right, trans_a=not transposed))
-    return np.asarray(dgemm(1.0, rows, right, trans_a=transposed))
-
-
-def cholesky(block: Array) -> tuple[Array, bool] | None:
-    """Cholesky factor of a Gram matrix of unit columns as `cho_solve` wants it; None where its columns are dependent."""
-    try:
-        factor: tuple[Array, bool] = cho_factor(block, lower=True, check_finite=False)
-    except LinAlgError:
-        return None
-    return factor if np.min(np.diagonal(factor[0])) > _DEPENDENT else None
-
-
-def _factor(block: Array) -> tuple[Array, bool]:
-    """Cholesky factor of a Gram matrix, with the smallest ridge that keeps dependent columns apart."""
-    factor, ridge = cholesky(block), _RIDGE
-    while factor is None:
-        factor, ridge = cholesky(block + ridge * np.eye(len(block))), 100 * ridge
-    return factor
+def _anchored(
+    system: LinearSystem, factor: Factor, moments: Array, inverse: Array, norms: Array
+) -> tuple[Array, Array, list[Remainder]]:
+    """An approximate solution (p, T), a last correction (p, T) to it, and what it leaves of the rows, in scaled columns."""
+    anchor = np.asarray(cho_solve(factor, moments))
+    for last in (*[False] * (_PASSES - 1), True):
+        left = [
+            Remainder(one.squares, inverse[:, None] * one.slope)
+            for one in remainders(system, anchor * inverse[:, None])
+        ]
+        squares = np.sum([one.squares for one in left], axis=0)
+        slope = np.sum([one.slope for one in left], axis=0)
+        change = np.asarray(cho_solve(factor, slope))
+        gain = np.sum(change * slope, axis=0)
+        if last or np.all((gain < squares / 2) | (squares <= (_ROUNDING * norms) ** 2)):
+            break
+        anchor = anchor + change
+    return anchor, change, left

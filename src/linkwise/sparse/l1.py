@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
 from linkwise.errors import IdentificationError
-from linkwise.sparse.gram import Array, Gram, cholesky
+from linkwise.sparse.cholesky import cholesky
+from linkwise.sparse.gram import Array, Gram
 from linkwise.sparse.regressor import Candidate, Regressor
 from linkwise.sparse.selection import best, candidate
 
@@ -31,8 +32,9 @@ _PATIENCE = 30  # supports in a row that do not lower the BIC before the path is
 class L1(Regressor):
     """Minimise ||b - A c||^2 / 2 + penalty * ||b|| * sum_j ||c_j A_j||: every term is charged for its contribution.
 
-    The penalty is a share: at 1 no term survives in any unit, near 0 all do. With `penalty` None the support of
-    smallest BIC along the path is taken; it is compared as least squares on each support. `debias` refits the chosen
+    The penalty is a share: at 1 no term survives in any unit, near 0 all do. With `penalty` None it is chosen on rows held out
+    as in `Stlsq`: of the supports along the path in the other rows, compared as least squares on each, the one of smallest BIC
+    there is taken. `debias` refits the chosen
     support by least squares, which undoes the shrinkage of the penalty. Raises IdentificationError for a penalty
     outside (0, 1].
     """
@@ -50,7 +52,9 @@ class L1(Regressor):
     def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
         path: tuple[Candidate, ...] = ()
         if self.penalty is None:
-            scaled, setting, path = _chosen(gram, target)
+            scaled, setting, path = _chosen(gram.training, target)
+            if not self.debias and path:
+                scaled = _at(gram, target, setting)
         else:
             scaled, setting = _at(gram, target, self.penalty), self.penalty
         if self.debias:
@@ -67,7 +71,7 @@ def _chosen(gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...
         key = support.tobytes()
         if key in found:
             continue
-        one = candidate(gram, target, support, penalty)
+        one = candidate(gram, target, *gram.project(support, target), penalty)
         worse = 0 if one.bic < lowest else worse + 1
         lowest = min(lowest, one.bic)
         found[key] = one, scaled

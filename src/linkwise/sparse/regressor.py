@@ -21,13 +21,15 @@ class Candidate:
     """One support (p,) on a regressor's path for one target.
 
     `setting` is the threshold or penalty that led to it, `terms` its number of columns, `residual` the norm of b - A c
-    over that of b after least squares on the support, `bic` the Bayesian information criterion (smaller is better).
+    over that of b after least squares on the support in the rows that were fitted, `held_out` the same in those that were not,
+    and `bic` the Bayesian information criterion of the latter (smaller is better).
     """
 
     support: Mask
     setting: float
     terms: int
     residual: float
+    held_out: float
     bic: float
 
 
@@ -128,11 +130,9 @@ def _fit(
     """Fill in what follows from the coefficients alone."""
     support = scaled != 0
     norms = np.where(gram.norms > 0, gram.norms, 1.0)
-    change = scaled - gram.anchor
-    squares = gram.squares + np.sum(change * (gram.matrix @ change - 2 * gram.slope), axis=0)
-    squares = np.maximum(squares, 0.0)
+    squares = gram.sums.moved(scaled - gram.anchor).squares
     freedom = np.maximum(gram.rows - support.sum(axis=0), 1)
-    variances = np.column_stack([gram.variances(support[:, target]) for target in range(len(targets))])
+    variances = _variances(gram, support)
     return Fit(
         names=gram.names,
         units=units,
@@ -145,3 +145,13 @@ def _fit(
         setting=setting,
         paths=paths,
     )
+
+
+def _variances(gram: Gram, support: Mask) -> Array:
+    """`Gram.variances` of each target's support (p, T); targets that share a support share the work."""
+    found: dict[bytes, Array] = {}
+    for column in support.T:
+        key = column.tobytes()
+        if key not in found:
+            found[key] = gram.variances(column)
+    return np.column_stack([found[column.tobytes()] for column in support.T])

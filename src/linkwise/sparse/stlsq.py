@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -12,8 +13,8 @@ from linkwise.sparse.gram import Array, Gram
 from linkwise.sparse.regressor import Candidate, Regressor
 from linkwise.sparse.selection import best, candidate
 
-_STEPS = np.geomspace(1e-10, 0.5, 59)  # thresholds of the path, a factor 1.47 apart
 _PASSES = 50  # supports only shrink; a loop this long means nothing is left to drop one by one
+_FEW, _FEWER = 64, 16  # terms from which the path goes down more gently, and one by one
 
 
 @final
@@ -22,8 +23,11 @@ class Stlsq(Regressor):
     """Fit, drop every term whose contribution ||c_j A_j|| / ||b|| is below the threshold, fit again, until none drops.
 
     The threshold is a share of the equation's right-hand side, so it means the same in every unit. With `threshold`
-    None it rises from 1e-10 to 0.5, each step going on from the support of the one before, and the support of smallest
-    BIC is taken; the whole path stands in the fit. Raises IdentificationError for a threshold outside [0, 1).
+    None it is chosen on rows held out (`sums.held_out`): in the other rows it rises, step by step, so that each step drops the
+    weakest third of the terms, the weakest tenth of fewer than 64 and one of fewer than 16, each step going on from the
+    support of the one before; the support of smallest BIC in the rows held out is taken (`selection`) and fitted to all rows.
+    The whole path stands in the fit. Raises IdentificationError for a threshold outside [0, 1), and without one for
+    a system of fewer than 50 rows.
     """
 
     threshold: float | None = None
@@ -36,17 +40,12 @@ class Stlsq(Regressor):
             )
 
     def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
-        scaled = gram.project(gram.alive, target)[0]
         if self.threshold is not None:
+            scaled = gram.project(gram.alive, target)[0]
             return _shrink(gram, target, scaled, self.threshold), self.threshold, ()
-        path = [candidate(gram, target, scaled != 0, 0.0)]
-        for step in _STEPS:
-            shrunk = _shrink(gram, target, scaled, step)
-            if np.count_nonzero(shrunk) < np.count_nonzero(scaled):
-                path.append(candidate(gram, target, shrunk != 0, float(step)))
-            scaled = shrunk
+        path = tuple(_path(gram.training, target))
         chosen = best(path)
-        return gram.project(chosen.support, target)[0], chosen.setting, tuple(path)
+        return gram.project(chosen.support, target)[0], chosen.setting, path
 
 
 def _shrink(gram: Gram, target: int, scaled: Array, threshold: float) -> Array:
@@ -57,3 +56,34 @@ def _shrink(gram: Gram, target: int, scaled: Array, threshold: float) -> Array:
             break
         scaled = gram.project(kept, target)[0]
     return scaled
+
+
+def _path(training: Gram, target: int) -> Iterator[Candidate]:
+    """Supports of falling size, from all columns to none, as the threshold rises."""
+    gram, places = training, np.arange(len(training.names))
+    scaled, squares = gram.project(gram.alive, target)
+    setting, norm = 0.0, float(gram.norms[target])
+    while True:
+        judged = candidate(gram, target, scaled, squares, setting)
+        support = np.zeros(len(training.names), dtype=bool)
+        support[places] = judged.support
+        yield replace(judged, support=support)
+        if not judged.terms or not norm:
+            return
+        ranked = np.argsort(np.abs(scaled), kind="stable")[-judged.terms :]
+        dropped = ranked[: _step(judged.terms)]
+        setting = max(setting, float(np.abs(scaled[dropped[-1]])) / norm)
+        kept = judged.support.copy()
+        kept[dropped] = False
+        if 0 < np.count_nonzero(kept) < len(places) / 2:
+            gram, places, target = gram.restricted(kept, target), places[kept], 0
+            scaled, squares = gram.anchor[:, 0], float(gram.sums.squares[0])
+        else:
+            scaled, squares = gram.project(kept, target)
+
+
+def _step(terms: int) -> int:
+    """How many of so many terms are dropped at once."""
+    if terms < _FEWER:
+        return 1
+    return terms // (10 if terms < _FEW else 3)

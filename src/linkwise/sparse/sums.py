@@ -1,0 +1,115 @@
+"""What a regression needs of the rows of a linear system, summed block by block, apart for rows that are held out.
+
+Held out is every fifth of a hundred runs of neighbouring rows. Neighbours are too much alike to be parted: what
+is predicted in a run that was not seen is a test, what is predicted between two rows that were seen is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dgemm, dsyrk
+
+from linkwise.equations import LinearSystem
+
+Array = NDArray[np.float64]
+
+_RUNS = 100
+_ONE_IN = 5
+_FEWEST = 50  # rows below which none are held out
+
+
+class Products(NamedTuple):
+    """A'A (p, p), A'b (p, T) and ||b||^2 (T,) over some rows."""
+
+    matrix: Array
+    moments: Array
+    squares: Array
+
+
+class Remainder(NamedTuple):
+    """||b - A c||^2 (T,) and A'(b - A c) (p, T) over some rows."""
+
+    squares: Array
+    slope: Array
+
+
+def held_out(rows: int) -> NDArray[np.bool_]:
+    """(R,) True for the rows that are held out: the middle one of every five runs; none of fewer than 50 rows."""
+    if rows < _FEWEST:
+        return np.zeros(rows, dtype=bool)
+    run = np.arange(rows) * min(_RUNS, rows - rows % _ONE_IN) // rows
+    return np.asarray(run % _ONE_IN == _ONE_IN // 2)
+
+
+def products(system: LinearSystem) -> list[Products]:
+    """Of the rows that are seen, and of those held out where there are any: one symmetric rank-k update per block and part."""
+    columns, targets = len(system.names), len(system.targets)
+    parts = [
+        Products(np.zeros((columns, columns), order="F"), np.zeros((columns, targets)), np.zeros(targets))
+        for _ in range(1 + bool(held_out(system.rows).any()))
+    ]
+    for part, rows, target in _blocks(system):
+        # syrk reads Fortran order; a block in C order is the transpose of one. What it is given it overwrites.
+        turned = rows.flags.c_contiguous
+        dsyrk(
+            1.0,
+            rows.T if turned else rows,
+            beta=1.0,
+            c=parts[part].matrix,
+            trans=not turned,
+            lower=1,
+            overwrite_c=1,
+        )
+        parts[part].moments[...] += times(rows, target, transposed=True)
+        parts[part].squares[...] += np.sum(target**2, axis=0)
+    for one in parts:
+        for column in range(columns - 1):
+            one.matrix[column, column + 1 :] = one.matrix[column + 1 :, column]
+    return parts
+
+
+def remainders(system: LinearSystem, coefficients: Array) -> list[Remainder]:
+    """Of coefficients c (p, T), from the rows themselves, in the parts of `products`."""
+    parts = [
+        Remainder(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
+        for _ in range(1 + bool(held_out(system.rows).any()))
+    ]
+    for part, rows, target in _blocks(system):
+        residual = target - times(rows, coefficients)
+        parts[part].slope[...] += times(rows, residual, transposed=True)
+        parts[part].squares[...] += np.sum(residual**2, axis=0)
+    return parts
+
+
+def times(rows: Array, right: Array, *, transposed: bool = False) -> Array:
+    """rows @ right, or rows.T @ right, by SciPy's BLAS.
+
+    NumPy brings a BLAS of its own; where each keeps threads, calling both in turn lets them spin in each other's way.
+    """
+    if rows.flags.c_contiguous:
+        return np.asarray(dgemm(1.0, rows.T, right, trans_a=not transposed))
+    return np.asarray(dgemm(1.0, rows, right, trans_a=transposed))
+
+
+def _blocks(system: LinearSystem) -> Iterator[tuple[int, Array, Array]]:
+    """The rows of each block, first those that are seen (0), then those held out (1)."""
+    held, first = held_out(system.rows), 0
+    for rows, target in system.blocks():
+        mask = held[first : first + len(rows)]
+        first += len(rows)
+        for part, chosen in enumerate((~mask, mask)):
+            if chosen.all():
+                yield part, rows, target
+            elif chosen.any():
+                yield part, _taken(rows, chosen), target[chosen]
+
+
+def _taken(rows: Array, chosen: NDArray[np.bool_]) -> Array:
+    """Some rows, in the memory order that all have."""
+    if rows.flags.c_contiguous:
+        return rows[chosen]
+    return np.compress(chosen, rows.T, axis=1).T
