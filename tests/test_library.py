@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import itertools
+import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from linkwise import library, memory
 from linkwise.chains import bnes_chain
 from linkwise.coefficient import Coefficient
 from linkwise.derive import States
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.law import Law
-from linkwise.library import link_columns, monomial_equations
+from linkwise.library import link_columns, local_equations, monomial_equations
 from linkwise.link import Link, Mass
 from linkwise.monomials import Monomials
+from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
+from linkwise.sparse.regressor import Regressor
+from linkwise.sparse.stlsq import Stlsq
 from linkwise.structure import Structure
 
 COUNT = 400
@@ -74,6 +80,19 @@ def test_every_monomial_is_the_product_of_its_variables(order: int) -> None:
     np.testing.assert_allclose(columns, expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("mixing", [1, 2, 3, 4, None])
+@pytest.mark.parametrize("order", [0, 1, 3, 4])
+def test_a_limit_on_mixing_leaves_out_what_mixes_more(order: int, mixing: int | None) -> None:
+    values = np.random.default_rng(2).normal(size=(20, 4))
+    everything, limited = Monomials(tuple("abcd"), order), Monomials(tuple("abcd"), order, mixing)
+    kept = [j for j, name in enumerate(everything.names) if len(set(name) & set("abcd")) <= (mixing or 4)]
+    assert limited.names == tuple(everything.names[j] for j in kept)
+    assert len(limited) == len(limited.names)
+    columns = limited.evaluate(values)
+    assert columns.flags.f_contiguous
+    np.testing.assert_array_equal(columns, everything.evaluate(values)[:, kept])
+
+
 def test_a_library_that_cannot_be_is_refused() -> None:
     with pytest.raises(
         IdentificationError, match="no monomials of order -1 in a, b: the order must be 0 or more"
@@ -81,6 +100,8 @@ def test_a_library_that_cannot_be_is_refused() -> None:
         Monomials(("a", "b"), -1)
     with pytest.raises(IdentificationError, match="names must differ"):
         Monomials(("a", "a"), 2)
+    with pytest.raises(IdentificationError, match="no monomial mixes 0 variables; mixing=1 leaves powers"):
+        Monomials(("a", "b"), 2, mixing=0)
 
 
 def test_equations_of_all_states_come_in_blocks_that_agree_with_the_whole() -> None:
@@ -115,13 +136,101 @@ def test_masses_of_other_names_and_inputs_have_columns_of_their_own() -> None:
     np.testing.assert_array_equal(rows[:, 6], states.base)
 
 
-def test_a_library_beyond_any_memory_says_how_large_it_is() -> None:
+def test_columns_and_equations_of_some_masses() -> None:
+    states = _states(bnes_chain(4), forces=True)
+    everything = monomial_equations(states, 3)
+    some = monomial_equations(states, 3, mixing=2, columns_of=("m4", "m3"), equations_of=("m4",))
+    assert some.targets == ("x4'", "x4''")
+    assert {"x3", "v4", "x3**2*x4", "f3", "f4"} < set(some.names) < set(everything.names)
+    assert not {"x1", "f1", "x3*v3*x4"} & set(some.names)
+    whole, target = everything.rows_of(slice(0, COUNT))
+    rows, right = some.rows_of(slice(0, COUNT))
+    np.testing.assert_allclose(
+        rows, whole[:, [everything.names.index(name) for name in some.names]], rtol=1e-12
+    )
+    np.testing.assert_array_equal(right, target[:, 6:8])
+
+
+def test_local_libraries_hold_a_mass_and_its_neighbours_and_find_its_equation() -> None:
+    chain = bnes_chain(6)
+    states = _states(chain)
+    systems = local_equations(states, chain, 3)
+    assert list(systems) == list(chain.mass_names)
+    sizes = {mass: len(system.names) for mass, system in systems.items()}
+    # Neighbours and itself: m1 has m2 and m3; m3 has m1, m4 and m5; m5 has m3 and m6; a sink its primary alone.
+    assert sizes == {"m1": 84, "m2": 35, "m3": 165, "m4": 35, "m5": 84, "m6": 35}
+    for mass, system in systems.items():
+        fit = LeastSquares().fit(system)
+        assert fit.targets == (f"x{mass[1:]}'", f"x{mass[1:]}''")
+        assert np.all(fit.residual < 1e-11)
+    sink = Stlsq().fit(systems["m4"]).terms("x4''")
+    assert sink["x4"] == pytest.approx(1e4, rel=1e-9) and sink["x4**3"] == pytest.approx(-1e8, rel=1e-9)
+    alone = monomial_equations(states, 3, columns_of=("m4",), equations_of=("m4",))
+    with pytest.raises(IdentificationError, match=r"unexplained: x4'' \(0\.\d+\)"):
+        LeastSquares().fit(alone).require_explained(0.1)  # the primary mass is missing
+
+
+def test_masses_without_states_are_refused() -> None:
+    states = _states(bnes_chain(2))
+    with pytest.raises(
+        IdentificationError, match=r"no states of m3 to make equations of; .* states of m1, m2"
+    ):
+        monomial_equations(states, 3, columns_of=("m1", "m3"))
+    with pytest.raises(IdentificationError, match="no states of no mass to make equations of"):
+        monomial_equations(states, 3, equations_of=())
+    with pytest.raises(RecordError, match="mass m3 of the structure has no channel"):
+        local_equations(states, bnes_chain(4), 3)
+
+
+def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     flat = np.zeros((40, 50))
     states = States(np.arange(40.0), tuple(f"m{k + 1}" for k in range(50)), flat, flat, flat, flat)
+    monkeypatch.setattr(library, "available_memory", lambda: 16 * 10**9)
     with pytest.raises(
-        IdentificationError, match=r"100 states of 50 masses are 176851 columns; .* takes 250 GB"
+        IdentificationError,
+        match=r"order 3 in the 100 states of 50 masses are 176851 columns; their Gram matrix alone takes 250 GB, a fit "
+        r"1501 GB, and 16 GB are free\. Smaller are mixing=2 \(15151 columns, 11 GB\), mixing=1 \(301 columns, 0\.04 GB\), "
+        r"order=2 \(5151 columns, 1\.31 GB\), columns_of=.* \(link_columns\)",
     ):
         monomial_equations(states, 3)
+    monkeypatch.setattr(library, "available_memory", lambda: 10**9)
+    with pytest.raises(
+        IdentificationError, match=r"1\.00 GB are free\. Smaller are mixing=1 \(301 .* columns_of"
+    ):
+        monomial_equations(states, 3)
+    assert len(monomial_equations(states, 3, mixing=1).names) == 301
+    assert len(monomial_equations(states, 3, columns_of=("m1", "m2", "m3")).names) == 84
+
+
+@pytest.mark.parametrize("regressor", [LeastSquares(), Stlsq(1e-3), Stlsq(), L1()])
+def test_the_memory_predicted_is_what_a_fit_takes(regressor: Regressor) -> None:
+    random = np.random.default_rng(0)
+    motion = random.normal(size=(2000, 9))
+    states = States(
+        np.arange(2000.0), tuple(f"m{k + 1}" for k in range(9)), motion, motion[::-1], motion**2, 0 * motion
+    )
+    equations = monomial_equations(states, 3, equations_of=("m1", "m2"))
+    tracemalloc.start()
+    regressor.fit(equations)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert equations.fit_bytes / 2.5 < peak < equations.fit_bytes
+
+
+def test_memory_is_what_the_system_tells(tmp_path: Path) -> None:
+    info = tmp_path / "meminfo"
+    info.write_text("MemTotal: 8000 kB\nMemAvailable:    3000 kB\n")
+    assert memory._free(info) == 3000 * 1024
+    assert memory._free(tmp_path / "absent") is None
+    assert memory._left(tmp_path) is None
+    (tmp_path / "memory.max").write_text("1000\n")
+    (tmp_path / "memory.current").write_text("300\n")
+    assert memory._left(tmp_path) == 700
+    (tmp_path / "memory.max").write_text("max\n")
+    assert memory._left(tmp_path) is None
+    assert 0 < memory.available_memory() < 2**50
 
 
 @pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])

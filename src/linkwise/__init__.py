@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from linkwise.identify import identify
     from linkwise.law import Law
     from linkwise.lawpath import LawStep, law_path
-    from linkwise.library import link_columns, monomial_equations
+    from linkwise.library import link_columns, local_equations, monomial_equations
     from linkwise.likelihood.loss import Gaussian, Huber, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.limit import limit
@@ -117,6 +117,7 @@ __all__ = [
     "law_path",
     "limit",
     "link_columns",
+    "local_equations",
     "modes",
     "monomial_equations",
     "monomial_force",
@@ -169,7 +170,7 @@ _HOMES = {
     "files": ("read_record", "write_record"),
     "identify": ("identify",),
     "law": ("Law",),
-    "library": ("link_columns", "monomial_equations"),
+    "library": ("link_columns", "local_equations", "monomial_equations"),
     "likelihood.loss": ("Gaussian", "Huber", "Student"),
     "likelihood.profile": ("profile_interval",),
     "limit": ("limit",),

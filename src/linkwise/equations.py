@@ -21,6 +21,17 @@ Array = NDArray[np.float64]
 _BLOCK_BYTES = 8 * 2**20  # large enough to fill the pipelines of one BLAS call, small enough to stay in cache
 
 
+_MATRICES = (
+    6  # p x p: of all rows, of those held out and of the others, a factor, an inverse, and one in the making
+)
+_BLOCKS = 4  # as they come, split in two, and what they leave
+
+
+def fit_bytes(columns: int) -> int:
+    """Bytes that a fit of so many columns takes at its peak, beside the data."""
+    return 8 * _MATRICES * columns**2 + _BLOCKS * _BLOCK_BYTES
+
+
 class LinearSystem(ABC):
     """Weighted rows of A c = b with p named columns and T named targets, read block by block."""
 
@@ -38,6 +49,11 @@ class LinearSystem(ABC):
     @abstractmethod
     def rows_of(self, piece: slice) -> tuple[Array, Array]:
         """Weighted rows `piece`: A (B, p) in C or Fortran order, and b (B, T)."""
+
+    @property
+    def fit_bytes(self) -> int:
+        """What a fit of any regressor takes at its peak, beside the data: so many p x p matrices and a few blocks of rows."""
+        return fit_bytes(len(self.names))
 
     def blocks(self) -> Iterator[tuple[Array, Array]]:
         """All rows in order, in blocks of about 8 MB, each as `rows_of` gives them."""

@@ -1,45 +1,55 @@
-"""Two libraries of columns over states: all monomials (the paper's Eq. 3), and per link (its physics-informed basis,
-Eq. 6).
+"""Two libraries of columns over states: monomials, of all or of a mass and its neighbours (the paper's Eq. 3), and per link
+(its physics-informed basis, Eq. 6).
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.derive import States
-from linkwise.equations import Equations, StreamedEquations
+from linkwise.equations import Equations, StreamedEquations, fit_bytes
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
 from linkwise.link import Link
+from linkwise.memory import available_memory
 from linkwise.monomials import Monomials, tags
 from linkwise.structure import Structure
 
 Array = NDArray[np.float64]
 
-_MOST_COLUMNS = 20_000  # their Gram matrix takes 3.2 GB
 _MOST_BYTES = 2 * 2**30  # of stored link columns
 
 
-def monomial_equations(states: States, order: int) -> StreamedEquations:
-    """The first-order equations of all masses, x' = v and v' = a, in all monomials of the states up to `order`.
+def monomial_equations(
+    states: States,
+    order: int,
+    *,
+    mixing: int | None = None,
+    columns_of: Sequence[str] | None = None,
+    equations_of: Sequence[str] | None = None,
+) -> StreamedEquations:
+    """First-order equations of masses, x' = v and v' = a, in the monomials of states up to `order`.
 
     The variables are x1, v1, x2, v2, ... for masses m1, m2, ... (x_NAME, v_NAME where masses bear other names); the
     targets x1', x1'', x2', x2'', ...; applied forces (f1, ...) and the base motion (xb, vb), where they were recorded,
-    take part linearly. No matrix is stored. Raises IdentificationError for a library too large for any Gram matrix,
-    saying how large it is.
+    take part linearly. `mixing` limits how many different states a monomial may mix, `columns_of` names the masses
+    whose states and forces make up the columns and `equations_of` those whose equations are wanted, all by default.
+
+    No matrix is stored. Raises IdentificationError for a library whose fit would not fit into memory, saying how large it is
+    and what would, and for masses that have no states.
     """
-    tagged = tags(states.masses)
-    library = Monomials(tuple(f"{kind}{tag}" for tag in tagged for kind in "xv"), order)
-    if len(library) > _MOST_COLUMNS:
-        raise IdentificationError(
-            f"all monomials up to order {order} in the {2 * len(tagged)} states of {len(tagged)} masses are {len(library)} "
-            f"columns; their Gram matrix alone takes {8 * len(library) ** 2 / 1e9:.0f} GB. "
-            "Use a lower order, fewer masses at a time, or the columns of the links"
-        )
-    variables = _interleaved(states.x, states.v)
-    targets = _interleaved(states.v, states.a)
-    names, inputs = _inputs(states, tagged)
+    tagged = dict(zip(states.masses, tags(states.masses), strict=True))
+    inner, outer = _chosen(states, columns_of), _chosen(states, equations_of)
+    library = Monomials(tuple(f"{kind}{tagged[mass]}" for mass in inner for kind in "xv"), order, mixing)
+    _require_room(library, len(inner))
+    names, inputs = _inputs(states, {mass: tagged[mass] for mass in inner})
+    columns_at, targets_at = ([states.masses.index(mass) for mass in masses] for masses in (inner, outer))
+    variables = _interleaved(states.x[:, columns_at], states.v[:, columns_at])
+    targets = _interleaved(states.v[:, targets_at], states.a[:, targets_at])
 
     def compute(piece: slice) -> tuple[Array, Array]:
         columns = library.evaluate(variables[piece])
@@ -47,9 +57,25 @@ def monomial_equations(states: States, order: int) -> StreamedEquations:
             columns = np.asfortranarray(np.concatenate([columns, inputs[piece]], axis=1))
         return columns, targets[piece]
 
-    primes = tuple(f"x{tag}{prime}" for tag in tagged for prime in ("'", "''"))
+    primes = tuple(f"x{tagged[mass]}{prime}" for mass in outer for prime in ("'", "''"))
     columns = (*library.names, *names)
     return StreamedEquations(compute, len(states), columns, ("",) * len(columns), primes)
+
+
+def local_equations(
+    states: States, structure: Structure, order: int, *, mixing: int | None = None
+) -> dict[str, StreamedEquations]:
+    """For each mass of `structure` its equations in monomials of its own states and of those of the masses that it is linked
+    with: libraries that do not grow with the structure. Arguments and errors as in `monomial_equations`; RecordError for a
+    mass of the structure without states.
+    """
+    _order(states, structure)
+    found = {}
+    for mass in structure.mass_names:
+        linked = {end for link in structure.links if mass in link.between for end in link.between}
+        inner = [one for one in states.masses if one in linked | {mass}]
+        found[mass] = monomial_equations(states, order, mixing=mixing, columns_of=inner, equations_of=(mass,))
+    return found
 
 
 def link_columns(states: States, structure: Structure) -> Equations:
@@ -111,16 +137,57 @@ def _interleaved(first: Array, second: Array) -> Array:
     return np.stack([first, second], axis=2).reshape(len(first), -1)
 
 
-def _inputs(states: States, tagged: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
-    """Names and columns (N, k) of what drives the structure."""
-    driven = [states.masses.index(mass) for mass in states.driven]
-    names = [f"f{tagged[index]}" for index in driven]
-    columns = [states.forces[:, index] for index in driven]
+def _inputs(states: States, tagged: dict[str, str]) -> tuple[tuple[str, ...], Array]:
+    """Names and columns (N, k) of what drives the masses in `tagged`, and of the base motion."""
+    driven = [mass for mass in states.driven if mass in tagged]
+    names = [f"f{tagged[mass]}" for mass in driven]
+    columns = [states.forces[:, states.masses.index(mass)] for mass in driven]
     for name, values in (("xb", states.base), ("vb", states.base_velocity)):
         if values is not None:
             names.append(name)
             columns.append(values)
     return tuple(names), np.column_stack(columns) if columns else np.empty((len(states), 0))
+
+
+def _chosen(states: States, masses: Sequence[str] | None) -> tuple[str, ...]:
+    """The named masses, or all, in the order of the states."""
+    if masses is None:
+        return states.masses
+    absent = [mass for mass in masses if mass not in states.masses]
+    if absent or not masses:
+        raise IdentificationError(
+            f"there are no states of {absent[0] if absent else 'no mass'} to make equations of; there are states of "
+            f"{', '.join(states.masses)}"
+        )
+    return tuple(mass for mass in states.masses if mass in masses)
+
+
+def _require_room(library: Monomials, masses: int) -> None:
+    """Raise IdentificationError, saying what would fit, for a library whose fit would not."""
+    needed, free = fit_bytes(len(library)), available_memory()
+    if needed <= free:
+        return
+    smaller = {
+        f"{what} ({len(one)} columns, {_gigabytes(fit_bytes(len(one)))})": fit_bytes(len(one))
+        for what, one in (
+            ("mixing=2", replace(library, mixing=2)),
+            ("mixing=1", replace(library, mixing=1)),
+            ("order=2", replace(library, order=2)),
+        )
+        if len(one) < len(library)
+    }
+    fitting = [what for what, size in smaller.items() if size <= free]
+    raise IdentificationError(
+        f"the monomials up to order {library.order} in the {len(library.variables)} states of {masses} masses are "
+        f"{len(library)} columns; their Gram matrix alone takes {_gigabytes(8 * len(library) ** 2)}, a fit "
+        f"{_gigabytes(needed)}, and {_gigabytes(free)} are free. Smaller are "
+        f"{', '.join([*fitting, 'columns_of=... (a mass and its neighbours)'])}, "
+        "and the columns of the links (link_columns)"
+    )
+
+
+def _gigabytes(size: int) -> str:
+    return f"{size / 1e9:.{0 if size > 1e10 else 2}f} GB"
 
 
 def _order(states: States, structure: Structure) -> NDArray[np.intp]:

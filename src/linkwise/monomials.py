@@ -19,12 +19,14 @@ Array = NDArray[np.float64]
 class Monomials:
     """All monomials in `variables` (q names) up to `order`, the constant "1" included, degree by degree.
 
-    `len` counts them, C(q + order, order), without building any. Raises IdentificationError for an order below 0 or a
-    name given twice.
+    With `mixing` only those that mix at most so many different variables: at 1 the powers x1**3 alone, at 2 also x1**2*v1, but not
+    x1*v1*x2. `len` counts them without building any: sum over k of C(q, k) C(order, k), k up to `mixing`, which is
+    C(q + order, order) without a limit. Raises IdentificationError for an order below 0, a limit below 1 or a name given twice.
     """
 
     variables: tuple[str, ...]
     order: int
+    mixing: int | None = None
 
     def __post_init__(self) -> None:
         if self.order < 0 or len(set(self.variables)) < len(self.variables):
@@ -32,37 +34,71 @@ class Monomials:
                 f"no monomials of order {self.order} in {', '.join(self.variables)}: "
                 "the order must be 0 or more and the names must differ"
             )
+        if self.mixing is not None and self.mixing < 1:
+            raise IdentificationError(
+                f"no monomial mixes {self.mixing} variables; mixing=1 leaves powers of single ones, None everything"
+            )
 
     def __len__(self) -> int:
-        return comb(len(self.variables) + self.order, self.order)
+        return sum(comb(len(self.variables), k) * comb(self.order, k) for k in range(self._limit + 1))
+
+    @property
+    def _limit(self) -> int:
+        return self.order if self.mixing is None else min(self.mixing, self.order)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """(p,) names such as "1", "x1", "x1*v2", "x1**2*x2"."""
-        return tuple(
-            _product(self.variables, chosen)
-            for degree in range(self.order + 1)
-            for chosen in combinations_with_replacement(range(len(self.variables)), degree)
-        )
+        return tuple(_product(self.variables, chosen) for degree in self._degrees for chosen in degree)
 
     def evaluate(self, values: Array) -> Array:
         """Columns (B, p) in Fortran order at values (B, q) of the variables, each one product away from a column before it."""
-        samples, count = values.shape
-        columns = np.empty((len(self), samples))
+        columns = np.empty((len(self), len(values)))
         columns[0] = 1.0
         variables = np.ascontiguousarray(values.T)
-        last = 1  # where the columns of the degree before end
-        for degree in range(1, self.order + 1):
-            position = last
-            for variable in range(count):
-                # Of the degree before, those that begin with this variable or a later one stand at the end.
-                many = comb(count - variable + degree - 2, degree - 1)
-                np.multiply(
-                    columns[last - many : last], variables[variable], out=columns[position : position + many]
-                )
-                position += many
-            last = position
+        first = 1
+        for variable, parents, many in self._products:
+            np.multiply(columns[parents], variables[variable], out=columns[first : first + many])
+            first += many
         return columns.T
+
+    @cached_property
+    def _degrees(self) -> list[list[tuple[int, ...]]]:
+        """The monomials of each degree as rising indices of their variables."""
+        indices = range(len(self.variables))
+        return [
+            [
+                chosen
+                for chosen in combinations_with_replacement(indices, degree)
+                if len(set(chosen)) <= self._limit
+            ]
+            for degree in range(self.order + 1)
+        ]
+
+    @cached_property
+    def _products(self) -> list[tuple[int, slice | NDArray[np.intp], int]]:
+        """In the order of the columns: a variable, the columns of the degree before that it multiplies, and how many they are.
+        These are the monomials that begin with this variable or a later one, where they leave room for it.
+        """
+        steps: list[tuple[int, slice | NDArray[np.intp], int]] = []
+        first = 0
+        for before in self._degrees[:-1]:
+            for variable in range(len(self.variables)):
+                parents = np.array(
+                    [
+                        first + place
+                        for place, chosen in enumerate(before)
+                        if variable <= min(chosen, default=variable)
+                        and len({variable, *chosen}) <= self._limit
+                    ],
+                    dtype=np.intp,
+                )
+                if parents.size:
+                    last = int(parents[-1]) + 1
+                    run = last - int(parents[0]) == parents.size
+                    steps.append((variable, slice(int(parents[0]), last) if run else parents, parents.size))
+            first += len(before)
+        return steps
 
 
 def tags(masses: tuple[str, ...]) -> tuple[str, ...]:

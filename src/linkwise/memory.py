@@ -1,0 +1,45 @@
+"""How much memory this process may still take: asked before something large is begun."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+_MEMINFO = Path("/proc/meminfo")
+_GROUP = Path("/sys/fs/cgroup")  # limits that a container sets (version 2)
+_ASSUMED = 4 * 2**30  # where the system does not tell
+
+
+def available_memory() -> int:
+    """Bytes that are free or can be freed, no more than a container leaves; 4 GB where the system does not tell."""
+    found = [_free(_MEMINFO), _left(_GROUP)]
+    known = [number for number in found if number is not None]
+    return min(known) if known else _installed()
+
+
+def _free(meminfo: Path) -> int | None:
+    """What Linux holds to be available."""
+    try:
+        lines = meminfo.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    fields = dict(line.split(":", 1) for line in lines if ":" in line)
+    return int(fields["MemAvailable"].split()[0]) * 1024 if "MemAvailable" in fields else None
+
+
+def _left(group: Path) -> int | None:
+    """What the limit of a container leaves."""
+    try:
+        limit = (group / "memory.max").read_text(encoding="ascii").strip()
+        used = (group / "memory.current").read_text(encoding="ascii").strip()
+    except OSError:
+        return None
+    return max(int(limit) - int(used), 0) if limit != "max" else None
+
+
+def _installed() -> int:
+    """Half of what is installed, for systems that tell no more (macOS)."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+    except (AttributeError, ValueError, OSError):
+        return _ASSUMED
