@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
+from paper_rows import paper_rows, paper_study, stored
 
 import linkwise as lw
 
@@ -27,6 +28,9 @@ OPTIONS = [
 ]
 # What the page is allowed, put into a copy: all that it carries in itself. Asking for anything else is a word on the console,
 # which a file or a host that cannot be had is not.
+PROBE = """<script>addEventListener("load", () => {
+  for (const image of document.images) image.dataset.width = image.naturalWidth;
+})</script>"""
 ALLOWED = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
@@ -41,6 +45,14 @@ class Shown:
     shades: int
 
     @property
+    def pictures(self) -> dict[str, int]:
+        """Width in pixels of every image by what it is said to show; 0 where it is broken."""
+        without = re.sub(r'src="[^"]*"', "", self.document)
+        return {
+            name: int(width) for name, width in re.findall(r'<img +alt="([^"]*)" data-width="(\d+)"', without)
+        }
+
+    @property
     def body(self) -> str:
         """What the reader sees of the document, as markup."""
         return re.sub(r"<script.*?</script>", "", self.document.partition("<body")[2], flags=re.DOTALL)
@@ -49,7 +61,7 @@ class Shown:
 def show(page: Path, scratch: Path) -> Shown:
     """Open a copy of `page` in a fresh profile below `scratch`, without any network."""
     picture, copy = scratch / "window.png", scratch / "copy.html"
-    policy = f'<head><meta http-equiv="Content-Security-Policy" content="{ALLOWED}">'
+    policy = f'<head><meta http-equiv="Content-Security-Policy" content="{ALLOWED}">{PROBE}'
     markup = page.read_text(encoding="utf-8")
     assert "<head>" in markup
     copy.write_text(markup.replace("<head>", policy, 1), encoding="utf-8")
@@ -85,6 +97,34 @@ def test_identify_page_has_its_figures(identified: Shown) -> None:
     for name in ("force-nes1", "force-spring1", "histories"):
         division = identified.body.partition(f'id="{name}"')[2]
         assert 'class="main-svg"' in division[:3000], name
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory: pytest.TempPathFactory) -> Shown:
+    """The page of `linkwise study paper`."""
+    study = paper_study()
+    folder = stored(tmp_path_factory.mktemp("studied") / "paper", study, paper_rows(study))
+    return show(lw.write_study_report(folder), tmp_path_factory.mktemp("browser"))
+
+
+def test_study_page_renders_without_a_word_on_the_console(studied: Shown) -> None:
+    assert studied.console == ()
+    assert studied.shades > 50
+    assert "The paper's results are reproduced, and surpassed." in studied.body
+
+
+def test_study_page_has_its_figures_at_their_size(studied: Shown) -> None:
+    assert [name.partition(":")[0] for name in studied.pictures] == [
+        f"Figure {number}" for number in range(2, 10)
+    ]
+    assert min(studied.pictures.values()) > 400
+
+
+def test_a_broken_picture_would_be_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    broken = '<img src="data:image/svg+xml;base64,AAAA" alt="broken">'
+    page.write_text(f"<!doctype html><html><head></head><body>{broken}</body></html>")
+    assert show(page, tmp_path).pictures == {"broken": 0}
 
 
 @pytest.mark.parametrize(

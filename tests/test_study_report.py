@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from paper_rows import BEST, error, paper_rows, paper_study, stored
 
 import linkwise as lw
+from linkwise.cli import run
 from linkwise.errors import StudyError
 from linkwise.plot.paper_numbers import TABLE_2
 from linkwise.report.study_comparison import Comparison, explanation
@@ -19,6 +21,13 @@ from linkwise.study.row import FAILED, Row
 from linkwise.study.study_file import parse_study
 
 STUDY = paper_study()
+MINE = """
+name = "mine"
+snr_db = [50, 20]
+cycles = 3
+structure = [{ name = "short", bnes = 2, duration = 1.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
+method = [{ kind = "weak" }, { kind = "ml", name = "most likely" }]
+"""
 FIGURES = {f"figure_{number}" for number in range(2, 10)}
 
 
@@ -54,7 +63,11 @@ def test_the_best_convention_is_found_and_its_closeness_told() -> None:
     assert comparison.within(BEST) == 15 and comparison.within("classical, states") == 0
     assert comparison.typical_factor(BEST) == pytest.approx(1.1, rel=1e-12)
     text, met = claim(found, "Table 2")
-    assert met is True and f'"{BEST}": 15 of 15 cells within a factor 3' in text and "factor 1.1." in text
+    assert (
+        met is True
+        and f'"{BEST}": 15 of 15 cells within a factor 3' in text
+        and "median factor is 1.1." in text
+    )
 
 
 def test_too_few_cells_are_no_reproduction() -> None:
@@ -198,14 +211,7 @@ def test_an_empty_study_has_a_report(tmp_path: Path) -> None:
 
 
 def test_a_study_of_ones_own_has_its_table_and_figure(tmp_path: Path) -> None:
-    text = """
-    name = "mine"
-    snr_db = [50, 20]
-    cycles = 3
-    structure = [{ name = "short", bnes = 2, duration = 1.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
-    method = [{ kind = "weak" }, { kind = "ml", name = "most likely" }]
-    """
-    study = parse_study(text, "mine.toml", tmp_path)
+    study = parse_study(MINE, "mine.toml", tmp_path)
     rows = [
         Row(c.structure, 2, c.snr_db, c.method, c.seed, "converged", {"nes1": 0.25}, seconds=0.1)
         for c in study.cases()
@@ -216,6 +222,15 @@ def test_a_study_of_ones_own_has_its_table_and_figure(tmp_path: Path) -> None:
     assert page.count("<td>0.25</td>") == 4 and "<th>most likely</th>" in page
     assert {path.name for path in (folder / "figures").iterdir()} == {"accuracy.png", "accuracy.svg"}
     assert not (folder / "table_2.csv").exists()
+
+
+def test_the_command_ends_with_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(MINE, encoding="utf-8")
+    assert run(["study", str(file), "--workers", "1", "--json", "-o", str(tmp_path / "mine")]) == 0
+    files = json.loads(capsys.readouterr().out)["files"]
+    assert files[-1] == str(tmp_path / "mine" / "report.html") and all(Path(name).is_file() for name in files)
+    assert "The study is complete." in body(Path(files[-1]).read_text(encoding="utf-8"))
 
 
 def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at a
     required=True,
     help="Folder of the study; one that was stopped goes on.",
 )
-@click.option("--export", is_flag=True, help="Run nothing: write and print the tables of what is there.")
+@click.option("--export", is_flag=True, help="Run nothing: write tables and report of what is there.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
 def study(
     name: str,
@@ -54,7 +54,8 @@ def study(
     """Run the study NAME that ships with linkwise ("paper"), or the one in a TOML file.
 
     Every structure at every noise level by every method, once a seed. It may be stopped at any moment, killed too: the same
-    command goes on where it was. Exit code 3 means that some method had no answer at all for some structure and noise.
+    command goes on where it was. At the end DIR holds tables, figures and report.html. Exit code 3
+    means that some method had no answer at all for some structure and noise.
 
     \b
     Examples:
@@ -71,6 +72,9 @@ def study(
     if not export:
         _run(asked, output, workers, scheduler)
     files = [str(path) for path in lw.export_study(output)]
+    with progress("report") as step:
+        page = lw.write_study_report(output, progress=step)
+    files.append(str(page))
     summary = lw.study_summary(output)
     click.echo(
         to_json({**summary.to_dict(), "files": files})

@@ -91,7 +91,7 @@ def _reproduced(comparison: Comparison) -> Claim:
     factor = comparison.typical_factor(best)
     text = (
         f'Table 2 is reproduced best by "{best}": {within} of {count} cells within a factor {NEAR:g}, '
-        f"half of those with a number within a factor {factor:.2g}"
+        f"the median factor is {factor:.2g}"
     )
     enough = within >= MOST * count
     if told < count and not enough:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from matplotlib.figure import Figure
 
@@ -29,6 +31,18 @@ MOTION, FORCE, ACCURACY = (
     "What force is found",
     "Accuracy and time over degrees of freedom",
 )
+_MOTION = {"figure_2": figure_2, "figure_3": figure_3, "figure_4": figure_4, "figure_5": figure_5}
+_FORCE = {"figure_6": figure_6, "figure_7": figure_7}
+_TITLES = {
+    "figure_2": "Figure 2: responses of the chain of two masses",
+    "figure_3": "Figure 3: its primary mass with the sink and without",
+    "figure_4": "Figure 4: responses of the chain of eight masses",
+    "figure_5": "Figure 5: its primary masses with sinks and without",
+    "figure_6": "Figure 6: the force identified in the chain of two masses",
+    "figure_7": "Figure 7: the force identified in the chain of eight masses",
+    "figure_8": "Figure 8: SINDy with all monomials up to the third order",
+    "figure_9": "Figure 9: physics-informed SINDy",
+}
 _FIGURES = "figures"
 
 
@@ -40,77 +54,97 @@ def write_study_report(folder: str | Path, *, progress: Progress = lambda fracti
     """
     home = Path(folder)
     told = Told.of(stored_study(home), read_rows(home))
-    plates = list(_plates(told))
+    plates = _plates(told)
     shown: dict[str, list[Illustration]] = {MOTION: [], FORCE: [], ACCURACY: []}
-    captions = motion_captions() if told.paper.masses else {}
-    for number, (heading, name, title, caption, draw) in enumerate(plates):
-        progress(number / len(plates), f"figure {name}")
-        figure = draw()
+    for number, plate in enumerate(plates):
+        progress(number / len(plates), f"figure {plate.name}")
+        figure = plate.draw()
         if figure is not None:
-            address = _keep(figure, home / _FIGURES, name)
-            shown[heading].append(Illustration(name, title, captions.get(name, caption), address))
+            address = _keep(figure, home / _FIGURES, plate.name)
+            shown[plate.heading].append(Illustration(plate.name, plate.title, plate.caption, address))
     progress(1.0, "page")
     if told.comparison.cells:
         _write_table(told.comparison, told.table.methods, home / "table_2.csv")
-    with whole_file(home / "report.html") as partial:
-        partial.write_text(study_page(told, shown, version=version("linkwise")), encoding="utf-8")
+    with whole_file(home / "report.html") as page:
+        page.write_text(study_page(told, shown, version=version("linkwise")), encoding="utf-8")
     return home / "report.html"
 
 
-Plate = tuple[str, str, str, str, Callable[[], Figure | None]]
+@dataclass(frozen=True)
+class Plate:
+    """A figure that the report may have: `draw` gives None where the study lacks what it would show."""
+
+    heading: str
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[], Figure | None]
 
 
-def _plates(told: Told) -> Iterator[Plate]:
-    """Heading, file name, title, caption and maker of every figure."""
-    study, table, paper, best = told.study, told.table, told.paper, told.comparison.best
+def _plates(told: Told) -> list[Plate]:
+    """All figures in the paper's order, then what the study has beyond the paper."""
+    table, paper = told.table, told.paper
+    plates: list[Plate] = []
     if paper.masses:
-        yield MOTION, "figure_2", "Figure 2: responses of the chain of two masses", "", figure_2
-        yield MOTION, "figure_3", "Figure 3: its primary mass with the sink and without", "", figure_3
-        yield MOTION, "figure_4", "Figure 4: responses of the chain of eight masses", "", figure_4
-        yield MOTION, "figure_5", "Figure 5: its primary masses with sinks and without", "", figure_5
+        captions = motion_captions()
+        plates += [Plate(MOTION, name, _TITLES[name], captions[name], draw) for name, draw in _MOTION.items()]
+        best = told.comparison.best
         if best is not None:
             forces = "In the cycle whose error is the median of its cell. The error is shown against the largest force."
-            title = "Figure 6: the force identified in the chain of two masses"
-            yield FORCE, "figure_6", title, forces, lambda: figure_6(study, table, paper, best)
-            title = "Figure 7: the force identified in the chain of eight masses"
-            yield FORCE, "figure_7", title, forces, lambda: figure_7(study, table, paper, best)
-        caption = (
+            plates += [
+                Plate(FORCE, name, _TITLES[name], forces, partial(draw, told.study, table, paper, best))
+                for name, draw in _FORCE.items()
+            ]
+        methods = (
             "Medians, and the range of the cycles (5 to 95 %). The paper prints no times for its Figure 8d, nor which machine "
             "it ran on."
         )
-        title = "Figure 8: SINDy with all monomials up to the third order"
-        yield ACCURACY, "figure_8", title, caption, lambda: figure_8(table, paper, best)
-        caption = (
-            "Medians, and the range of the cycles. The paper does not say whether its times are for one cycle or for all 100; "
-            "ours are for one."
+        times = (
+            f"{_times(told)}Medians, and the range of the cycles. The paper does not say whether its times are for one cycle "
+            "or for all 100."
         )
-        yield (
-            ACCURACY,
-            "figure_9",
-            "Figure 9: physics-informed SINDy",
-            caption,
-            lambda: figure_9(table, paper),
-        )
-    if set(table.structures) - set(paper.masses) or not paper.masses:
+        plates += [
+            Plate(ACCURACY, "figure_8", _TITLES["figure_8"], methods, partial(figure_8, table, paper, best)),
+            Plate(ACCURACY, "figure_9", _TITLES["figure_9"], times, partial(figure_9, table, paper)),
+        ]
+    if set(table.structures) - set(paper.masses):
         caption = "Medians, and the range of the cycles (5 to 95 %)."
-        yield ACCURACY, "accuracy", "All structures of the study", caption, lambda: accuracy_figure(table)
+        title = "All structures of the study"
+        plates.append(Plate(ACCURACY, "accuracy", title, caption, partial(accuracy_figure, table)))
+    return plates
+
+
+def _times(told: Told) -> str:
+    """The least and the greatest median time of linkwise's own estimators at the last noise level, as a sentence."""
+    level = told.table.decibels[-1]
+    found = []
+    for method in (*told.paper.informed, *told.paper.weak, *told.paper.likelihood):
+        cells = [told.table.cell(name, level, method) for name in told.paper.masses]
+        times = [cell.seconds for cell in cells if cell is not None and cell.seconds is not None]
+        if times:
+            found.append(f"{method} {min(times):.2g} to {max(times):.2g} s")
+    return f"One estimate takes {', '.join(found)} here. " if found else ""
 
 
 def _keep(figure: Figure, folder: Path, name: str) -> str:
     """Write a figure as PNG and SVG into `folder`, each whole or not at all; returns the address that holds it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=folder, prefix=".") as scratch:
-        png, svg = save(figure, Path(scratch) / name)
+    scratch = folder / ".partial"
+    shutil.rmtree(scratch, ignore_errors=True)  # of a run that was killed
+    scratch.mkdir(parents=True)
+    try:
+        png, svg = save(figure, scratch / name)
         address = embedded(svg)
         for path in (png, svg):
             path.replace(folder / path.name)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
     return address
 
 
 def _write_table(comparison: Comparison, methods: tuple[str, ...], path: Path) -> None:
     """Table 2: the paper's value and, for every method, median and quantiles in %, median time in s, cycles and failures."""
     columns = ("percent", "low", "high", "ratio", "seconds", "cycles", "failed")
-    with whole_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+    with whole_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         names = [f"{method}: {column}" for method in methods for column in columns]
         writer.writerow(["snr_db", "masses", "paper: percent", *names])
