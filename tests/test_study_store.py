@@ -194,5 +194,7 @@ def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.Study) -> None:
     """As a kill between the first two system calls leaves it."""
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / DATABASE).touch()
+    with pytest.raises(lw.StudyError, match="there is no study in it"):
+        lw.read_rows(tmp_path / "out")
     with opened(tmp_path / "out", study) as store:
         assert store.done() == set()

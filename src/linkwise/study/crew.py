@@ -22,7 +22,7 @@ from typing import Any, Self, final
 from linkwise.errors import StudyError
 from linkwise.study.worker import Batch, Done, run_batch
 
-_ATTEMPTS = 3  # to start a worker
+_ATTEMPTS = 2  # to start a worker: one may be killed by chance
 
 
 class Crew(ABC):
@@ -60,7 +60,7 @@ class Processes(Crew):
     Workers end with this process, even one that is killed. Raises StudyError where none can be started.
     """
 
-    seconds = 0.25
+    seconds = 0.1
 
     def __init__(self, count: int) -> None:
         if count < 1:

@@ -125,11 +125,14 @@ def _connect(folder: Path) -> sqlite3.Connection:
 
 @contextmanager
 def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
+    absent = StudyError(f"there is no study in it (no {DATABASE})", str(folder))
     if not (folder / DATABASE).is_file():
-        raise StudyError(f"there is no study in it (no {DATABASE})", str(folder))
+        raise absent
     try:
         with closing(_connect(folder)) as database:
             database.execute("PRAGMA query_only = ON")
+            if _empty(database):
+                raise absent
             yield database
     except sqlite3.DatabaseError as error:
         raise _unreadable(folder, error) from error
@@ -138,8 +141,7 @@ def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
 def _prepare(folder: Path, database: sqlite3.Connection, study: Study) -> None:
     """Make the tables where there are none; refuse those of another study."""
     try:
-        there = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-        if not there:
+        if _empty(database):
             with database:
                 database.executescript(f"BEGIN; {_SCHEMA}")
                 database.execute("INSERT INTO study VALUES ('definition', ?)", (study.text(),))
@@ -155,6 +157,11 @@ def _prepare(folder: Path, database: sqlite3.Connection, study: Study) -> None:
             "another folder, or go on with the definition that it was begun with",
             str(folder),
         )
+
+
+def _empty(database: sqlite3.Connection) -> bool:
+    """Whether it was made a moment ago, or by a process that was killed in that moment."""
+    return not database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
 
 
 def _definition(database: sqlite3.Connection) -> dict[str, Any]:

@@ -1,0 +1,66 @@
+"""The same study on a dask cluster of two processes."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from small_study import small
+
+import linkwise as lw
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[object]:
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+    ) as cluster:
+        yield cluster
+
+
+def test_a_cluster_gives_the_same_rows(tmp_path: Path, cluster: object) -> None:
+    file = small(tmp_path, cycles=3)
+    there = lw.run_study(file, tmp_path / "there", scheduler=cluster.scheduler_address)  # type: ignore[attr-defined]
+    assert there == lw.run_study(file, tmp_path / "here", workers=1)
+    assert len(there) == 36 and not any(row.failed for row in there)
+
+
+def test_a_killed_worker_of_a_cluster_is_no_loss(tmp_path: Path, cluster: object) -> None:
+    file = small(tmp_path, cycles=8)
+    address = cluster.scheduler_address  # type: ignore[attr-defined]
+    with distributed.Client(address, set_as_default=False) as client:
+        victims = list(client.run(os.getpid).values())
+
+    def strike(progress: object) -> None:
+        if progress.done > 10 and victims:  # type: ignore[attr-defined]
+            os.kill(victims.pop(), signal.SIGKILL)
+            victims.clear()
+
+    rows = lw.run_study(file, tmp_path / "there", scheduler=address, progress=strike)
+    assert not victims
+    assert len(rows) == 96 and not any(row.failed for row in rows)
+
+
+def test_no_scheduler_is_said(tmp_path: Path) -> None:
+    file = small(tmp_path)
+    for address, reason in (("tcp://127.0.0.1:1", "refused"), ("rubbish", "missing port number")):
+        with pytest.raises(lw.StudyError, match=f"{address}: no scheduler answers: .*{reason}"):
+            lw.run_study(file, tmp_path / "out", scheduler=address)
+
+
+def test_the_extra_is_named_where_it_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "linkwise.study.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(lw.StudyError, match=r"the extra 'cluster': pip install 'linkwise\[cluster\]'"):
+        lw.run_study(small(tmp_path), tmp_path / "out", scheduler="tcp://127.0.0.1:8786")
