@@ -136,6 +136,72 @@ def test_what_cannot_be_asked_is_one_paragraph(
     assert err.startswith("linkwise: ") and "Traceback" not in err and "\n\n" not in err
 
 
+SWEEPS = ["--sweep", "nes1.alpha=-150:-50:3", "--sweep", "nes1.beta=2e5:2e6:2:log"]
+
+
+def test_a_sweep_writes_a_map(chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "map"
+    assert run(["absorb", str(chain), *TRIAL, *SWEEPS, "--workers", "1", "-o", str(folder)]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith(
+        "6 runs of 1 s over nes1.alpha from -150 to -50 N/m and nes1.beta from 200000 to 2e+06 N/m^3"
+    )
+    assert err == f"written to {folder}; open {folder / 'report.html'}\n"
+    assert {path.name for path in folder.iterdir()} == {
+        "absorption.json", "map.csv", "map.png", "map.svg", "report.html",
+    }  # fmt: skip
+    header = (folder / "map.csv").read_text().splitlines()[0].split(",")
+    table = np.loadtxt(folder / "map.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table[:, 0], [-150, -150, -100, -100, -50, -50], rtol=1e-12)
+    np.testing.assert_allclose(table[:, 1], [2e5, 2e6] * 3, rtol=1e-9)
+    single = lw.absorb(lw.bnes_chain(2, beta=2e6), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    crossings = table[3, header.index("crossings")]
+    assert crossings == len(single.sinks[0].crossings)
+    page = (folder / "report.html").read_text()
+    assert "6 runs of 1 s" in page and page.count("data:image/svg+xml;base64,") == 1
+
+
+def test_a_sweep_as_json(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = told(capsys, str(chain), *TRIAL, *SWEEPS)
+    assert found["runs"] == 6 and found["diverged"] == 0
+    assert [axis["name"] for axis in found["axes"]] == ["nes1.alpha", "nes1.beta"]
+    assert found["axes"][1]["values"] == pytest.approx([2e5, 2e6])
+    assert set(found["quantities"]["sinks_share"]["best_at"]) == {"nes1.alpha", "nes1.beta"}
+
+
+@pytest.mark.parametrize(
+    ("sweeps", "code", "message"),
+    [
+        (
+            ["nes1.alpha=-200:-20"],
+            2,
+            "'-200:-20' is not FROM:TO:COUNT or FROM:TO:COUNT:log, as in nes1.alpha=-200",
+        ),
+        (["nes1.alpha=-200:-20:ten"], 2, "'ten' is not a number"),
+        (["nes1.alpha=-200:-20:2.5"], 2, "'2.5' is no whole number from 2 to 100000"),
+        (["nes1.alpha=-200:20:5:log"], 2, "cannot go in equal ratios; both ends need one sign and no zero"),
+        (["nes1.alpha=-200:20:5", "nes1.alpha=1:2:3"], 2, "--sweep is given twice for 'nes1.alpha'"),
+        (["nes1.gamma=1:2:3"], 2, 'there is no coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
+        (["nes1.alpha=-9:-1:2", "nes1.beta=1:2:2", "nes1.c=1:2:2"], 2, "one parameter or two, not 3"),
+    ],
+)
+def test_what_cannot_be_swept_is_one_paragraph(
+    chain: Path, sweeps: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [part for sweep in sweeps for part in ("--sweep", sweep)]
+    assert run(["absorb", str(chain), *TRIAL, *options]) == code
+    out, err = capsys.readouterr()
+    assert out == "" and message in err and err.startswith("linkwise: ") and "\n\n" not in err
+
+
+def test_a_map_without_a_single_run_fails_with_a_reason(
+    chain: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sweep = ["--sink", "nes1", "--sweep", "nes1.beta=-2e6:-1e6:2"]
+    assert run(["absorb", str(chain), *TRIAL, *sweep]) == 1
+    assert "none of the 2 runs came to its end: the motion diverges" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("structure", "code", "message"),
     [

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from linkwise.absorb import absorb
-    from linkwise.absorbed import absorption_of, write_absorption
+    from linkwise.absorbed import absorption_of, write_absorption, write_absorption_map
     from linkwise.absorption.result import Absorption
+    from linkwise.absorption.sweep import AbsorptionMap, absorption_map
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
     from linkwise.chains import bnes_chain
@@ -71,6 +72,7 @@ __all__ = [
     "L1",
     "READINGS",
     "Absorption",
+    "AbsorptionMap",
     "Classical",
     "Coefficient",
     "Equilibrium",
@@ -104,6 +106,7 @@ __all__ = [
     "StudySummary",
     "TimeFunction",
     "absorb",
+    "absorption_map",
     "absorption_of",
     "barrier",
     "bnes_chain",
@@ -137,6 +140,7 @@ __all__ = [
     "study_summary",
     "wells",
     "write_absorption",
+    "write_absorption_map",
     "write_record",
     "write_result",
     "write_structure",
@@ -146,8 +150,9 @@ __all__ = [
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
     "absorb": ("absorb",),
-    "absorbed": ("absorption_of", "write_absorption"),
+    "absorbed": ("absorption_of", "write_absorption", "write_absorption_map"),
     "absorption.result": ("Absorption",),
+    "absorption.sweep": ("AbsorptionMap", "absorption_map"),
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),
     "chains": ("bnes_chain",),

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.harvesters import SUFFIX
-from linkwise.absorption.outcome import Potentials, Vibration
+from linkwise.absorption.potentials import Potentials
+from linkwise.absorption.rest import resting_places
 from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, Side, SinkWork
 from linkwise.absorption.runs import runs_of
 from linkwise.absorption.trial import Trial
+from linkwise.absorption.vibration import Vibration
 from linkwise.course import Course
 from linkwise.errors import SimulationError
 from linkwise.excitation import Excitation
@@ -53,10 +55,10 @@ def absorb(
 def answer(trial: Trial, progress: Callable[[float, str], object] = lambda fraction, now: None) -> Absorption:
     """`absorb` for a question that stands."""
     progress(0.0, "with sinks")
-    potentials = Potentials([trial.structure])
+    potentials = Potentials.of([trial.structure])
     one, vibration, passages = _side(trial, trial.course, potentials)
     progress(0.5, "without sinks")
-    other, bare, _ = _side(trial, trial.bare_course, Potentials([trial.bare.structure]))
+    other, bare, _ = _side(trial, trial.bare_course, Potentials.of([trial.bare.structure]))
     level = trial.settle * bare.peak
     if not np.any(bare.runs.v):
         raise SimulationError(
@@ -86,7 +88,7 @@ def _side(trial: Trial, course: Course, potentials: Potentials) -> tuple[Side, V
     motion = Motion.of(course)
     runs = runs_of(motion, potentials.tops(0))
     columns = [course.structure.mass_names.index(name) for name in trial.primaries]
-    vibration = Vibration(runs, columns, trial.resting)
+    vibration = Vibration(runs, columns, resting_places([trial.resting_structure], trial.primaries))
     base = course.excitation.base
     where = None if base is None else base.value(course.times)
     side = Side(

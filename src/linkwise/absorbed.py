@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.absorption.maptext import map_headline, map_rows
 from linkwise.absorption.result import Absorption
+from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.output import ABSORPTION, to_json, whole_folder
 from linkwise.plot import save
 from linkwise.plot.absorb import crossings_figure, decay_figure, energy_figure
+from linkwise.plot.absorb_map import map_figure
 from linkwise.report.sheet import Section, embedded, sheet_page
 from linkwise.structure_file import format_structure
 
@@ -22,7 +25,7 @@ Floats = NDArray[np.float64]
 Progress = Callable[[float, str], object]
 
 
-def absorption_of(found: Absorption) -> dict[str, Any]:
+def absorption_of(found: Absorption | AbsorptionMap) -> dict[str, Any]:
     """What absorption.json says, as plain data."""
     return {**found.to_dict(), "version": version("linkwise")}
 
@@ -53,6 +56,32 @@ def write_absorption(
             structure=structure,
             version=result["version"],
             findings=found.findings,
+        )
+        (partial / "report.html").write_text(page, encoding="utf-8")
+        finish(partial, result)
+    return Path(folder)
+
+
+def write_absorption_map(
+    found: AbsorptionMap, folder: str | Path, *, progress: Progress = lambda fraction, now: None
+) -> Path:
+    """Write absorption.json, map.csv, map.png, map.svg and report.html of a sweep into `folder`, as `write_absorption`."""
+    result = absorption_of(found)
+    with whole_folder(Path(folder)) as partial:
+        grids = np.meshgrid(*(axis.values for axis in found.axes), indexing="ij")
+        names = [axis.name for axis in found.axes] + [each.name for each in found.quantities]
+        table = [grid.ravel() for grid in grids] + list(found.values.reshape(-1, len(found.quantities)).T)
+        write_columns(partial / "map.csv", names, table)
+        progress(0.2, "figure")
+        save(map_figure(found), partial / "map")
+        structure = format_structure(found.structure)
+        page = sheet_page(
+            found.structure.name or "structure",
+            verdict=map_headline(found),
+            trusted=found.trusted,
+            sections=[Section("Map", "", map_rows(found), embedded(partial / "map.svg"))],
+            structure=structure,
+            version=result["version"],
         )
         (partial / "report.html").write_text(page, encoding="utf-8")
         finish(partial, result)

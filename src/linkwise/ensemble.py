@@ -86,7 +86,6 @@ class _Flight:
         integrator.pars[:] = np.concatenate([parameters, levels.T])
         integrator.state[:] = 0.0
         integrator.state[: 2 * self.size] = np.stack([each.start for each in courses], axis=1) / SCALE
-        integrator.reset_cooldowns()
         for each in batch.passages:
             each.clear()
         self.states = np.empty((len(self.times), integrator.dim, LANES))

@@ -33,13 +33,13 @@ class Barriers(NamedTuple):
     floor: Floats
 
 
-def barriers(law: Law, values: Mapping[str, Floats]) -> Barriers:
-    """Of a law, for coefficients that are (R,) arrays; one row for a law without any.
+def barriers(law: Law, values: Mapping[str, Floats], runs: int) -> Barriers:
+    """Of a law, for `runs` (R) sets of coefficients, each of `values` (R,).
 
     A law with more tops than anybody can count (a periodic one) has none here, and its energies are counted from d = 0.
     """
-    table = np.stack([np.asarray(values[name], dtype=float) for name in law.coefficients], axis=1) if law.coefficients \
-        else np.zeros((1, 0))  # fmt: skip
+    columns = [np.asarray(values[name], dtype=float) for name in law.coefficients]
+    table = np.stack(columns, axis=1) if columns else np.zeros((runs, 0))
     rows, back = np.unique(table, axis=0, return_inverse=True)
     found = _of_polynomial(law, rows)
     places, wells = _one_by_one(law, rows) if found is None else found

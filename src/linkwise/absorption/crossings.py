@@ -61,14 +61,16 @@ def begun(times: Floats, time: Floats, d: Floats, tops: Floats) -> Floats:
         return times
     away = np.abs(d[:, None] - tops).min(axis=1)
     first = int(np.argmax(away > _TREMBLE * away.max()))
-    return times[times >= time[max(first - 1, 0)]]
+    later: Floats = times[times >= time[max(first - 1, 0)]]
+    return later
 
 
 def distinct(times: Floats, end: float) -> Floats:
     """`times` in order without those at the start of a run that ends at `end`, near ones once."""
     times = np.sort(times)
     times = times[times > _SAME * end]
-    return times[np.append(True, np.diff(times) > _SAME * end)] if len(times) else times
+    apart: Floats = times[np.append(True, np.diff(times) > _SAME * end)] if len(times) else times
+    return apart
 
 
 def _motion(course: Course, run: Travelled, times: Floats) -> tuple[Floats, Floats]:

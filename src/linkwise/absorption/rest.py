@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.absorption.potentials import Potentials
 from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
 from linkwise.structure import Structure
@@ -14,22 +16,37 @@ from linkwise.structure import Structure
 Floats = NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
 class RestingPlaces:
-    """The stable equilibria of a structure without its sinks, base at zero.
+    """The displacements (E, P) in m of the primary masses in the stable equilibria of a structure, its base at zero."""
 
-    A sink on whose mass nothing else hangs exerts no force at rest, so its host rests where it would without the sink. A
-    structure with no stable equilibrium, or with too many to count, is looked at from zero.
-    """
-
-    def __init__(self, structure: Structure, primaries: Sequence[str]) -> None:
-        columns = [structure.mass_names.index(name) for name in primaries]
-        try:
-            found = [point.x[columns] for point in equilibria(structure).stable]
-        except StructureError:
-            found = []
-        self.places: Floats = np.array(found) if found else np.zeros((1, len(columns)))
+    places: Floats
 
     def nearest(self, x: Floats) -> Floats:
-        """(P, W) m: for each run the place nearest to its last displacements `x` (P, W)."""
-        apart = np.square(self.places[:, :, None] - x[None]).sum(axis=1)
-        return np.ascontiguousarray(self.places[apart.argmin(axis=0)].T)
+        """(P,) m: the place nearest to last displacements `x` (P,)."""
+        return np.asarray(self.places[np.square(self.places - x).sum(axis=1).argmin()])
+
+
+def resting_places(structures: Sequence[Structure], primaries: Sequence[str]) -> list[RestingPlaces]:
+    """For each of several structures of one shape.
+
+    Where all links have their only well at zero elongation, that is zero; else equilibria are searched, and a structure with
+    none that is stable, or with too many to count, is looked at from zero.
+    """
+    potentials = Potentials.of(structures)
+    plain = np.ones(len(structures), dtype=bool)
+    for number, each in enumerate(potentials.barriers):
+        plain &= (each.floor == 0.0) & ~np.isfinite(each.tops).any(axis=1)
+        plain &= np.array([float(one.links[number].force(0.0)) == 0.0 for one in structures])
+    zero = RestingPlaces(np.zeros((1, len(primaries))))
+    pairs = zip(structures, plain, strict=True)
+    return [zero if simple else _searched(structure, primaries) for structure, simple in pairs]
+
+
+def _searched(structure: Structure, primaries: Sequence[str]) -> RestingPlaces:
+    columns = [structure.mass_names.index(name) for name in primaries]
+    try:
+        found = [point.x[columns] for point in equilibria(structure).stable]
+    except StructureError:
+        found = []
+    return RestingPlaces(np.unique(np.array(found), axis=0) if found else np.zeros((1, len(columns))))

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.absorption.crossings import begun, crossings
+from linkwise.absorption.crossings import begun, crossings, distinct
+from linkwise.absorption.potentials import Potentials
+from linkwise.course import Course
+from linkwise.ensemble import can_fly, fly
+from linkwise.errors import SimulationError
 from linkwise.simulate import Motion
 
 Floats = NDArray[np.float64]
@@ -29,6 +34,18 @@ class Runs:
     put_in: Floats
     passages: tuple[tuple[Floats, ...], ...]
 
+    def only(self, which: NDArray[np.intp]) -> Runs:
+        """Some of the runs."""
+        passages = tuple(self.passages[run] for run in which)
+        return Runs(
+            self.time,
+            self.x[..., which],
+            self.v[..., which],
+            self.heat[..., which],
+            self.put_in[..., which],
+            passages,
+        )
+
 
 def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
     """One motion by itself, in the best precision there is and past the kinks of its laws; `tops` (K,) m of each link."""
@@ -45,3 +62,52 @@ def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
         put_in=energy.put_in[..., None],
         passages=(passages,),
     )
+
+
+def runs_together(courses: Sequence[Course], potentials: Potentials) -> tuple[Runs, NDArray[np.bool_]]:
+    """Courses that differ in numbers only, `potentials` those of their structures, and (W,) which came to their end.
+
+    They are run side by side in double precision where their laws are smooth, one by one where they are not.
+    """
+    if not can_fly(courses[0]):
+        return _one_by_one(courses, potentials)
+    course = courses[0]
+    flock = fly(courses, [each.tops for each in potentials.barriers])
+    base = course.excitation.base
+    where = None if base is None else base.value(course.times)
+    start = np.stack([each.start for each in courses], axis=1)[None]
+    size = course.structure.size
+    at_start = None if base is None else base.value(np.zeros(1))
+    energy = (
+        potentials.kinetic(start[:, size:]) + potentials.stored(start[:, :size], at_start) + potentials.floor
+    )
+    passages = []
+    for run in range(len(courses)):
+        d = course.structure.elongations(flock.x[..., run], where)
+        tops = potentials.tops(run)
+        cleaned = (
+            begun(distinct(times, course.end), flock.time, d[:, link], tops[link])
+            for link, times in enumerate(flock.passages[run])
+        )
+        passages.append(tuple(cleaned))
+    return Runs(flock.time, flock.x, flock.v, flock.heat, flock.work + energy, tuple(passages)), flock.alive
+
+
+def _one_by_one(courses: Sequence[Course], potentials: Potentials) -> tuple[Runs, NDArray[np.bool_]]:
+    points, structure = len(courses[0].times), courses[0].structure
+    size, links, count = structure.size, len(structure.links), len(courses)
+    x, v = np.full((points, size, count), np.nan), np.full((points, size, count), np.nan)
+    heat, put_in = np.full((points, links, count), np.nan), np.full((points, count), np.nan)
+    passages: list[tuple[Floats, ...]] = []
+    alive = np.ones(count, dtype=bool)
+    for run, course in enumerate(courses):
+        try:
+            one = runs_of(Motion.of(course), potentials.tops(run))
+        except SimulationError:
+            alive[run] = False
+            passages.append(tuple(np.empty(0) for _ in range(links)))
+            continue
+        x[..., run], v[..., run] = one.x[..., 0], one.v[..., 0]
+        heat[..., run], put_in[:, run] = one.heat[..., 0], one.put_in[:, 0]
+        passages += one.passages
+    return Runs(courses[0].times, x, v, heat, put_in, tuple(passages)), alive

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from linkwise.absorption.bare import Bare, without_sinks
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
-from linkwise.absorption.rest import RestingPlaces
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
 from linkwise.course import Course
 from linkwise.errors import SimulationError, StructureError
@@ -73,10 +72,10 @@ class Trial:
         bare = without_sinks(equipped, found, excitation, without)
         return cls(equipped, found, excitation, bare, without, times, settle, dict(harvesters or {}))
 
-    def varied(self, structure: Structure, bare: Bare | None = None) -> Trial:
+    def varied(self, structure: Structure, excitation: Excitation, bare: Bare | None = None) -> Trial:
         """The same question about another structure of this shape, harvesters included; `bare` where it is known."""
-        other = bare or without_sinks(structure, self.sinks, self.excitation, self.manner)
-        return replace(self, structure=structure, bare=other)
+        other = bare or without_sinks(structure, self.sinks, excitation, self.manner)
+        return replace(self, structure=structure, excitation=excitation, bare=other)
 
     @property
     def course(self) -> Course:
@@ -102,12 +101,14 @@ class Trial:
             link.name for link in self.structure.links if link.name in names or carried & set(link.between)
         )
 
-    @cached_property
-    def resting(self) -> RestingPlaces:
-        """Where the primary masses come to rest."""
-        leaves = all(sink.mass is not None and self._hangs_alone(sink) for sink in self.sinks)
-        rests = self.bare.structure if leaves else self.structure
-        return RestingPlaces(rests, self.primaries)
+    @property
+    def resting_structure(self) -> Structure:
+        """The one whose equilibria tell where the primary masses rest.
+
+        A sink on whose mass nothing else hangs exerts no force at rest, so its host rests where it would without the sink.
+        """
+        alone = all(sink.mass is not None and self._hangs_alone(sink) for sink in self.sinks)
+        return self.bare.structure if alone else self.structure
 
     def _hangs_alone(self, sink: Sink) -> bool:
         joined = (set(link.between) for link in self.structure.links if sink.mass in link.between)

@@ -14,6 +14,8 @@ from linkwise.cli.options import FILE, FOLDER, POSITIVE, grouped, number, pairs
 from linkwise.cli.plan import Drive, drive_options
 from linkwise.output import check_result_folder, to_json
 
+EXAMPLE = "nes1.alpha=-200:-20:100"
+MOST = 100_000  # values of a swept parameter
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
 
@@ -27,6 +29,8 @@ class Comparison:
     without: str
     settle: float
     harvester: tuple[str, ...]
+    sweep: tuple[str, ...]
+    workers: int | None
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.absorb`."""
@@ -41,6 +45,30 @@ class Comparison:
                 name: number(value, "--harvester", "nes1=0.01") for name, value in dampings.items()
             },
         }
+
+    def axes(self) -> dict[str, list[float]]:
+        """Values of each swept parameter."""
+        return {name: _values(text) for name, text in pairs(self.sweep, "--sweep", EXAMPLE).items()}
+
+
+def _values(text: str) -> list[float]:
+    """`FROM:TO:COUNT`, steps equal in difference, or with `:log` in ratio."""
+    parts = text.split(":")
+    if len(parts) not in (3, 4) or parts[3:] not in ([], ["log"]):
+        raise click.UsageError(
+            f"--sweep: {text!r} is not FROM:TO:COUNT or FROM:TO:COUNT:log, as in {EXAMPLE}."
+        )
+    first, last, count = (number(part, "--sweep", EXAMPLE) for part in parts[:3])
+    if not (count.is_integer() and 2 <= count <= MOST):
+        raise click.UsageError(f"--sweep: {parts[2]!r} is no whole number from 2 to {MOST}, as in {EXAMPLE}.")
+    ways = [k / (count - 1) for k in range(int(count))]
+    if len(parts) == 3:
+        return [first + way * (last - first) for way in ways]
+    if first * last <= 0.0:
+        raise click.UsageError(
+            f"--sweep: {text!r} cannot go in equal ratios; both ends need one sign and no zero."
+        )
+    return [first * (last / first) ** way for way in ways]
 
 
 comparison_options = grouped(
@@ -80,6 +108,18 @@ comparison_options = grouped(
         multiple=True,
         help="Put a damper of so many N s/m in parallel to a link and tell its power. Repeatable.",
     ),
+    click.option(
+        "--sweep",
+        metavar="NAME=FROM:TO:COUNT[:log]",
+        multiple=True,
+        help="Map the answer over a coefficient (nes1.alpha), a mass (m2.mass) or a release (v:m1); given twice, over both.",
+    ),
+    click.option(
+        "--workers",
+        metavar="N",
+        type=click.IntRange(min=1),
+        help="Threads for many runs (default: one a processor).",
+    ),
 )
 
 
@@ -104,20 +144,29 @@ def absorb(structure: Path, comparison: Comparison, drive: Drive, output: Path |
       linkwise absorb chain.toml --duration 6 --release v:m1=1.0 -o absorbed
       linkwise absorb chain.toml --duration 6 --release v:m1=1.0 --without locked --harvester nes1=0.01
       linkwise absorb chain.toml --duration 20 --force m1="5*sin(170*t)" --sink nes1
+      linkwise absorb chain.toml --duration 6 --release v:m1=1.0 -o map \\
+        --sweep nes1.alpha=-200:-20:100 --sweep nes1.beta=1e5:2e6:100:log
     """
     if output is not None:
         check_result_folder(output)  # before the work, so that nobody waits for a refusal
     subject = lw.read_structure(structure)
     asked = {**comparison.keywords(), **drive.keywords()}
+    over = comparison.axes()
     with progress("simulating") as step:
         try:
-            found = lw.absorb(subject, **asked, progress=step)
+            if over:
+                found: Any = lw.absorption_map(
+                    subject, over, workers=comparison.workers, **asked, progress=step
+                )
+            else:
+                found = lw.absorb(subject, **asked, progress=step)
         except lw.SimulationError as error:
             if error.time is None:  # it never began: what was asked for cannot be
                 raise click.UsageError(str(error)) from error
             raise
         if output is not None:
-            lw.write_absorption(found, output, progress=step)
+            write = lw.write_absorption_map if over else lw.write_absorption
+            write(found, output, progress=step)
     click.echo(to_json(lw.absorption_of(found)) if as_json else str(found))
     if output is not None and not as_json:
         tell(f"written to {output}; open {output / 'report.html'}")

@@ -1,0 +1,62 @@
+"""A map of absorption as rows of text, for print and for the page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from linkwise.absorption.table import percent
+from linkwise.table import columns
+
+if TYPE_CHECKING:
+    from linkwise.absorption.survey import Quantity
+    from linkwise.absorption.sweep import AbsorptionMap
+
+Rows = list[tuple[str, ...]]
+
+
+def map_text(found: AbsorptionMap) -> str:
+    """The map in a few lines: what it went over, and where each quantity is best."""
+    rows: Rows = [(*row, "") for row in map_rows(found)]
+    return "\n\n".join([" ".join(map_headline(found)), "\n".join(columns(rows))])
+
+
+def map_headline(found: AbsorptionMap) -> tuple[str, ...]:
+    """What was done, in sentences."""
+    ranges = " and ".join(
+        f"{axis.name} from {axis.values[0]:g} to {axis.values[-1]:g}{'' if axis.unit in ('', '?') else ' ' + axis.unit}"
+        for axis in found.axes
+    )
+    lost = int(np.sum(~found.alive))
+    ended = "all came to their end" if not lost else f"{lost} diverged"
+    return (
+        f"{found.alive.size} runs of {found.duration:g} s over {ranges}: {ended}.",
+        f"Reductions compare with the sinks {found.manner}.",
+    )
+
+
+def map_rows(found: AbsorptionMap) -> Rows:
+    """Least and largest value of each quantity, and the parameters at which it is best."""
+    rows: Rows = [("quantity", "least", "largest", "without value", "best at")]
+    for quantity in found.quantities:
+        if quantity.name == "closure":
+            continue
+        grid = found[quantity.name]
+        there = grid[np.isfinite(grid)]
+        ends = (
+            [value_text(quantity, float(end)) for end in (there.min(), there.max())]
+            if there.size
+            else ["-", "-"]
+        )
+        best = found.best(quantity.name)
+        place = "-" if best is None else ", ".join(f"{name} = {value:.4g}" for name, value in best.items())
+        rows.append((quantity.title, *ends, f"{grid.size - there.size}", place))
+    return rows
+
+
+def value_text(quantity: Quantity, value: float) -> str:
+    """A value with its unit; parts of 1 in %."""
+    if quantity.name.startswith("crossings"):
+        return f"{value:.4g}"
+    return percent(value) if not quantity.unit else f"{value:.4g} {quantity.unit}"

@@ -1,0 +1,238 @@
+"""The same question over a grid of one or two parameters: thousands of runs, one map a quantity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from linkwise.absorption.harvesters import SUFFIX, with_harvesters
+from linkwise.absorption.maptext import map_text
+from linkwise.absorption.result import CLOSURE
+from linkwise.absorption.survey import Progress, Quantity, survey
+from linkwise.absorption.trial import Trial
+from linkwise.errors import LinkwiseError, StructureError
+from linkwise.excitation import Excitation
+from linkwise.structure import Structure
+
+Floats = NDArray[np.float64]
+
+_GEOMETRIC = 1e-6  # of a ratio: steps that are equal in ratio are drawn on a logarithmic axis
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """A swept parameter: `name` of a coefficient ("nes1.alpha"), a mass ("m2.mass") or a release ("v:m1"), `values` (K,)."""
+
+    name: str
+    unit: str
+    values: Floats
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether its steps are equal in ratio and not in difference."""
+        if len(self.values) < 3 or self.values[0] * self.values[-1] <= 0.0 or np.any(self.values == 0.0):
+            return False
+        ratios, steps = self.values[1:] / self.values[:-1], np.diff(self.values)
+        even = np.ptp(steps) <= _GEOMETRIC * np.abs(steps).max()
+        return bool(not even and np.ptp(ratios) <= _GEOMETRIC * np.abs(ratios).max())
+
+
+@dataclass(frozen=True, eq=False)
+class AbsorptionMap:
+    """What the sinks of `structure` do over a grid of one or two `axes`; every quantity has the shape of the grid.
+
+    NaN stands where a quantity is not there: a mass that does not settle, a motion that diverges. `alive` says which of the
+    two: False where the run did not come to its end.
+    """
+
+    structure: Structure
+    manner: str
+    settle: float
+    duration: float
+    axes: tuple[Axis, ...]
+    quantities: tuple[Quantity, ...]
+    values: Floats
+    alive: NDArray[np.bool_]
+
+    def __getitem__(self, name: str) -> Floats:
+        """The map of one quantity, (K,) or (K, J); KeyError lists those there are."""
+        names = [each.name for each in self.quantities]
+        if name not in names:
+            raise KeyError(f"{name!r} is not in this map; there are {', '.join(names)}")
+        return np.ascontiguousarray(self.values[..., names.index(name)])
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the energy balance of every run that came to its end closes."""
+        return bool(np.nanmax(self["closure"]) <= CLOSURE)
+
+    def best(self, name: str) -> dict[str, float] | None:
+        """The parameters at which a quantity is best, as `Quantity` says; None where it has no value at all."""
+        grid = self[name]
+        if not np.isfinite(grid).any():
+            return None
+        least = next(each.least_is_best for each in self.quantities if each.name == name)
+        flat = np.nanargmin(grid) if least else np.nanargmax(grid)
+        place = np.unravel_index(int(flat), grid.shape)
+        return {axis.name: float(axis.values[k]) for axis, k in zip(self.axes, place, strict=True)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data: the axes, and the range of each quantity with the place where it is best."""
+        return {
+            "method": "absorb",
+            "without": self.manner,
+            "duration": self.duration,
+            "settle": self.settle,
+            "runs": int(self.alive.size),
+            "diverged": int(np.sum(~self.alive)),
+            "axes": [
+                {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
+            ],
+            "quantities": {each.name: self._told(each) for each in self.quantities},
+        }
+
+    def _told(self, quantity: Quantity) -> dict[str, Any]:
+        grid = self[quantity.name]
+        there = grid[np.isfinite(grid)]
+        ends = (float(there.min()), float(there.max())) if there.size else (None, None)
+        told = {"title": quantity.title, "unit": quantity.unit, "least": ends[0], "largest": ends[1]}
+        return {**told, "without_value": int(grid.size - there.size), "best_at": self.best(quantity.name)}
+
+    def __str__(self) -> str:
+        return map_text(self)
+
+
+def absorption_map(
+    structure: Structure,
+    over: Mapping[str, ArrayLike],
+    *,
+    duration: float,
+    workers: int | None = None,
+    progress: Progress = lambda fraction, now: None,
+    **options: Any,
+) -> AbsorptionMap:
+    """`absorb` over a grid: `over` gives the values of one or two parameters by name, as `Axis` names them.
+
+    `options` are the keywords of `absorb` (rate, sinks, without, settle, harvesters) and of `simulate` (release, ...); runs
+    go side by side on `workers` threads (default: one a processor). A swept coefficient may be unknown in the structure. Where
+    sinks are not named they are those in the middle of the grid. Raises StructureError for a parameter that is not there,
+    SimulationError as `absorb` does, LinkwiseError where no run at all comes to its end.
+    """
+    equipped = with_harvesters(structure, options.get("harvesters") or {})
+    axes = _axes(equipped, over)
+    points = list(product(*(axis.values.tolist() for axis in axes)))
+    names = [axis.name for axis in axes]
+    middle = {axis.name: float(axis.values[len(axis.values) // 2]) for axis in axes}
+    trial = _trial(structure, middle, duration, options)
+    progress(0.0, f"preparing {len(points)} runs")
+    variants = Variants(equipped, trial, names)
+    found = survey(
+        [variants.at(dict(zip(names, point, strict=True))) for point in points],
+        workers=workers,
+        progress=progress,
+    )
+    if not found.alive.any():
+        raise LinkwiseError(
+            f"none of the {len(points)} runs came to its end: the motion diverges over the whole grid; check the ranges of "
+            f"{' and '.join(over)}"
+        )
+    shape = tuple(len(axis.values) for axis in axes)
+    return AbsorptionMap(
+        structure=trial.structure,
+        manner=trial.manner,
+        settle=trial.settle,
+        duration=float(trial.times[-1]),
+        axes=axes,
+        quantities=found.quantities,
+        values=found.values.reshape(*shape, -1),
+        alive=found.alive.reshape(shape),
+    )
+
+
+class Variants:
+    """Trials of one question about structures that differ in the parameters `names`, made of a structure with harvesters.
+
+    The structure without sinks is built anew only where a parameter is found in it.
+    """
+
+    def __init__(self, equipped: Structure, trial: Trial, names: Sequence[str]) -> None:
+        self.equipped, self.trial = equipped, trial
+        self.same_bare = not any(_touches_bare(trial, equipped, name) for name in names)
+
+    def at(self, values: Mapping[str, float]) -> Trial:
+        """The trial with these values of the parameters."""
+        numbers = {name: value for name, value in values.items() if ":" not in name}
+        release = {name: value for name, value in values.items() if ":" in name}
+        excitation = self.trial.excitation
+        if release:
+            excitation = replace(excitation, release={**excitation.release, **release})
+        structure = self.equipped.with_values(numbers) if numbers else self.trial.structure
+        return self.trial.varied(structure, excitation, self.trial.bare if self.same_bare else None)
+
+
+def _touches_bare(trial: Trial, equipped: Structure, name: str) -> bool:
+    """Whether a parameter may change the structure without sinks."""
+    if ":" in name or any(each.same_as for link in equipped.links for each in link.coefficients.values()):
+        return True
+    if any(mass.mass.same_as for mass in equipped.masses):
+        return True
+    owner = name.rpartition(".")[0]
+    left = trial.bare.structure
+    if owner in {link.name for link in equipped.links}:
+        return owner in {link.name for link in left.links}
+    return trial.manner != "removed" or owner in left.mass_names
+
+
+def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[Axis, ...]:
+    if not 1 <= len(over) <= 2:
+        raise StructureError(f"a sweep goes over one parameter or two, not {len(over)}")
+    axes = []
+    for name, given in over.items():
+        values = np.atleast_1d(np.asarray(given, dtype=float))
+        if values.ndim != 1 or not values.size or not np.isfinite(values).all():
+            raise StructureError("the values of a swept parameter are one row of finite numbers", name)
+        axes.append(Axis(name, _unit(structure, name), values))
+    return tuple(axes)
+
+
+def _unit(structure: Structure, name: str) -> str:
+    """Of a parameter; raises StructureError for one that is not there."""
+    kind, colon, _ = name.partition(":")
+    if colon:
+        if kind not in ("x", "v"):
+            raise StructureError(
+                "only a release can be swept beside coefficients and masses: x:MASS or v:MASS", name
+            )
+        return "m" if kind == "x" else "m/s"
+    structure.coefficient(name)
+    owner, _, key = name.rpartition(".")
+    return "kg" if key == "mass" and owner in structure.mass_names else structure.link(owner).law.units[key]
+
+
+def _trial(
+    structure: Structure, middle: Mapping[str, float], duration: float, options: Mapping[str, Any]
+) -> Trial:
+    """The question at one point of the grid."""
+    own = ("rate", "sinks", "without", "settle", "harvesters")
+    drives = {name: value for name, value in options.items() if name not in own}
+    release = {
+        **(drives.pop("release", None) or {}),
+        **{name: value for name, value in middle.items() if ":" in name},
+    }
+    harvesters = dict(options.get("harvesters") or {})
+    numbers: dict[str, float] = {}
+    for name, value in middle.items():
+        if ":" not in name and not name.rpartition(".")[0].endswith(SUFFIX):
+            numbers[name] = value
+    return Trial.of(
+        structure.with_values(numbers) if numbers else structure,
+        Excitation.of(release=release, **drives),
+        duration=duration,
+        **{name: options[name] for name in own if name in options and name != "harvesters"},
+        harvesters=harvesters,
+    )

@@ -1,0 +1,179 @@
+"""Maps of absorption are the single answers, point by point, whatever is swept; what cannot be swept is said."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.absorption.barriers import barriers
+from linkwise.plot.absorb_map import map_figure
+from linkwise.structure import Coefficient, Link, Mass, Structure
+
+SHORT: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "settle": 0.5}
+RELEASE = {"v:m1": 1.0}
+
+
+def check(found: lw.AbsorptionMap, place: tuple[int, ...], single: lw.Absorption) -> None:
+    """One point of a map against `absorb`: same numerics, before chaos multiplies the 80-bit start of the single run."""
+    at = {quantity.name: float(found[quantity.name][place]) for quantity in found.quantities}
+    settled = [np.nan if time is None else time for time in single.settled]
+    np.testing.assert_allclose([at["settled"], at["settled_without"]], settled, rtol=1e-7)
+    assert at["rms_reduction"] == pytest.approx(single.rms_reduction, abs=1e-7)
+    assert at["sinks_share"] == pytest.approx(single.sinks_share, abs=1e-7)
+    assert at["crossings"] == sum(len(sink.crossings) for sink in single.sinks)
+    assert at["remaining"] == pytest.approx(float(single.with_sinks.remaining[-1]), abs=1e-7)
+    shares = {name: value for name, value in at.items() if name.startswith("share:")}
+    for link in single.with_sinks.structure.links:
+        assert shares[f"share:{link.name}"] == pytest.approx(single.with_sinks.share(link.name), abs=1e-7)
+    assert sum(shares.values()) + at["remaining"] == pytest.approx(1.0, abs=1e-12) and at["closure"] < 1e-12
+    for harvest in single.harvests:
+        assert at[f"power:{harvest.link}"] == pytest.approx(harvest.power, rel=1e-6)
+
+
+def test_two_coefficients_of_the_sink() -> None:
+    alphas, betas = [-150.0, -60.0], [5e5, 1e6, 1.7e6]
+    told: list[float] = []
+    found = lw.absorption_map(
+        lw.bnes_chain(2), {"nes1.alpha": alphas, "nes1.beta": betas}, **SHORT, release=RELEASE, workers=2,
+        progress=lambda part, now: told.append(part),
+    )  # fmt: skip
+    assert found.alive.shape == (2, 3) == found["settled"].shape and found.trusted
+    assert told == sorted(told) and told[-1] == pytest.approx(1.0)
+    for i, alpha in enumerate(alphas):
+        for j, beta in enumerate(betas):
+            single = lw.absorb(lw.bnes_chain(2, alpha=alpha, beta=beta), **SHORT, release=RELEASE)
+            check(found, (i, j), single)
+    shares = found["sinks_share"]
+    best = found.best("sinks_share")
+    i, j = np.unravel_index(np.argmax(shares), shares.shape)
+    assert best == {"nes1.alpha": alphas[i], "nes1.beta": betas[j]}
+
+
+@pytest.mark.parametrize("without", ["removed", "locked"])
+def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
+    """Masses and springs of the primary part, and what it is released with, change the comparison as well."""
+    chain = lw.bnes_chain(4)
+    over = {"spring1.k": [2e4, 4e4], "m3.mass": [0.8, 1.3]}
+    found = lw.absorption_map(chain, over, **SHORT, release=RELEASE, without=without)
+    assert {"settled:m1", "rms_reduction:m3", "crossings:nes2"} <= {each.name for each in found.quantities}
+    single = lw.absorb(
+        chain.with_values({"spring1.k": 4e4, "m3.mass": 0.8}), **SHORT, release=RELEASE, without=without
+    )
+    check(found, (1, 0), single)
+    assert found["rms_reduction:m3"][1, 0] == pytest.approx(single.masses[1].rms_reduction, abs=1e-7)
+    mass = lw.absorption_map(chain, {"m2.mass": [0.01, 0.02]}, **SHORT, release=RELEASE, without=without)
+    check(
+        mass, (1,), lw.absorb(chain.with_values({"m2.mass": 0.02}), **SHORT, release=RELEASE, without=without)
+    )
+    speed = lw.absorption_map(chain, {"v:m1": [0.3, 1.2]}, **SHORT, without=without)
+    check(speed, (0,), lw.absorb(chain, **SHORT, release={"v:m1": 0.3}, without=without))
+    assert speed.axes[0].unit == "m/s"
+
+
+def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
+    harvesters = {"nes1": 0.01}
+    found = lw.absorption_map(
+        lw.bnes_chain(2), {"nes1-harvester.c": [0.005, 0.03]}, **SHORT, release=RELEASE, harvesters=harvesters
+    )
+    check(found, (1,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE, harvesters={"nes1": 0.03}))
+    unknown = lw.bnes_chain(2).unknown("nes1.alpha")
+    swept = lw.absorption_map(unknown, {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
+    check(swept, (1,), lw.absorb(lw.bnes_chain(2, alpha=-60.0), **SHORT, release=RELEASE))
+    text = lw.format_structure(lw.bnes_chain(4))
+    head, _, tail = text.partition('name = "nes2"')
+    shared = lw.parse_structure(
+        f'{head}name = "nes2"{tail.replace("alpha = -100.0", "alpha = " + repr("=nes1.alpha"))}'
+    )
+    both = lw.absorption_map(shared, {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
+    check(both, (0,), lw.absorb(lw.bnes_chain(4, alpha=-150.0), **SHORT, release=RELEASE))
+
+
+def test_laws_with_kinks_are_run_one_by_one() -> None:
+    numbers = {"k": 900.0, "c": 0.3, "p": -100.0, "q": 1e6, "F": 0.02, "s": 0.01}
+    links = tuple(
+        Link(name, ends, law, {each: Coefficient.number(numbers[each]) for each in law.coefficients})
+        for name, ends, law in (
+            ("a", ("m1", "ground"), lw.Law.parse("k*d + c*v")),
+            ("s", ("m2", "m1"), lw.Law.parse("p*d + q*d**3 + F*tanh(v/s)")),
+        )
+    )
+    masses = (Mass("m1", Coefficient.number(1.0)), Mass("m2", Coefficient.number(0.01)))
+    rubbing = Structure("rubbing", masses, links)
+    found = lw.absorption_map(rubbing, {"s.F": [0.02, 0.05]}, **SHORT, release={"v:m1": 0.3})
+    check(found, (1,), lw.absorb(rubbing.with_values({"s.F": 0.05}), **SHORT, release={"v:m1": 0.3}))
+
+
+def test_where_the_motion_diverges_the_map_has_holes() -> None:
+    found = lw.absorption_map(
+        lw.bnes_chain(2), {"nes1.beta": [-1e6, 5e5, -5e5, 1e6]}, sinks=["nes1"], **SHORT, release=RELEASE
+    )
+    assert found.alive.tolist() == [False, True, False, True] and found.to_dict()["diverged"] == 2
+    assert np.isnan(found["sinks_share"]).tolist() == [True, False, True, False]
+    check(found, (3,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE))
+    assert "4 runs of 0.5 s over nes1.beta" in str(found) and "2 diverged" in str(found)
+    with pytest.raises(
+        lw.LinkwiseError, match=r"none of the 2 runs came to its end: .* check the ranges of nes1\.beta"
+    ):
+        lw.absorption_map(
+            lw.bnes_chain(2), {"nes1.beta": [-1e6, -5e5]}, sinks=["nes1"], **SHORT, release=RELEASE
+        )
+
+
+@pytest.mark.parametrize(
+    ("over", "message"),
+    [
+        ({}, r"goes over one parameter or two, not 0"),
+        ({"nes1.alpha": [1.0], "nes1.beta": [1.0], "nes1.c": [1.0]}, r"one parameter or two, not 3"),
+        ({"nes1.gamma": [1.0]}, r'there is no coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
+        (
+            {"nes1.alpha": [np.nan]},
+            r"nes1\.alpha: the values of a swept parameter are one row of finite numbers",
+        ),
+        ({"a:m1": [1.0]}, r"a:m1: only a release can be swept beside coefficients and masses"),
+        ({"m2.mass": [-1.0, 0.01]}, r"mass of|positive"),
+    ],
+)
+def test_what_cannot_be_swept(over: dict[str, list[float]], message: str) -> None:
+    with pytest.raises(lw.StructureError, match=message):
+        lw.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
+
+
+def test_tops_and_floors_of_many_laws() -> None:
+    """Polynomials by companion matrices against wells(), which brackets the zeros of any law."""
+    law = lw.Law.parse("a*d + b*d**2 + e*d**3 + g*d**5")
+    rng = np.random.default_rng(1001)
+    values = {
+        "a": rng.normal(0, 100, 60),
+        "b": rng.normal(0, 2e3, 60),
+        "e": rng.normal(0, 1e6, 60),
+        "g": np.full(60, 1e9),
+    }
+    found = barriers(law, values, 60)
+    for run in range(60):
+        numbers = {name: Coefficient.number(float(value[run])) for name, value in values.items()}
+        link = Link("link", ("m", "ground"), law, numbers)
+        wells = lw.wells(link)
+        tops = found.tops[run][np.isfinite(found.tops[run])]
+        assert len(tops) == len(wells) - 1
+        assert found.floor[run] == pytest.approx(
+            min(float(link.potential(d)) for d in wells), rel=1e-9, abs=1e-15
+        )
+        for top, below, above in zip(tops, wells[:-1], wells[1:], strict=True):
+            assert (
+                below < top < above
+                and abs(float(link.force(top))) < 1e-9 * float(abs(link.stiffness(top))) * 0.1
+            )
+
+
+def test_axes_know_their_scale() -> None:
+    found = lw.absorption_map(
+        lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0, -50.0], "nes1.beta": [1e5, 4e5, 1.6e6]}, **SHORT, release=RELEASE
+    )  # fmt: skip
+    assert [axis.logarithmic for axis in found.axes] == [False, True]
+    figure = map_figure(found)
+    panel = figure.axes[0]
+    assert (panel.get_xscale(), panel.get_yscale()) == ("linear", "log")
+    assert panel.get_xlabel() == "nes1.alpha, N/m" and panel.get_title("left") == "settling time (below 50 %)"
