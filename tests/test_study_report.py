@@ -195,9 +195,12 @@ def test_a_partial_study_says_what_is_missing() -> None:
     assert "1 of 5 claims does not hold." in page
     assert "36 of 315 cases were run; 87 of 105 cells are empty" in page and "1 gave no answer" in page
     missing = page.partition("What is missing")[2]
-    assert "10 masses at 20 dB by ml" in missing and "2 masses at 40 dB by weak" in missing
-    assert "2 masses, 20 dB, ml (2 of 3)" in missing
-    assert "1 of 2 gave no answer. 1 times: a step &lt;size&gt; became too small" in missing
+    assert "<li>ml at 20 dB: 2 masses (2 of 3), 4 masses (0 of 3), " in missing
+    assert "<li>weak at 40 dB: 2 masses (0 of 3), " in missing
+    assert (
+        "classical, displacement gave no answer 1 times (2 masses, 40 dB): a step &lt;size&gt; became too small"
+        in missing
+    )
 
 
 def test_an_empty_study_has_a_report(tmp_path: Path) -> None:

@@ -122,8 +122,8 @@ def _times(told: Told) -> str:
         cells = [told.table.cell(name, level, method) for name in told.paper.masses]
         times = [cell.seconds for cell in cells if cell is not None and cell.seconds is not None]
         if times:
-            found.append(f"{method} {min(times):.2g} to {max(times):.2g} s")
-    return f"One estimate takes {', '.join(found)} here. " if found else ""
+            found.append(f"{method} {min(times):.2g} to {max(times):.2g}")
+    return f"Seconds for one estimate here: {', '.join(found)}. " if found else ""
 
 
 def _keep(figure: Figure, folder: Path, name: str) -> str:

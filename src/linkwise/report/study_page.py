@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from linkwise.conventions import CONVENTIONS, MEANING
+from linkwise.conventions import MEANING
 from linkwise.plot.paper_study import PaperStudy
 from linkwise.report.page import TEMPLATES
 from linkwise.report.study_claims import Claim, claims
@@ -14,6 +15,17 @@ from linkwise.study.cells import SPREAD, Cell, StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
 
+_REGRESSOR = {
+    "least-squares": "least squares, nothing thresholded",
+    "stlsq": "sequentially thresholded least squares",
+    "l1": "least squares with an L1 penalty",
+}
+_READING = {
+    "coefficients": "the force read from the coefficients of the sink's own x and x³",
+    "ends": "the force read from all monomials in the displacements of both ends",
+    "displacements": "the force read from all monomials in the displacements",
+}
+_LISTED = 6  # cells that a failure names
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -73,14 +85,13 @@ def study_page(told: Told, illustrations: Mapping[str, Sequence[Illustration]], 
         study=told.study,
         methods=[method for method in table.methods if method not in comparison.classical],
         conventions=[(name, name.removeprefix("classical, ")) for name in comparison.classical],
-        meanings=[(name, MEANING[name]) for name in CONVENTIONS],
+        meanings={name: _meaning(told.study, name) for name in comparison.classical},
         rows=[_row(told, number) for number in range(len(comparison.cells))],
         reasons=_reasons(comparison),
         others=_others(told),
         illustrations=illustrations,
-        empty=[cell for cell in table.cells if not cell.done],
-        partly=[cell for cell in table.cells if 0 < cell.done < cell.expected],
-        failures=[cell for cell in table.cells if cell.failures],
+        missing=_missing(table),
+        failures=_failures(table),
         seconds=sum(row.seconds for cell in table.cells for row in cell.answers),
         near=NEAR,
         spread=[round(100 * part) for part in SPREAD],
@@ -141,6 +152,43 @@ def _reasons(comparison: Comparison) -> list[tuple[str, str]]:
         return []
     told = [(cell.where, explanation(cell, best, comparison.classical)) for cell in comparison.cells]
     return [(where, text) for where, text in told if text]
+
+
+def _meaning(study: Study, method: str) -> str:
+    """How a classical method was run, in words."""
+    how = study.method(method).document()
+    meaning = MEANING[how["convention"]]
+    return f"{meaning}; {_REGRESSOR[how['regressor']]}; {_READING[how['reading']]}"
+
+
+def _missing(table: StudyTable) -> list[str]:
+    """What was not run or not to the end, by noise level and method."""
+    told = []
+    for method in table.methods:
+        for level in table.decibels:
+            cells = [table.cell(name, level, method) for name in table.structures]
+            lacking = [cell for cell in cells if cell is not None and cell.done < cell.expected]
+            if lacking:
+                listed = ", ".join(f"{cell.structure} ({cell.done} of {cell.expected})" for cell in lacking)
+                told.append(f"{method} at {level:g} dB: {listed}")
+    return told
+
+
+def _failures(table: StudyTable) -> list[str]:
+    """Cases without an answer by method and reason: how many, and where."""
+    found: dict[tuple[str, str], list[Cell]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    for cell in table.cells:
+        for reason, count in cell.reasons:
+            found.setdefault((cell.method, reason), []).append(cell)
+            counts[cell.method, reason] += count
+    told = []
+    for (method, reason), cells in found.items():
+        where = "; ".join(f"{cell.structure}, {cell.snr_db:g} dB" for cell in cells[:_LISTED])
+        more = f" and {len(cells) - _LISTED} more cells" if len(cells) > _LISTED else ""
+        why = reason or "the error is no number"
+        told.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
+    return told
 
 
 def _others(told: Told) -> list[tuple[str, float, Mapping[str, str]]]:
