@@ -120,6 +120,16 @@ def test_study_page_has_its_figures_at_their_size(studied: Shown) -> None:
     assert min(studied.pictures.values()) > 400
 
 
+def test_absorption_page_renders_with_its_figures(
+    chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    found = lw.absorb(chain, duration=1.0, release={"v:m1": 1.0})
+    folder = lw.write_absorption(found, tmp_path_factory.mktemp("absorbed") / "answer")
+    shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
+    assert shown.console == () and shown.shades > 50
+    assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400
+
+
 def test_a_broken_picture_would_be_seen(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     broken = '<img src="data:image/svg+xml;base64,AAAA" alt="broken">'
