@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from linkwise.chains import bnes_chain
 from linkwise.energy import kinetic_energy, potential_energy
 
