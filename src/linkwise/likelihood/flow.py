@@ -82,6 +82,23 @@ class Orbit:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Pushes:
+    """Forces that are not there, c of them, each between two masses; what the fit would do if they had a size is asked.
+
+    first, second (c,): masses, -1 for none, that feel the force with reversed sign, and as it is; starts (J + 1, c, K) and
+    middles (J, c, K) in N: forces of unit size at the ends and in the middles of the steps.
+    """
+
+    first: Indices
+    second: Indices
+    starts: Array
+    middles: Array
+
+    def part(self, segments: slice) -> Pushes:
+        return Pushes(self.first, self.second, self.starts[..., segments], self.middles[..., segments])
+
+
 def flow(mechanics: Mechanics, start: Array, step: Array, steps: int, inputs: Inputs) -> Orbit:
     """Carry states `start` (2, n, K) (x in m, v in m/s) `steps` steps of `step` (K,) seconds on."""
     _, n, K = start.shape
@@ -146,9 +163,9 @@ def _add_base(mechanics: Mechanics, motion: Array, inputs: Inputs, j: int, point
 
 
 def tangents(
-    mechanics: Mechanics, orbit: Orbit, step: Array, scale: Array, unit: Array
+    mechanics: Mechanics, orbit: Orbit, step: Array, scale: Array, unit: Array, pushes: Pushes | None = None
 ) -> Iterator[tuple[Single, Single | None]]:
-    """Sensitivities along an orbit to the node's state and theta, one column each: P = 2n + p.
+    """Sensitivities along an orbit to the node's state, theta and the sizes of `pushes`, one column each: P = 2n + p + c.
 
     scale (2n,): m or m/s in one unit of each state; unit (p,): what one unit of each parameter is.
     Yields at the start of each step the sensitivities of (x, u) as (2, n, P, K) and those of h^2 a as
@@ -156,9 +173,12 @@ def tangents(
     """
     n, L = mechanics.gain.shape
     steps, K = len(orbit.middle_links), orbit.links.shape[-1]
-    P = 2 * n + len(unit)
+    P = 2 * n + len(unit) + (0 if pushes is None else len(pushes.first))
     starts = _Pull(mechanics, orbit.links, orbit.accelerations, step, unit)
     middles = _Pull(mechanics, orbit.middle_links, orbit.middle_accelerations, step, unit)
+    if pushes is not None:
+        starts.push(pushes, pushes.starts, step)
+        middles.push(pushes, pushes.middles, step)
     into_links, gain, link_gain = (
         np.ascontiguousarray(a, np.float32)
         for a in (mechanics.system.incidence.T, mechanics.gain, mechanics.link_gain)
@@ -215,12 +235,23 @@ class _Pull:
         self.by_parameter = (slopes.by_parameter * (units * step2)).astype(np.float32)
         self.rows = np.array([link for link, _, _ in system.slopes], dtype=int)
         self.columns = np.array([first + column for _, column, _ in system.slopes], dtype=int)
+        self.width = first + len(unit)
+        self.pushed: list[tuple[Indices, Indices, Single]] = []
         self.masses = []
         for i, column in np.argwhere(system.parameters.mass_map):
             factor = -system.parameters.mass_map[i, column] * unit[column] / mechanics.masses[i]
             self.masses.append(
                 (i, first + column, (accelerations[:, i] * (factor * step2)).astype(np.float32))
             )
+        self.mass_values = mechanics.masses
+
+    def push(self, pushes: Pushes, force: Array, step: Array) -> None:
+        """Take in `force` (..., c, K) of pushes that no link exerts yet."""
+        for ends, sign in ((pushes.first, -1.0), (pushes.second, 1.0)):
+            held = np.flatnonzero(ends >= 0)
+            factor = (sign / self.mass_values[ends[held]])[:, None] * step**2
+            change = (force[:, held] * factor).astype(np.float32)
+            self.pushed.append((ends[held], self.width + held, change))
 
     def __call__(self, j: int, motion: Single, out: Single) -> None:
         np.multiply(self.by_d[j][:, None], motion[0], out=out)
@@ -228,7 +259,12 @@ class _Pull:
         out[self.rows, self.columns] += self.by_parameter[j]
 
     def inertia(self, j: int, out: Single, into_links: Single | None = None, weight: float = 1.0) -> None:
-        """Add h^2 da of the unknown masses, to masses (n, P, K) or through `into_links` to links (L, P, K)."""
+        """Add h^2 da of unknown masses and of pushes, to masses (n, P, K) or through `into_links` to links (L, P, K)."""
+        for ends, columns, pushed in self.pushed:
+            if into_links is None:
+                out[ends, columns] += np.float32(weight) * pushed[j]
+            else:
+                out[:, columns] += into_links[:, ends, None] * pushed[j]
         for i, column, change in self.masses:
             if into_links is None:
                 out[i, column] += np.float32(weight) * change[j]

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.likelihood.bordered import Bordered, Damping
-from linkwise.likelihood.flow import Inputs, Orbit, flow, tangents
+from linkwise.likelihood.flow import Inputs, Orbit, Pushes, flow, tangents
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.mechanics import Array, Indices, Mask, System
 
@@ -217,10 +217,19 @@ class Linear:
 
 
 def linearise(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, executor: Executor | None = None
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    executor: Executor | None = None,
+    pushes: Pushes | None = None,
 ) -> Linear:
-    """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache."""
-    m, p, K = 2 * segments.system.incidence.shape[0], segments.parameters, segments.count
+    """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
+
+    The sizes of `pushes` stand in the border behind theta.
+    """
+    m, K = 2 * segments.system.incidence.shape[0], segments.count
+    p = segments.parameters + (0 if pushes is None else len(pushes.first))
     size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
     parts = [slice(first, min(first + size, K)) for first in range(0, K, size)]
     data, defects = Blocks.empty(K, m, p), Blocks.empty(K, m, p)
@@ -230,7 +239,7 @@ def linearise(
     state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
 
     def work(part: slice) -> tuple[Array, Array, Array, Array]:
-        rows, ends = _chunk(segments, misfit, scales, loss, part)
+        rows, ends = _chunk(segments, misfit, scales, loss, part, pushes)
         corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
         ends = np.concatenate([ends, missed[part, :, None]], axis=2)
         ends *= linked[part, None, None]
@@ -250,13 +259,14 @@ def linearise(
 
 
 def _chunk(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice
+    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice, pushes: Pushes | None
 ) -> tuple[Array, Array]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
     sensors, step = segments.sensors, segments.step[part] * segments.refine
     M, C, K = segments.samples[..., part].shape
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    P, width = 2 * n + segments.parameters, 2 * n + p
+    added = 0 if pushes is None else len(pushes.first)
+    P, width = 2 * n + segments.parameters + added, 2 * n + p + added
     mechanics = segments.system.at(misfit.point.theta)
     residuals = misfit.residuals[..., part]
     root = np.sqrt(loss.weight(residuals)) * segments.seen[..., part]
@@ -269,7 +279,7 @@ def _chunk(
     rates = (1.0, 1.0 / step, 1.0 / step**2)
     orbit = misfit.orbit.part(part).thinned(segments.refine)
     for sample, (state, acceleration) in enumerate(
-        tangents(mechanics, orbit, step, scales.state, scales.theta[:p])
+        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], pushes and pushes.part(part))
     ):
         if acceleration is None:
             continue
@@ -297,7 +307,7 @@ def _calibrate_gains(
     `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing.
     """
     sensors, point = segments.sensors, misfit.point
-    moved = 2 * segments.system.incidence.shape[0] + len(point.theta)
+    moved = jacobian.shape[-1] - 1 - sensors.offsets - sensors.gains
     first = len(point.theta) + len(point.offsets)
     for channel in np.flatnonzero(sensors.gain >= 0):
         number = sensors.gain[channel]

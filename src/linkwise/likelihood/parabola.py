@@ -1,0 +1,133 @@
+"""The parabola of a fit's cost in its own parameters and in the sizes of forces that it does not have.
+
+At an optimum the cost is a parabola in everything, to the first order in the residuals. Widened by forces of size zero (one
+more column each, no new search) it tells at once what any of them would take off the cost and what would then become of the
+others: the score test (Rao 1948), for hundreds of forces at the price of one step of the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.expression import Program
+from linkwise.law import VARIABLES, Law
+from linkwise.likelihood.flow import Inputs, Orbit, Pushes
+from linkwise.likelihood.mechanics import Array
+from linkwise.likelihood.optimum import Optimum
+from linkwise.likelihood.segments import evaluate, linearise
+from linkwise.threads import one_blas_thread
+
+_AT_ONCE = 6_000_000  # numbers in the forces of one batch
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force of unit size: `law` without coefficients, between masses `first` and `second` (-1 the ground, -2 the base)."""
+
+    first: int
+    second: int
+    law: Law
+
+
+@dataclass(frozen=True, eq=False)
+class Parabola:
+    """-2 log likelihood over the square of the noise factor, about the optimum: c - 2 g'z + z'H z in z = (theta, sizes).
+
+    `curvature` (p + f, p + f) H and `slope` (p + f,) g, z from zero, with nodes, offsets and gains at their best.
+    """
+
+    curvature: Array
+    slope: Array
+
+
+def parabola(optimum: Optimum, forces: Sequence[Force]) -> Parabola:
+    """The parabola at `optimum` in its p parameters and the sizes of f `forces`.
+
+    Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
+    """
+    with one_blas_thread():
+        segments, scales = optimum.segments, optimum.scales
+        misfit = evaluate(segments, optimum.point, scales, optimum.loss)
+        pushes, units = _pushes(optimum, misfit.orbit, forces)
+        linear = linearise(segments, misfit, scales, optimum.loss, pushes=pushes)
+        factor = linear.equations(optimum.q).factor()
+        if factor is None:
+            raise np.linalg.LinAlgError("the equations at the optimum are not positive")
+        p, f = segments.system.parameters.size, len(forces)
+        own, beside = slice(0, p + f), slice(p + f, None)
+        curvature, slope = factor.schur[own, own], factor.reduced[own]
+        if factor.schur[beside, beside].size:  # offsets and gains of sensors
+            found = np.linalg.solve(
+                factor.schur[beside, beside],
+                np.column_stack([factor.schur[beside, own], factor.reduced[beside]]),
+            )
+            curvature = curvature - factor.schur[own, beside] @ found[:, :-1]
+            slope = slope - factor.schur[own, beside] @ found[:, -1]
+    unit = np.concatenate([scales.theta[:p], units])
+    curvature = curvature / np.outer(unit, unit) / optimum.noise**2
+    here = np.concatenate([optimum.point.theta, np.zeros(f)])
+    return Parabola(curvature, slope / unit / optimum.noise**2 + curvature @ here)
+
+
+def _pushes(optimum: Optimum, orbit: Orbit, forces: Sequence[Force]) -> tuple[Pushes, Array]:
+    """The forces along the orbit, and the size of each that is one unit: the reciprocal of its root mean square."""
+    segments = optimum.segments
+    ends, middles = _states(orbit, segments.refine, segments.step, segments.inputs)
+    first = np.array([force.first for force in forces], dtype=int)
+    second = np.array([force.second for force in forces], dtype=int)
+    starts = np.empty((len(ends), len(forces), segments.count))
+    between = np.empty((len(middles), len(forces), segments.count))
+    by_law: dict[Law, list[int]] = {}
+    for number, force in enumerate(forces):
+        by_law.setdefault(force.law, []).append(number)
+    for law, numbers in by_law.items():
+        program = Program([law.expression], VARIABLES, wide=VARIABLES)
+        size = max(1, _AT_ONCE // starts[:, 0].size)
+        for begin in range(0, len(numbers), size):
+            some = numbers[begin : begin + size]
+            for motion, values in ((ends, starts), (middles, between)):
+                d = motion[:, :, first[some]] - motion[:, :, second[some]]
+                values[:, some] = np.broadcast_to(program(d[:, 0], d[:, 1])[0], d[:, 0].shape)
+    power = np.mean(starts**2, axis=(0, 2))
+    units = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
+    starts *= units[:, None]
+    between *= units[:, None]
+    return Pushes(first, second, starts, between), units
+
+
+def _states(orbit: Orbit, refine: int, step: Array, inputs: Inputs) -> tuple[Array, Array]:
+    """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
+
+    Behind the masses stand the base and the ground. The middles follow from x, v and a at both ends, to the sixth order.
+    """
+    coarse = orbit.thinned(refine)
+    h = step * refine
+    x, u, a = coarse.states[:, 0], coarse.states[:, 1], coarse.accelerations * h**2
+    rise, bend = x[1:] - x[:-1], a[1:] - a[:-1]
+    middle_x = 0.5 * (x[1:] + x[:-1]) - (5.0 / 32.0) * (u[1:] - u[:-1]) + (a[1:] + a[:-1]) / 64.0
+    middle_u = (15.0 / 8.0) * rise - (7.0 / 16.0) * (u[1:] + u[:-1]) + bend / 32.0
+    base_ends, base_middles = _base(inputs, refine, len(x), x.shape[-1])
+    ends = np.stack([x, u / h], axis=1)
+    middles = np.stack([middle_x, middle_u / h], axis=1)
+    return _with_holds(ends, base_ends), _with_holds(middles, base_middles)
+
+
+def _with_holds(motion: Array, base: Array) -> Array:
+    """(J, 2, n + 2, K): behind the masses the base (index -2) and the ground (index -1)."""
+    ground = np.zeros_like(base)
+    return np.concatenate([motion, base, ground], axis=2)
+
+
+def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Array, Array]:
+    """(J + 1, 2, 1, K) and (J, 2, 1, K) of the base, at rest where it has no record."""
+    if inputs.base is None:
+        return np.zeros((ends, 2, 1, count)), np.zeros((ends - 1, 2, 1, count))
+    last = inputs.base[-1:, 4]
+    at_ends = np.concatenate([inputs.base[::refine, 0], last])
+    middles = inputs.base[:, 2] if refine == 1 else inputs.base[refine // 2 :: refine, 0]
+    return at_ends[:, :, None], middles[:, :, None]
+
+
