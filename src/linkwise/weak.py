@@ -84,11 +84,12 @@ def weak_equations(
     *,
     window: Window | None = None,
     values: dict[str, float] | None = None,
+    together: int = _PATCH,
 ) -> WeakEquations:
     """The weak equations of `structure` on `record` whose `motion` was read; the window is chosen where it is None.
 
-    `values` are the present values of parameters that enter a law nonlinearly (else their starts). Raises
-    IdentificationError where the record is too short or too broken.
+    `values` are the present values of parameters that enter a law nonlinearly (else their starts);
+    `together` is the most masses in a patch. Raises IdentificationError where the record is too short or too broken.
     """
     window = window or Window.for_band(motion.highest, record.rate, motion.quiet)
     windows = window.rows(len(record))
@@ -121,7 +122,7 @@ def weak_equations(
         plan=scene.plan,
         window=window,
         motion=motion,
-        patches=_patches(scene, pushes),
+        patches=_patches(scene, pushes, together),
         thin=thin,
         d=differences(_sharpened(smooth, window), scene.plan.ends),
         v=differences(-smooth[PHI_1] / area, scene.plan.ends),
@@ -149,7 +150,7 @@ def _placed(pushes: Mapping[int, Floats], area: float, masses: int, windows: int
     return placed
 
 
-def _patches(scene: Scene, pushes: dict[int, Floats]) -> tuple[Patch, ...]:
+def _patches(scene: Scene, pushes: dict[int, Floats], together: int) -> tuple[Patch, ...]:
     """The masses whose equation can be written: their displacement and those of all their neighbours were seen.
 
     Masses in one patch miss the same windows, and either each of their equations holds a parameter or none does.
@@ -167,9 +168,9 @@ def _patches(scene: Scene, pushes: dict[int, Floats]) -> tuple[Patch, ...]:
             key = (b"" if lost is None else valid.tobytes(), mass in plan.asking)
             alike.setdefault(key, (valid, []))[1].append(mass)
     patches = [
-        scene.patch(masses[first : first + _PATCH], valid)
+        scene.patch(masses[first : first + together], valid)
         for valid, masses in alike.values()
-        for first in range(0, len(masses), _PATCH)
+        for first in range(0, len(masses), together)
     ]
     _require_whole_windows(patches, scene.window)
     return tuple(patches)

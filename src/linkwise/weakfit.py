@@ -59,12 +59,12 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     after = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
     for _ in range(_ROUNDS):
         weights = after
-        normal, right = _normal(patches, weights, len(lower))
+        normal, right = normal_equations(patches, weights, len(lower))
         values, free = _bounded(normal, right, lower, upper, system.parameters)
-        after = [1.0 / _power(patch, values) for patch in patches]
+        after = [1.0 / residual_power(patch, values) for patch in patches]
     noisy = [(patch, Slopes.along(patch, system, values)) for patch in patches]
     excess = residual_excess(noisy, values, system)
-    scatter = _assembled(score_blocks(noisy, weights, system), len(values))
+    scatter = assembled(score_blocks(noisy, weights, system), len(values))
     covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system)
     return WeakFit(values, covariance, free, excess)
 
@@ -89,7 +89,7 @@ def _require_reached(system: WeakEquations, structure: Structure) -> None:
         )
 
 
-def _power(patch: Patch, values: Floats) -> Floats:
+def residual_power(patch: Patch, values: Floats) -> Floats:
     """(m,) mean squares of the residuals at the parameters (p,), floored at rounding."""
     numbers = patch.numbers(values)
     signed = patch.signs * numbers
@@ -98,21 +98,25 @@ def _power(patch: Patch, values: Floats) -> Floats:
     return np.where(power > 0.0, power, 1.0)
 
 
-def _normal(
-    patches: Sequence[Patch], weights: Sequence[Floats], count: int
+def normal_equations(
+    patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
 ) -> tuple[Floats | csc_array, Floats]:
-    """H (p, p) and g (p,) of the least squares over all masses, weighted by `weights` (m,) of each patch."""
+    """H (p, p) and g (p,) of the least squares over all masses, weighted by `weights` (m,) of each patch.
+
+    `bias` is the share of the noise bias that is left in: with 1 H is never negative, but pulls values towards zero.
+    """
     g = np.zeros(count)
     blocks = []
     for patch, weight in zip(patches, weights, strict=True):
-        weighted = patch.moments * ((patch.signs.T * weight) @ patch.signs)
+        moments = patch.moments if bias == 0.0 else (1.0 - bias) * patch.moments + bias * patch.products
+        weighted = moments * ((patch.signs.T * weight) @ patch.signs)
         asked, which = weighted[patch.layout.asked], patch.layout.parameter
         g -= np.bincount(which, asked @ patch.fixed, count)
         blocks.append((which, asked[:, patch.layout.asked]))
-    return _assembled(blocks, count), g
+    return assembled(blocks, count), g
 
 
-def _assembled(blocks: Iterable[tuple[NDArray[np.intp], Floats]], count: int) -> Floats | csc_array:
+def assembled(blocks: Iterable[tuple[NDArray[np.intp], Floats]], count: int) -> Floats | csc_array:
     """The sum of square blocks at their places in (count, count); a place may stand in one block twice."""
     parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
     places, data = (np.concatenate(part) for part in zip(*parts, strict=True))

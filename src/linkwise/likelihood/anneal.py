@@ -37,7 +37,8 @@ class Schedule:
     """q falls from loose to tight by factors between fast and slow, as far as Gauss-Newton can be trusted.
 
     What a step leaves of its predicted drop grows about as q^-4/3 with the next q; more than `trust` per sample
-    keeps q where it is. The end is reached when less than `tolerance` is left of the whole cost.
+    keeps q where it is. The end is reached when less than `tolerance` is left of the whole cost. Where the laws are so wrong
+    that the cost per sample passes `ceiling`, q falls no further: the end is as tight as they allow.
     """
 
     loose: float = 1.0
@@ -47,6 +48,13 @@ class Schedule:
     trust: float = 3.0
     tolerance: float = 0.02
     steps: int = 100
+    ceiling: float = np.inf
+
+    def held(self, taken: Progress, misfit: Misfit, samples: int) -> Schedule:
+        """The schedule that ends where q is, if the cost is above the ceiling and will be when this q is used up."""
+        if misfit.cost(taken.q) - taken.left > self.ceiling * samples:
+            return replace(self, tight=max(self.tight, taken.q))
+        return self
 
     def factor(self, left: float) -> float:
         """On q, when the last step left `left` per sample of its predicted drop."""
@@ -187,6 +195,7 @@ def anneal(
                 report(taken)
             if taken.gained > 0.0:
                 misfit = trial
+                schedule = schedule.held(taken, misfit, samples)
             if control.q <= schedule.tight and taken.left < schedule.tolerance + _ROUNDING * taken.cost:
                 status = Status.CONVERGED
                 break

@@ -53,6 +53,11 @@ def likelihood_estimate(
         fit = first_good(partial(likelihood_fit, records, structure), theta, options)
     else:
         fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
+    return estimate_of(fit, structure, records)
+
+
+def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Estimate:
+    """What a fit of `structure` to `records` says, and how far it can be trusted."""
     found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(found)
     status, message = _judged(fit, identified)

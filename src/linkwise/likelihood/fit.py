@@ -26,6 +26,7 @@ from linkwise.threads import one_blas_thread
 Array = NDArray[np.float64]
 
 _NEAR = Schedule(loose=0.1, fast=0.01, trust=10.0)  # from a start with known deviations: the weak fit's
+_WARM = Schedule(loose=0.01, fast=0.003, trust=10.0)  # from the states of a fit to nearly the same laws
 _FLOW_ERROR = 0.02  # of a noise deviation: what the steps of the flow may be wrong by
 _FINEST = 8
 _TRIED = 150  # segments that tell how fine the steps must be
@@ -70,7 +71,8 @@ class Options:
     """`offsets` and `gains` name channels with an unknown constant error or factor; `loss` is what a residual costs.
 
     Where the laws leave what is no noise, the flow is relaxed by the model error that is most likely, unless `model_error` is
-    False. `report` is told every step.
+    False. `report` is told every step. `nodes` (2, n, K) are the states of another fit to the same records to start from, else
+    the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends.
     """
 
     offsets: Sequence[str] = ()
@@ -78,6 +80,8 @@ class Options:
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     report: Callable[[Progress], None] | None = None
+    nodes: Array | None = None
+    ceiling: float = np.inf
 
 
 def _workers() -> int:
@@ -102,7 +106,7 @@ def likelihood_fit(
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
         annealer = Annealer(executor, options.loss, options.report)
-        return _fitted(records, structure, theta, spread, sensing, options.model_error, annealer)
+        return _fitted(records, structure, theta, spread, sensing, options, annealer)
 
 
 def _fitted(
@@ -111,13 +115,16 @@ def _fitted(
     theta: Array,
     spread: Array | None,
     sensing: Sensing,
-    wants_model_error: bool,
+    options: Options,
     annealer: Annealer,
 ) -> LikelihoodFit:
     whole, point, scales = _problem(records, structure, theta, spread, sensing)
     segments = broken(whole)
-    point = carried(segments, point)
-    fit = annealer(segments, point, scales, Schedule() if spread is None else _NEAR)
+    if options.nodes is None:
+        point, schedule = carried(segments, point), Schedule() if spread is None else _NEAR
+    else:
+        point, schedule = replace(point, nodes=options.nodes), _WARM
+    fit = annealer(segments, point, scales, replace(schedule, ceiling=options.ceiling))
     limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
     joined = _joined(whole, fit, limit, annealer) if whole.chains < segments.chains else None
     if joined is not None:
@@ -128,7 +135,7 @@ def _fitted(
     coloured = fit.status is Status.CONVERGED and chi_square > 1.0 and colour(fit.misfit) > _WHITE
     stated = any(name in record.noise for record in records for name in records[0].responses)
     rung = None
-    if wants_model_error and (lost or (off and coloured)):
+    if options.model_error and (lost or (off and coloured)):
         rung = with_model_error(segments, fit, point, annealer)
     if rung is not None:
         fit, model_error, factor = rung.fit, rung.q, rung.noise
