@@ -20,7 +20,7 @@ FLOORS = {  # from the ground up; a module may import from its own floor and tho
     "views": """noise smooth derive conventions monomials library equations window weakform layout atoms noisebias weaknoise
         motion patch weak""",
     "estimators": """sparse sandwich weakfit likelihood linkmotion link_estimate findings table estimate describing
-        weakestimate classical monomialforce""",
+        weakestimate classical monomialforce discovery""",
     "questions": "identify lawpath discover validate absorption absorb bound limit",
     "campaigns": "study",
     "pictures": "plot report answer absorbed",

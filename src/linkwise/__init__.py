@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from linkwise.absorb import absorb
     from linkwise.absorbed import absorption_of, write_absorption, write_absorption_map
+    from linkwise.absorption.intervals import AbsorptionIntervals, absorption_intervals
+    from linkwise.absorption.knowledge import Knowledge, read_knowledge
     from linkwise.absorption.result import Absorption
     from linkwise.absorption.sweep import AbsorptionMap, absorption_map
     from linkwise.answer import result_of, write_result
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from linkwise.conventions import CONVENTIONS, noisy_states
     from linkwise.derive import differentiate
     from linkwise.describing import Equivalent, equivalent
+    from linkwise.discover import discover, foreseen
+    from linkwise.discovery.found import Discovery
     from linkwise.equilibria import Equilibrium, equilibria
     from linkwise.errors import (
         IdentificationError,
@@ -72,9 +76,11 @@ __all__ = [
     "L1",
     "READINGS",
     "Absorption",
+    "AbsorptionIntervals",
     "AbsorptionMap",
     "Classical",
     "Coefficient",
+    "Discovery",
     "Equilibrium",
     "Equivalent",
     "Estimate",
@@ -84,6 +90,7 @@ __all__ = [
     "Huber",
     "IdentificationError",
     "Impulse",
+    "Knowledge",
     "Law",
     "LawError",
     "LawStep",
@@ -106,14 +113,17 @@ __all__ = [
     "StudySummary",
     "TimeFunction",
     "absorb",
+    "absorption_intervals",
     "absorption_map",
     "absorption_of",
     "barrier",
     "bnes_chain",
     "differentiate",
+    "discover",
     "equilibria",
     "equivalent",
     "export_study",
+    "foreseen",
     "format_structure",
     "free_run",
     "identify",
@@ -129,6 +139,7 @@ __all__ = [
     "noisy_states",
     "parse_structure",
     "profile_interval",
+    "read_knowledge",
     "read_record",
     "read_rows",
     "read_structure",
@@ -151,6 +162,8 @@ __all__ = [
 _HOMES = {
     "absorb": ("absorb",),
     "absorbed": ("absorption_of", "write_absorption", "write_absorption_map"),
+    "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
+    "absorption.knowledge": ("Knowledge", "read_knowledge"),
     "absorption.result": ("Absorption",),
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
     "answer": ("result_of", "write_result"),
@@ -160,6 +173,8 @@ _HOMES = {
     "conventions": ("CONVENTIONS", "noisy_states"),
     "derive": ("differentiate",),
     "describing": ("Equivalent", "equivalent"),
+    "discover": ("discover", "foreseen"),
+    "discovery.found": ("Discovery",),
     "equilibria": ("Equilibrium", "equilibria"),
     "errors": (
         "IdentificationError",

@@ -1,0 +1,171 @@
+"""From a record and the masses to the structure: who is linked to whom, and by which law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.coefficient import Coefficient
+from linkwise.discovery.candidates import Candidates, candidates
+from linkwise.discovery.decide import Decided, decided
+from linkwise.discovery.evidence import confusions, evidence, path, runners_up
+from linkwise.discovery.found import Discovery
+from linkwise.discovery.outlook import outlook
+from linkwise.discovery.placed import placed
+from linkwise.discovery.screen import screened
+from linkwise.discovery.terms import DEFAULT, parse_terms
+from linkwise.errors import IdentificationError
+from linkwise.estimate import CONVERGED
+from linkwise.likelihood.anneal import Progress, Status
+from linkwise.likelihood.answer import estimate_of
+from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
+from linkwise.link import Mass
+from linkwise.motion import SeenMotion, read_motion
+from linkwise.record import Record
+from linkwise.structure import Structure
+from linkwise.threads import one_blas_thread
+from linkwise.units import to_si
+from linkwise.weak import weak_equations
+from linkwise.weakfit import weak_fit
+
+Floats = NDArray[np.float64]
+Tell = Callable[[float, str], None]
+
+_SCREENED = 0.1  # of the bar, when the screen is done
+_TIGHT = 1e-4  # q from which a fit is as good as exact
+
+
+def discover(
+    record: Record | Sequence[Record],
+    masses: Mapping[str, float | str] | Structure,
+    *,
+    terms: str | Sequence[str] = DEFAULT,
+    progress: Tell = lambda fraction, now: None,
+) -> Discovery:
+    """The structure behind `record`, or behind several records of it, with no prior but the masses (METHODS section 6).
+
+    `masses` are their values by name, in kg or with a unit ("10 g"); a Structure in their place also says which links and
+    terms are known to be there (they stay) and which are not (a law or a coefficient of 0). `terms` are what any link may
+    have, as text: functions of d and v, or families of them ("cubic, friction(0.01)"). `progress` is told the fraction done
+    and the stage.
+
+    Raises IdentificationError where the records cannot tell: a mass without a sensor, no motion above the noise, too few
+    samples, a mass that nothing seems to hold.
+    """
+    started = perf_counter()
+    records = [record] if isinstance(record, Record) else list(record)
+    pool = pool_of(records, masses, terms)
+    remarks = outlook(records, pool)
+    progress(0.0, f"screening {len(pool.entries)} candidates")
+    with one_blas_thread():
+        shown = [placed(each, pool.masses) for each in records]
+        motions = [read_motion(each, pool.everything) for each in shown]
+        sieve = screened(shown, motions, pool)
+    found = decided(
+        records,
+        pool,
+        sieve.kept,
+        tested=sieve.looked_at,
+        start=lambda structure: _start(shown, motions, structure),
+        report=lambda number, done: progress(*_stage(number, done)),
+    )
+    fit = _finished(records, found)
+    untested = len(pool.entries) - len(sieve.looked_at)
+    if untested:
+        remarks = (
+            *remarks,
+            f"{untested} candidates that stood out of the noise in the equation of neither of their masses were dropped "
+            "without a test by likelihood.",
+        )
+    estimate = estimate_of(fit, found.structure, records)
+    if not found.settled:
+        remarks = ("The search for the structure did not settle: the links are the best so far.", *remarks)
+    if estimate.status == CONVERGED and found.settled:
+        remarks = (*remarks, *confusions(found))
+    seconds = perf_counter() - started
+    return Discovery(
+        estimate=replace(estimate, seconds=seconds),
+        terms=evidence(found, pool),
+        path=path(found),
+        runners_up=runners_up(found),
+        remarks=remarks,
+        settled=found.settled,
+        rounds=found.rounds,
+        seconds=seconds,
+    )
+
+
+def foreseen(
+    record: Record | Sequence[Record],
+    masses: Mapping[str, float | str] | Structure,
+    *,
+    terms: str | Sequence[str] = DEFAULT,
+) -> tuple[str, ...]:
+    """What `discover` will not be able to tell from these records, in sentences, before any time is spent.
+
+    Raises what `discover` would raise at once.
+    """
+    records = [record] if isinstance(record, Record) else list(record)
+    return outlook(records, pool_of(records, masses, terms))
+
+
+def pool_of(
+    records: Sequence[Record],
+    masses: Mapping[str, float | str] | Structure,
+    terms: str | Sequence[str],
+) -> Candidates:
+    """All candidates between the masses of the records."""
+    if not records:
+        raise IdentificationError("there is no record to discover from")
+    if not isinstance(masses, Structure):
+        if not masses:
+            raise IdentificationError(
+                'there is no mass to link: give them by name, as in {"m1": 1.0, "m2": "10 g"}'
+            )
+        given = tuple(Mass(name, Coefficient.number(to_si(value, "kg"))) for name, value in masses.items())
+        stated = None
+    else:
+        given, stated = masses.masses, masses
+    moved = any("x:base" in record.channels for record in records)
+    return candidates(given, parse_terms(terms), stated=stated, base=moved)
+
+
+def _start(
+    records: Sequence[Record], motions: Sequence[SeenMotion], structure: Structure
+) -> tuple[Floats, Floats]:
+    """theta and deviations (p,) from the record that tells most, by the weak form."""
+    with one_blas_thread():
+        fits = [
+            weak_fit(weak_equations(record, structure, motion), structure)
+            for record, motion in zip(records, motions, strict=True)
+        ]
+    tiny = np.finfo(float).tiny
+    told = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
+    return told.values, np.sqrt(np.maximum(told.covariance.diagonal(), 0.0))
+
+
+def _finished(records: Sequence[Record], found: Decided) -> LikelihoodFit:
+    """The fit of the chosen structure: that of the last round, or one with a model error where the laws need it."""
+    last = found.fit
+    exact = last.status is Status.CONVERGED and not last.chi_square_off and last.optimum.q <= _TIGHT
+    if exact or last.status is Status.INTERRUPTED:
+        return last
+    spread = np.sqrt(np.maximum(np.nan_to_num(last.covariance.diagonal()), 0.0))
+    return likelihood_fit(
+        records,
+        found.structure,
+        last.values,
+        spread=spread,
+        options=Options(nodes=last.optimum.point.nodes),
+    )
+
+
+def _stage(number: int, done: Progress) -> tuple[float, str]:
+    """Fraction and text: every round takes half of what is left of the bar."""
+    within = min(max(np.log10(done.q) / -5.0, 0.0), 1.0)
+    fraction = _SCREENED + (1.0 - _SCREENED) * (1.0 - 0.5 ** (number - 1.0 + within))
+    return float(fraction), f"round {number}: q {done.q:.0e}, chi-square {done.data_per_sample:.3f}"

@@ -1,0 +1,140 @@
+"""Every link that could be, with every term that it could have, and the structures that a choice among them makes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from linkwise.coefficient import Coefficient
+from linkwise.discovery.terms import Term
+from linkwise.errors import IdentificationError
+from linkwise.expression import Number
+from linkwise.law import Law
+from linkwise.link import BASE, GROUND, Link, Mass
+from linkwise.structure import Structure
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two ends, and the links between them that are `stated`: known to be there, with all their terms."""
+
+    name: str
+    between: tuple[str, str]
+    stated: tuple[Link, ...] = ()
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A `term` that the link number `pair` may have; `name` is that of its coefficient, "m2-m1.k3"."""
+
+    name: str
+    pair: int
+    term: Term
+
+    @property
+    def is_damper(self) -> bool:
+        """Whether its force is proportional to v, which every link's is in part, and weak equations hardly see."""
+        return self.term.text == "v"
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """All `entries` to choose from among `masses`, between `pairs`, with `terms` each; what is stated stays."""
+
+    masses: tuple[Mass, ...]
+    pairs: tuple[Pair, ...]
+    terms: tuple[Term, ...]
+
+    @cached_property
+    def entries(self) -> tuple[Candidate, ...]:
+        """Those of one pair stand together, in the order of `terms`."""
+        return tuple(
+            Candidate(f"{pair.name}.{term.coefficient}", number, term)
+            for number, pair in enumerate(self.pairs)
+            for term in _open_terms(pair, self.terms)
+        )
+
+    @cached_property
+    def by_name(self) -> Mapping[str, Candidate]:
+        """The entries by their names."""
+        return {entry.name: entry for entry in self.entries}
+
+    def structure(self, chosen: Collection[str], name: str = "discovered structure") -> Structure:
+        """What is stated and the `chosen` entries, by name, with unknown coefficients.
+
+        Raises IdentificationError where a mass would hang in the air.
+        """
+        kept: dict[int, list[Term]] = {}
+        for entry in self.entries:
+            if entry.name in chosen:
+                kept.setdefault(entry.pair, []).append(entry.term)
+        links = [
+            link
+            for number, pair in enumerate(self.pairs)
+            for link in _joined(pair, kept.get(number, []))
+        ]
+        held = {end for link in links for end in link.between}
+        loose = [mass.name for mass in self.masses if mass.name not in held]
+        if loose:
+            raise IdentificationError(
+                f"nothing in this record shows what holds {', '.join(loose)}: no term of any link to it stands above the "
+                "noise. Hit it harder or record for longer; a mass that is known to be held so is stated in a structure file"
+            )
+        return Structure(name, self.masses, tuple(links))
+
+    @cached_property
+    def everything(self) -> Structure:
+        """All entries chosen."""
+        return self.structure(self.by_name.keys())
+
+
+def candidates(
+    masses: Sequence[Mass], terms: Sequence[Term], *, stated: Structure | None = None, base: bool = False
+) -> Candidates:
+    """Every pair of `masses` and every mass with the ground, and with the base where that moves.
+
+    The links of `stated` are known to be there with their laws; other terms may join them, except those whose coefficient is
+    a number there, 0 for a term that is known not to be. A link whose law is 0 is known not to be there.
+    """
+    index = {mass.name: number for number, mass in enumerate(masses)}
+    index |= {GROUND: -1, BASE: -2}
+    known: dict[frozenset[str], list[Link]] = {}
+    for link in () if stated is None else stated.links:
+        known.setdefault(frozenset(link.between), []).append(link)
+    held = (BASE, GROUND) if base else (GROUND,)
+    pairs = []
+    for number, mass in enumerate(masses):
+        for other in (*held, *(each.name for each in masses[:number])):
+            links = tuple(known.get(frozenset((mass.name, other)), ()))
+            if any(link.law.expression == Number(0.0) for link in links):
+                continue
+            if links:
+                pairs.append(Pair(links[0].name, links[0].between, links))
+            else:
+                pairs.append(Pair(f"{mass.name}-{other}", (mass.name, other)))
+    return Candidates(tuple(masses), tuple(pairs), tuple(terms))
+
+
+def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
+    """The terms that the stated links of a pair do not have, under names that they do not use."""
+    taken = {name for link in pair.stated for name in link.law.coefficients}
+    there = {basis for link in pair.stated for basis in link.law.basis.values()}
+    left = [term for term in terms if term.law.expression not in there]
+    return [
+        Term(term.text, f"{term.coefficient}_added") if term.coefficient in taken else term for term in left
+    ]
+
+
+def _joined(pair: Pair, terms: Sequence[Term]) -> tuple[Link, ...]:
+    """The links of a pair: those stated, the first of them with the chosen `terms` beside its own."""
+    if not terms:
+        return pair.stated
+    ordered = sorted(terms, key=lambda term: not term.elastic)
+    text = " + ".join(term.written for term in ordered)
+    new = {term.coefficient: Coefficient.unknown() for term in ordered}
+    if not pair.stated:
+        return (Link(pair.name, pair.between, Law.parse(text), new),)
+    first, *others = pair.stated
+    law = Law.parse(f"{first.law.text} + {text}")
+    return Link(first.name, first.between, law, {**first.coefficients, **new}), *others

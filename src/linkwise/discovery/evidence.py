@@ -1,0 +1,142 @@
+"""From the parabola at the chosen model: evidence term by term, the path around the choice, and the runners-up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.decide import Decided
+from linkwise.discovery.found import CERTAIN, Choice, RunnerUp, TermEvidence
+from linkwise.discovery.price import Price
+from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.stepwise import Kind, Move, moves
+
+_BEYOND = 8  # terms more than were chosen, to show that the criterion rises again
+_RUNNERS_UP = 10
+_NAMED = 6  # confusions that are told
+
+
+def evidence(decided: Decided, candidates: Candidates) -> tuple[TermEvidence, ...]:
+    """Every candidate that was tested: those kept, the most certain first, then the dropped, the most doubtful first."""
+    quadratic, price = decided.quadratic, decided.price
+    inside = list(range(len(decided.structure.parameters)))
+    solved = quadratic.solve(inside)
+    numbers, values, z, _ = quadratic.outside(inside)
+    margins = {
+        (move.in_ if move.kind is Kind.ADD else move.out): -move.gain
+        for move in moves(quadratic, price, inside, swaps=False)
+    }
+    found = [
+        _evidence(quadratic.names[k], candidates, float(value), float(each), margins.get(k, np.inf), kept=True)
+        for k, value, each in zip(inside, solved.values, solved.z, strict=True)
+        if quadratic.names[k] in candidates.by_name
+    ]
+    dropped = [
+        _evidence(quadratic.names[k], candidates, float(value), float(each), margins.get(k, np.inf), kept=False)
+        for k, value, each in zip(numbers.tolist(), values, z, strict=True)
+    ]
+    return (
+        *sorted(found, key=lambda term: -term.margin),
+        *sorted(dropped, key=lambda term: term.margin),
+    )
+
+
+def _evidence(
+    name: str, candidates: Candidates, value: float, z: float, margin: float, *, kept: bool
+) -> TermEvidence:
+    entry = candidates.by_name[name]
+    pair = candidates.pairs[entry.pair]
+    return TermEvidence(
+        name=name,
+        link=pair.name,
+        between=pair.between,
+        term=entry.term.text,
+        unit=entry.term.unit,
+        kept=kept,
+        stated=False,
+        told=bool(np.isfinite(value)),
+        value=value,
+        standard_error=abs(value / z) if z else np.inf,
+        z=z,
+        margin=margin,
+    )
+
+
+def path(decided: Decided) -> tuple[Choice, ...]:
+    """Models of all sizes around the chosen one, the best neighbour each time, up to `_BEYOND` more terms."""
+    quadratic, price = decided.quadratic, decided.price
+    chosen = list(range(len(decided.structure.parameters)))
+    points = [(chosen, "")]
+    points = [*_shrunk(quadratic, price, chosen)[::-1], *points, *_grown(quadratic, price, chosen)]
+    costs = [quadratic.cost(each) for each, _ in points]
+    totals = [cost + price.total(each) for cost, (each, _) in zip(costs, points, strict=True)]
+    here = quadratic.cost(chosen) + price.total(chosen)
+    least = min(costs)
+    return tuple(
+        Choice(int(np.sum(price.pair[each] >= 0)), cost - least, total - here, step, each == chosen)
+        for (each, step), cost, total in zip(points, costs, totals, strict=True)
+    )
+
+
+def _shrunk(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple[list[int], str]]:
+    """Without its weakest term again and again; each with what it lacks beside the one before."""
+    points: list[tuple[list[int], str]] = []
+    current = list(chosen)
+    while True:
+        z = np.abs(quadratic.solve(current).z)
+        free = [place for place in range(len(current)) if price.pair[current[place]] >= 0]
+        if len(current) < 2 or not free:
+            return points
+        weakest = min(free, key=lambda place: z[place])
+        step = f"- {quadratic.names[current[weakest]]}"
+        current = [number for place, number in enumerate(current) if place != weakest]
+        points.append((current, step))
+
+
+def _grown(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple[list[int], str]]:
+    """With the next best term again and again."""
+    points: list[tuple[list[int], str]] = []
+    current = list(chosen)
+    for _ in range(_BEYOND):
+        numbers, _, z, _ = quadratic.outside(current)
+        if not len(numbers):
+            break
+        strongest = int(numbers[np.argmax(np.abs(z))])
+        current = sorted([*current, strongest])
+        points.append((current, f"+ {quadratic.names[strongest]}"))
+    return points
+
+
+def runners_up(decided: Decided) -> tuple[RunnerUp, ...]:
+    """The models one step away that come nearest to the chosen one."""
+    inside = list(range(len(decided.structure.parameters)))
+    near = moves(decided.quadratic, decided.price, inside, swaps=True)[:_RUNNERS_UP]
+    return tuple(RunnerUp(_words(move, decided.quadratic), -move.gain) for move in near)
+
+
+def confusions(decided: Decided) -> tuple[str, ...]:
+    """Sentences on terms for which another would do nearly as well."""
+    inside = list(range(len(decided.structure.parameters)))
+    near = [
+        move
+        for move in moves(decided.quadratic, decided.price, inside, swaps=True)
+        if move.kind is Kind.SWAP and -move.gain < CERTAIN
+    ]
+    names = decided.quadratic.names
+    told = [
+        f"This record hardly tells {names[move.out or 0]} from {names[move.in_ or 0]}: with the other in its place the "
+        f"criterion is only {-move.gain:.1f} higher."
+        for move in near[:_NAMED]
+    ]
+    if len(near) > _NAMED:
+        told.append(f"{len(near) - _NAMED} more terms could be exchanged for others at as small a cost.")
+    return tuple(told)
+
+
+def _words(move: Move, quadratic: Quadratic) -> str:
+    names = quadratic.names
+    if move.kind is Kind.ADD:
+        return f"with {names[move.in_ or 0]}"
+    if move.kind is Kind.DROP:
+        return f"without {names[move.out or 0]}"
+    return f"{names[move.in_ or 0]} in place of {names[move.out or 0]}"

@@ -1,0 +1,138 @@
+"""What was discovered: a structure like any other, and the evidence for every term kept and every candidate dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from linkwise.estimate import Estimate
+from linkwise.structure import Structure
+
+CERTAIN = 10.0  # on the criterion: the odds are exp(5) to 1 and better, "very strong" (Kass and Raftery 1995)
+
+
+@dataclass(frozen=True)
+class TermEvidence:
+    """A candidate: the `term` ("d**3") of `link`, with the coefficient `name` ("m2-m1.k3"), `kept` or dropped.
+
+    `value` and `standard_error` in `unit` are what was found, or what would be if it were added. `z` is their ratio. `margin`
+    is by how much the criterion rises if the decision is turned round: more than `CERTAIN` is very strong. `told` is False
+    where the record cannot tell it beside the terms that were kept; `stated` terms were known to be there.
+    """
+
+    name: str
+    link: str
+    between: tuple[str, str]
+    term: str
+    unit: str
+    kept: bool
+    stated: bool
+    told: bool
+    value: float
+    standard_error: float
+    z: float
+    margin: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether the decision is beyond doubt by this record."""
+        return self.stated or (self.told and self.margin > CERTAIN)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A point of the path: so many `terms`, their -2 log likelihood (`cost`) above that of the largest model on the path, and
+    the `criterion`, cost plus price, above that of the chosen point.
+
+    `step` is what it has beyond, "+ m2-m1.k3", or lacks beside, "- m2-m1.c", the point that is one nearer to the `chosen` one.
+    Costs are those of the parabola at the chosen point, exact there and rough far from it.
+    """
+
+    terms: int
+    cost: float
+    criterion: float
+    step: str
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class RunnerUp:
+    """The best model that differs by one step, in words, and how much worse its criterion is."""
+
+    change: str
+    margin: float
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """The answer of `discover`.
+
+    `estimate` holds the discovered structure with all intervals, as `identify` gives them. `terms` lists every candidate,
+    the most certain of those kept first; `path` the cost against the number of terms; `runners_up` the next best models,
+    best first. `remarks` say what this record cannot tell. `settled` is False where the search ran out of rounds, and then
+    nothing is to be trusted.
+    """
+
+    estimate: Estimate
+    terms: tuple[TermEvidence, ...]
+    path: tuple[Choice, ...]
+    runners_up: tuple[RunnerUp, ...]
+    remarks: tuple[str, ...]
+    settled: bool
+    rounds: int
+    seconds: float
+
+    @property
+    def structure(self) -> Structure:
+        """The discovered structure, every coefficient a number."""
+        return self.estimate.structure
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the search settled and the fit can be trusted."""
+        return self.settled and self.estimate.trusted
+
+    @cached_property
+    def kept(self) -> tuple[TermEvidence, ...]:
+        """The terms of the answer, the most certain first."""
+        return tuple(term for term in self.terms if term.kept)
+
+    def certainty(self, link: str) -> float:
+        """By how much the criterion rises without the most certain term of a link; infinite for stated ones."""
+        return max(
+            (float("inf") if term.stated else term.margin for term in self.kept if term.link == link),
+            default=0.0,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """What result.json holds: that of the estimate, and the evidence."""
+        return {
+            **self.estimate.to_dict(),
+            "seconds": self.seconds,
+            "remarks": list(self.remarks),
+            "settled": self.settled,
+            "terms": [_as_dict(term) for term in self.terms],
+            "path": [
+                {"terms": c.terms, "cost": c.cost, "criterion": c.criterion, "step": c.step, "chosen": c.chosen}
+                for c in self.path
+            ],
+            "runners_up": [{"change": each.change, "margin": each.margin} for each in self.runners_up],
+        }
+
+
+def _as_dict(term: TermEvidence) -> dict[str, Any]:
+    return {
+        "name": term.name,
+        "between": list(term.between),
+        "term": term.term,
+        "kept": term.kept,
+        "stated": term.stated,
+        "certain": term.certain,
+        "told": term.told,
+        "value": term.value,
+        "standard_error": term.standard_error,
+        "unit": term.unit,
+        "z": term.z,
+        "margin": term.margin,
+    }
