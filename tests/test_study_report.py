@@ -227,6 +227,24 @@ def test_a_study_of_ones_own_has_its_table_and_figure(tmp_path: Path) -> None:
     assert not (folder / "table_2.csv").exists()
 
 
+def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_paper() -> None:
+    text = """
+    snr_db = [50]
+    cycles = 2
+    structure = [{ name = "two", bnes = 2, duration = 6.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
+    method = [{ kind = "ml" }]
+    """
+    told = Told.of(parse_study(text, "other.toml", Path()), [])
+    assert dict(told.paper.masses) == {"two": 2} and told.comparison.cells == ()
+    assert told.beyond == [("two", 50.0)] and told.holds is False
+    page = body(study_page(told, {}, version="1.2.3"))
+    assert (
+        "0 of 2 cases were run" in page
+        and "Table 2" not in page
+        and "<td>two</td><td>50</td><td>–</td>" in page
+    )
+
+
 def test_the_command_ends_with_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(MINE, encoding="utf-8")

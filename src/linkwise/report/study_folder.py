@@ -88,6 +88,7 @@ def _plates(told: Told) -> list[Plate]:
     if paper.masses:
         captions = motion_captions()
         plates += [Plate(MOTION, name, _TITLES[name], captions[name], draw) for name, draw in _MOTION.items()]
+    if told.comparison.cells:
         best = told.comparison.best
         if best is not None:
             forces = "In the cycle whose error is the median of its cell. The error is shown against the largest force."
@@ -107,7 +108,7 @@ def _plates(told: Told) -> list[Plate]:
             Plate(ACCURACY, "figure_8", _TITLES["figure_8"], methods, partial(figure_8, table, paper, best)),
             Plate(ACCURACY, "figure_9", _TITLES["figure_9"], times, partial(figure_9, table, paper)),
         ]
-    if set(table.structures) - set(paper.masses):
+    if told.beyond:
         caption = "Medians, and the range of the cycles (5 to 95 %)."
         title = "All structures of the study"
         plates.append(Plate(ACCURACY, "accuracy", title, caption, partial(accuracy_figure, table)))

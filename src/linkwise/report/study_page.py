@@ -57,6 +57,17 @@ class Told:
         return cls(study, table, paper, comparison, claims(table, paper, comparison))
 
     @property
+    def beyond(self) -> list[tuple[str, float]]:
+        """Structures and noise levels in dB that Table 2 does not have."""
+        shown = {(cell.snr_db, name) for cell in self.comparison.cells for name in self.paper.masses}
+        return [
+            (name, level)
+            for name in self.table.structures
+            for level in self.table.decibels
+            if (level, name) not in shown
+        ]
+
+    @property
     def headline(self) -> str:
         """The verdict in one sentence."""
         unmet = [claim for claim in self.claims if claim.met is False]
@@ -192,17 +203,14 @@ def _failures(table: StudyTable) -> list[str]:
 
 
 def _others(told: Told) -> list[tuple[str, float, Mapping[str, str]]]:
-    """Structures and noise levels that Table 2 does not have: the medians of all methods."""
-    shown = {(cell.snr_db, name) for cell in told.comparison.cells for name in told.paper.masses}
+    """What Table 2 does not have: the medians of all methods."""
     return [
         (
             name,
             level,
             {method: percent(_nmse(told.table, name, level, method)) for method in told.table.methods},
         )
-        for name in told.table.structures
-        for level in told.table.decibels
-        if (level, name) not in shown
+        for name, level in told.beyond
     ]
 
 
