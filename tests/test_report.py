@@ -72,7 +72,7 @@ def test_page_needs_nothing_else(folder: Path) -> None:
 
 def test_folder_holds_what_the_interface_promises(folder: Path) -> None:
     forces = {f"force_{name}.{suffix}" for name in ("nes1", "spring1") for suffix in ("csv", "png", "svg")}
-    expected = {"result.json", "structure.toml", "report.html", "histories.png", "histories.svg", *forces}
+    expected = {"result.json", "structure.toml", "covariance.csv", "report.html", "histories.png", "histories.svg", *forces}
     assert {path.name for path in folder.iterdir()} == expected
 
 

@@ -10,55 +10,65 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.absorption.intervals import AbsorptionIntervals
+from linkwise.absorption.intervaltext import interval_headline, interval_rows
 from linkwise.absorption.maptext import map_headline, map_rows
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.output import ABSORPTION, to_json, whole_folder
 from linkwise.plot import save
-from linkwise.plot.absorb import crossings_figure, decay_figure, energy_figure
+from linkwise.plot.absorb import Bands, crossings_figure, decay_figure, energy_figure
 from linkwise.plot.absorb_map import map_figure
 from linkwise.report.sheet import Section, embedded, sheet_page
-from linkwise.structure_file import format_structure
+from linkwise.structure_file import format_structure, write_structure
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float, str], object]
 
 
-def absorption_of(found: Absorption | AbsorptionMap) -> dict[str, Any]:
+def absorption_of(found: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
     """What absorption.json says, as plain data."""
     return {**found.to_dict(), "version": version("linkwise")}
 
 
 def write_absorption(
-    found: Absorption, folder: str | Path, *, progress: Progress = lambda fraction, now: None
+    answer: Absorption | AbsorptionIntervals,
+    folder: str | Path,
+    *,
+    progress: Progress = lambda fraction, now: None,
 ) -> Path:
     """Write absorption.json, histories, figures and report.html into `folder`; all of them or none.
 
     An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
     something else.
     """
-    result = absorption_of(found)
+    told = answer if isinstance(answer, AbsorptionIntervals) else None
+    found = answer.found if isinstance(answer, AbsorptionIntervals) else answer
+    bands = None if told is None else (told.lower, told.upper)
     with whole_folder(Path(folder)) as partial:
-        _write_histories(found, partial)
+        _write_histories(found, bands, partial)
         progress(0.2, "figures")
-        save(decay_figure(found), partial / "decay")
+        save(decay_figure(found, bands), partial / "decay")
         save(energy_figure(found), partial / "energy")
         save(crossings_figure(found), partial / "crossings")
-        structure = format_structure(found.with_sinks.structure)
-        (partial / "structure.toml").write_text(structure, encoding="utf-8", newline="\n")
         progress(0.9, "page")
+        sections = _sections(found, partial)
+        if told is not None:
+            sections.insert(0, Section("Intervals", interval_headline(told), interval_rows(told)))
+        structure = found.with_sinks.structure
+        write_structure(structure, partial / "structure.toml")
         page = sheet_page(
-            found.with_sinks.structure.name or "structure",
+            structure.name or "structure",
             verdict=headline(found),
-            trusted=found.trusted,
-            sections=_sections(found, partial),
-            structure=structure,
-            version=result["version"],
+            trusted=answer.trusted,
+            sections=sections,
+            structure=format_structure(structure),
+            version=version("linkwise"),
             findings=found.findings,
         )
         (partial / "report.html").write_text(page, encoding="utf-8")
-        finish(partial, result)
+        _finish(partial, absorption_of(answer))
     return Path(folder)
 
 
@@ -66,12 +76,11 @@ def write_absorption_map(
     found: AbsorptionMap, folder: str | Path, *, progress: Progress = lambda fraction, now: None
 ) -> Path:
     """Write absorption.json, map.csv, map.png, map.svg and report.html of a sweep into `folder`, as `write_absorption`."""
-    result = absorption_of(found)
     with whole_folder(Path(folder)) as partial:
         grids = np.meshgrid(*(axis.values for axis in found.axes), indexing="ij")
         names = [axis.name for axis in found.axes] + [each.name for each in found.quantities]
         table = [grid.ravel() for grid in grids] + list(found.values.reshape(-1, len(found.quantities)).T)
-        write_columns(partial / "map.csv", names, table)
+        _write_columns(partial / "map.csv", names, table)
         progress(0.2, "figure")
         save(map_figure(found), partial / "map")
         structure = format_structure(found.structure)
@@ -81,27 +90,27 @@ def write_absorption_map(
             trusted=found.trusted,
             sections=[Section("Map", "", map_rows(found), embedded(partial / "map.svg"))],
             structure=structure,
-            version=result["version"],
+            version=version("linkwise"),
         )
         (partial / "report.html").write_text(page, encoding="utf-8")
-        finish(partial, result)
+        _finish(partial, absorption_of(found))
     return Path(folder)
 
 
-def finish(partial: Path, result: dict[str, Any]) -> None:
+def _finish(partial: Path, result: dict[str, Any]) -> None:
     """Write absorption.json, which names the files beside it."""
     result["files"] = sorted(path.name for path in partial.iterdir())
     (partial / ABSORPTION).write_text(to_json(result, indent=1) + "\n", encoding="utf-8")
 
 
-def write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) -> None:
+def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) -> None:
     """A CSV file with a header."""
     np.savetxt(
         path, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(names), comments=""
     )
 
 
-def _write_histories(found: Absorption, folder: Path) -> None:
+def _write_histories(found: Absorption, bands: Bands | None, folder: Path) -> None:
     """decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
     names, columns = ["time"], [found.time]
     for number, mass in enumerate(found.masses):
@@ -111,14 +120,17 @@ def _write_histories(found: Absorption, folder: Path) -> None:
                 side.x[:, side.structure.mass_names.index(mass.name)],
                 np.ascontiguousarray(side.envelope[:, number]),
             ]
-    write_columns(folder / "decay.csv", names, columns)
+        for end, label in zip(bands or (), ("lower", "upper"), strict=False):
+            names.append(f"envelope:{mass.name} {label}")
+            columns.append(np.ascontiguousarray(end[:, number]))
+    _write_columns(folder / "decay.csv", names, columns)
     names, columns = ["time"], [found.time]
     for side, label in ((found.with_sinks, ""), (found.without, " without sinks")):
         names += [
             f"{what}{label}" for what in ("put in", "stored", *(link.name for link in side.structure.links))
         ]
         columns += [side.put_in, side.stored, *side.dissipated.T]
-    write_columns(folder / "energy.csv", names, columns)
+    _write_columns(folder / "energy.csv", names, columns)
     rows = [f"{work.sink.link},{time:.12g}" for work in found.sinks for time in work.crossings]
     (folder / "crossings.csv").write_text("\n".join(["sink,time", *rows]) + "\n", encoding="utf-8")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from linkwise.absorption.knowledge import COVARIANCE, Knowledge, write_covariance
 from linkwise.errors import RecordError
 from linkwise.estimate import Estimate
 from linkwise.output import RESULT, to_json, whole_folder
@@ -40,7 +41,8 @@ def write_result(
     truth: Structure | None = None,
     progress: Progress = lambda fraction, now: None,
 ) -> Path:
-    """Write result.json, structure.toml, force_NAME.csv, figures and report.html into `folder`; all of them or none.
+    """Write result.json, structure.toml, covariance.csv (of an answer to be trusted), force_NAME.csv, figures and report.html
+    into `folder`; all of them or none.
 
     An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
     something else. `truth` adds the true forces to the figures and their NMSE; `progress` is told the fraction done.
@@ -53,6 +55,8 @@ def write_result(
         write_structure(estimate.structure, partial / "structure.toml")
         for name in names:
             _write_force(estimate, name, partial / f"force_{name}.csv")
+        if estimate.trusted and estimate.intervals:
+            write_covariance(Knowledge.of(estimate), partial / COVARIANCE)
         save(histories_figure(estimate.record), partial / "histories")
         for number, name in enumerate(pictured):
             progress(0.7 * number / len(pictured), f"figure of {name}")

@@ -27,7 +27,7 @@ Progress = Callable[[float, str], object]
 _TASK = 8 * LANES  # runs that one thread does before it asks for more
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Quantity:
     """One number a structure: `name`, `unit` (none: a count, or a part of 1), what it is in words, and which end is best."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import progress, tell
-from linkwise.cli.options import FILE, FOLDER, POSITIVE, grouped, number, pairs
+from linkwise.cli.options import FOLDER, POSITIVE, grouped, number, pairs
 from linkwise.cli.plan import Drive, drive_options
 from linkwise.output import check_result_folder, to_json
 
@@ -31,6 +32,8 @@ class Comparison:
     harvester: tuple[str, ...]
     sweep: tuple[str, ...]
     workers: int | None
+    draws: int | None
+    seed: int | None
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.absorb`."""
@@ -45,6 +48,20 @@ class Comparison:
                 name: number(value, "--harvester", "nes1=0.01") for name, value in dampings.items()
             },
         }
+
+    def check(self, folder: bool) -> None:
+        """UsageError for options that do not go together; `folder` tells whether STRUCTURE is one."""
+        given = {"--draws": self.draws, "--seed": self.seed}
+        named = [name for name, value in given.items() if value is not None]
+        if named and (self.sweep or not folder):
+            raise click.UsageError(
+                f"{named[0]} is for intervals: give the folder that identify wrote as STRUCTURE, and no --sweep."
+            )
+
+    def drawing(self) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.absorption_intervals` beside those of `absorb`."""
+        given = {"draws": self.draws, "seed": self.seed, "workers": self.workers}
+        return {name: value for name, value in given.items() if value is not None}
 
     def axes(self) -> dict[str, list[float]]:
         """Values of each swept parameter."""
@@ -120,11 +137,18 @@ comparison_options = grouped(
         type=click.IntRange(min=1),
         help="Threads for many runs (default: one a processor).",
     ),
+    click.option(
+        "--draws",
+        metavar="N",
+        type=click.IntRange(min=2),
+        help="How many structures an identified one is drawn as, for intervals (default 200).",
+    ),
+    click.option("--seed", metavar="N", type=click.IntRange(min=0), help="Seed of the draws (default 0)."),
 )
 
 
 @click.command()
-@click.argument("structure", type=FILE)
+@click.argument("structure", type=click.Path(path_type=Path))
 @comparison_options
 @drive_options
 @click.option(
@@ -137,37 +161,49 @@ def absorb(structure: Path, comparison: Comparison, drive: Drive, output: Path |
     """Tell what the sinks of STRUCTURE do, against the same structure without them.
 
     Printed are decay and settling of the primary masses, the share of the energy that each link dissipates, and how often
-    each sink crosses from well to well.
+    each sink crosses from well to well. STRUCTURE is a structure file or the folder of an answer of identify; that one gives
+    all of it with intervals.
 
     \b
     Examples:
       linkwise absorb chain.toml --duration 6 --release v:m1=1.0 -o absorbed
       linkwise absorb chain.toml --duration 6 --release v:m1=1.0 --without locked --harvester nes1=0.01
       linkwise absorb chain.toml --duration 20 --force m1="5*sin(170*t)" --sink nes1
+      linkwise absorb answer --duration 6 --release v:m1=1.0 -o absorbed
       linkwise absorb chain.toml --duration 6 --release v:m1=1.0 -o map \\
         --sweep nes1.alpha=-200:-20:100 --sweep nes1.beta=1e5:2e6:100:log
     """
+    comparison.check(structure.is_dir())
     if output is not None:
         check_result_folder(output)  # before the work, so that nobody waits for a refusal
-    subject = lw.read_structure(structure)
     asked = {**comparison.keywords(), **drive.keywords()}
-    over = comparison.axes()
     with progress("simulating") as step:
         try:
-            if over:
-                found: Any = lw.absorption_map(
-                    subject, over, workers=comparison.workers, **asked, progress=step
-                )
-            else:
-                found = lw.absorb(subject, **asked, progress=step)
+            found = _answer(structure, comparison, {**asked, "progress": step})
         except lw.SimulationError as error:
             if error.time is None:  # it never began: what was asked for cannot be
                 raise click.UsageError(str(error)) from error
             raise
+        if isinstance(found, lw.AbsorptionMap):
+            write: Callable[..., Path] = lw.write_absorption_map
+        else:
+            write = lw.write_absorption
         if output is not None:
-            write = lw.write_absorption_map if over else lw.write_absorption
             write(found, output, progress=step)
     click.echo(to_json(lw.absorption_of(found)) if as_json else str(found))
     if output is not None and not as_json:
         tell(f"written to {output}; open {output / 'report.html'}")
     return 0 if found.trusted else UNTRUSTED
+
+
+def _answer(
+    structure: Path, comparison: Comparison, asked: dict[str, Any]
+) -> lw.Absorption | lw.AbsorptionIntervals | lw.AbsorptionMap:
+    """A map for a sweep, intervals for the folder of an answer, else the plain comparison."""
+    over = comparison.axes()
+    if structure.is_dir() and not over:
+        return lw.absorption_intervals(lw.read_knowledge(structure), **comparison.drawing(), **asked)
+    subject = lw.read_structure(structure / "structure.toml" if structure.is_dir() else structure)
+    if over:
+        return lw.absorption_map(subject, over, workers=comparison.workers, **asked)
+    return lw.absorb(subject, **asked)

@@ -17,6 +17,7 @@ from linkwise.plot.paper import sheet
 from linkwise.plot.thin import envelope
 
 Floats = NDArray[np.float64]
+Bands = tuple[Floats, Floats]
 
 MOST = 8  # strips that one page can hold
 _SINKS, _OTHERS = 5, 4  # bands of links that can be told apart
@@ -24,12 +25,17 @@ _GREYS = ("#404040", "#6E6E6E", "#939393", "#B4B4B4", "#C8C8C8")
 _PALE = "#EBEBEB"
 
 
-def decay_figure(found: Absorption) -> Figure:
-    """Excursions of the primary masses with sinks and without, each under its envelope, and when they settle."""
+def decay_figure(found: Absorption, bands: Bands | None = None) -> Figure:
+    """Excursions of the primary masses with sinks and without, each under its envelope, and when they settle.
+
+    `bands` are lower and upper ends (N, P) in m of what is known of the envelopes with sinks.
+    """
     masses = found.masses[:MOST]
     with sheet(len(masses), height=1.3 + 1.25 * len(masses)) as (figure, strips):
         for number, (axes, mass) in enumerate(zip(strips, masses, strict=True)):
             _excursions(axes, found, mass, number)
+            if bands is not None:
+                _band(axes, found, mass, (bands[0][:, number], bands[1][:, number]))
             axes.tick_params(labelbottom=number == len(masses) - 1)
         strips[-1].set_xlabel("time, s")
         hidden = len(found.masses) - len(masses)
@@ -50,9 +56,7 @@ def _excursions(axes: Axes, found: Absorption, mass: MassChange, number: int) ->
     for side, numbers, color, label in sides:
         x = side.x[:, side.structure.mass_names.index(mass.name)] - numbers.rest
         axes.plot(*envelope(found.time, x * factor), color=color, linewidth=0.7, label=label)
-    kept = found.time <= found.time[-1] - TAIL * (
-        found.time[-1] - found.time[0]
-    )  # later too little is to come
+    kept = _before_tail(found)
     for side, _, color, label in sides:
         line, shade = ("-", TRUE) if color == IDENTIFIED else ("--", "#555555")
         bound = side.envelope[kept, number] * factor
@@ -66,6 +70,20 @@ def _excursions(axes: Axes, found: Absorption, mass: MassChange, number: int) ->
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.set_xlim(found.time[0], found.time[-1])
     axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
+
+
+def _band(axes: Axes, found: Absorption, mass: MassChange, ends: Bands) -> None:
+    factor, _ = scale(max(mass.with_sinks.peak, mass.without.peak), "m")
+    kept = _before_tail(found)
+    lower, upper = (end[kept] * factor for end in ends)
+    axes.fill_between(
+        found.time[kept], lower, upper, color=WELL, alpha=0.35, linewidth=0, zorder=3, label="envelope, 95 % of draws"
+    )  # fmt: skip
+
+
+def _before_tail(found: Absorption) -> NDArray[np.bool_]:
+    """Samples after which enough is to come for an envelope."""
+    return np.asarray(found.time <= found.time[-1] - TAIL * (found.time[-1] - found.time[0]))
 
 
 def energy_figure(found: Absorption) -> Figure:

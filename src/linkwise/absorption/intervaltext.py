@@ -1,0 +1,46 @@
+"""Intervals of absorption as rows of text, for print and for the page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from linkwise.absorption.maptext import value_text
+from linkwise.table import columns
+
+if TYPE_CHECKING:
+    from linkwise.absorption.intervals import AbsorptionIntervals, Likely
+
+Rows = list[tuple[str, ...]]
+
+
+def intervals_text(told: AbsorptionIntervals) -> str:
+    """The intervals as text."""
+    rows: Rows = [(*row, "") for row in interval_rows(told)]
+    return "\n".join([interval_headline(told), *columns(rows)])
+
+
+def interval_headline(told: AbsorptionIntervals) -> str:
+    """What the intervals are, in a sentence."""
+    lost = f", of which {told.diverged} diverged" if told.diverged else ""
+    return f"95 % of {told.draws} draws of the identified structure (seed {told.seed}){lost} lie within:"
+
+
+def interval_rows(told: AbsorptionIntervals) -> Rows:
+    """Each quantity at the identified numbers, and its interval."""
+    rows: Rows = [("quantity", "identified", "95 % interval")]
+    return [
+        *rows,
+        *((each.quantity.title, _text(each, each.value), _range(each)) for each in told.quantities),
+    ]
+
+
+def _range(each: Likely) -> str:
+    if each.lower is None:
+        return _text(each, None)
+    return f"{_text(each, each.lower)} to {_text(each, each.upper)}"
+
+
+def _text(each: Likely, value: float | None) -> str:
+    if value is None:
+        return "never" if each.quantity.name.startswith("settled") else "-"
+    return value_text(each.quantity, value)

@@ -1,0 +1,178 @@
+"""Intervals of absorption: draws have the covariance, intervals are those of the parameters, folders keep what they need."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+
+TRIAL = {"duration": 1.0, "rate": 500.0, "release": {"v:m1": 1.0}}
+
+
+def known(covariance: list[list[float]], *names: str, lower: float = -np.inf) -> lw.Knowledge:
+    chain = lw.bnes_chain(2)
+    count = len(names)
+    return lw.Knowledge(chain, names, np.array(covariance), np.full(count, lower), np.full(count, np.inf))
+
+
+@pytest.fixture(scope="module")
+def folder(fitted: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What identify wrote."""
+    return lw.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer")
+
+
+def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
+    covariance = np.array([[4.0, -150.0], [-150.0, 1e4]])
+    drawn = known(covariance.tolist(), "nes1.alpha", "nes1.beta").draws(20000, seed=1000)
+    # the standard error of a covariance from R draws is sqrt((s_i s_j)^2 (1 + r^2) / R); four of them
+    size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)) * 2.0 / 20000)
+    assert np.all(np.abs(np.cov(drawn.T) - covariance) < 4.0 * size)
+    assert np.all(np.abs(drawn.mean(axis=0) - [-100.0, 1e6]) < 4.0 * np.sqrt(np.diag(covariance) / 20000))
+    bounded = known([[1e-4]], "nes1.c", lower=0.01).draws(500, seed=1000)
+    assert bounded.min() >= 0.01 and len(bounded) == 500
+    with pytest.raises(
+        lw.IdentificationError, match=r"draws only \d+ lie within the bounds of the coefficients"
+    ):
+        known([[1e-4]], "nes1.c", lower=0.09).draws(500, seed=1000)
+
+
+def test_the_interval_of_one_parameter_is_its_own() -> None:
+    """What grows with the damper's coefficient has its quantiles where the coefficient has them."""
+    deviation = 0.02
+    told = lw.absorption_intervals(known([[deviation**2]], "spring1.c"), **TRIAL, draws=400, seed=1000)
+    share = told.quantity("share:spring1")
+    ends = [
+        lw.absorb(lw.bnes_chain(2, c=1.0 + side * 1.96 * deviation), **TRIAL).with_sinks.share("spring1")
+        for side in (-1.0, 1.0)
+    ]
+    assert share.value == pytest.approx(told.found.with_sinks.share("spring1"), abs=1e-7)
+    # a quantile q of R draws is off by sqrt(q (1 - q) / R) / density: 0.134 deviations at 2.5 % and R = 400; three of them
+    slack = 3.0 * 0.134 * (ends[1] - ends[0]) / (2.0 * 1.96)
+    assert share.lower == pytest.approx(ends[0], abs=slack) and share.upper == pytest.approx(
+        ends[1], abs=slack
+    )
+    assert told.quantity("crossings").missing == 0 and told.diverged == 0 and told.trusted
+
+
+def test_draws_are_those_of_the_seed() -> None:
+    knowledge = known([[25.0]], "nes1.alpha")
+    first, again, other = (
+        lw.absorption_intervals(knowledge, **TRIAL, draws=20, seed=seed, workers=workers)
+        for seed, workers in ((1, 1), (1, 2), (2, 1))
+    )
+    assert first.quantities == again.quantities != other.quantities
+    np.testing.assert_array_equal(first.lower, again.lower)
+
+
+def test_an_estimate_gives_intervals_that_hold_the_truth(fitted: lw.Estimate) -> None:
+    told = lw.absorption_intervals(fitted, **TRIAL, draws=100, seed=1000)
+    truth = lw.absorb(lw.bnes_chain(2), **TRIAL)
+    for name, value in (("sinks_share", truth.sinks_share), ("rms_reduction", truth.rms_reduction)):
+        found = told.quantity(name)
+        assert found.lower < value < found.upper
+    inside = (told.lower[:, 0] <= truth.with_sinks.envelope[:, 0]) & (
+        truth.with_sinks.envelope[:, 0] <= told.upper[:, 0]
+    )
+    assert np.mean(inside) > 0.5  # one truth, whose samples hang together: most of them
+    assert np.all(told.lower <= told.upper) and np.all(told.lower[0] < told.upper[0])
+    never = told.quantity("settled_without")
+    assert (never.value, never.lower, never.upper, never.missing) == (None, None, None, 100)
+    text = str(told)
+    assert "95 % of 100 draws of the identified structure (seed 1000) lie within:" in text and "never" in text
+
+
+def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
+    """Two sinks with one unknown alpha: both names are known, and vary as one."""
+    text = lw.format_structure(lw.bnes_chain(4).unknown("nes1.alpha"))
+    head, _, tail = text.partition('name = "nes2"')
+    shared = lw.parse_structure(
+        f'{head}name = "nes2"{tail.replace("alpha = -100.0", "alpha = " + repr("=nes1.alpha"))}'
+    )
+    record = lw.simulate(lw.bnes_chain(4), release={"v:m1": 3.0}, duration=1.0, rate=1000.0).with_noise(
+        40.0, seed=1000
+    )
+    fit = lw.identify(record, shared, method="weak")
+    assert fit.trusted
+    knowledge = lw.Knowledge.of(fit)
+    assert knowledge.names == ("nes1.alpha", "nes2.alpha")
+    drawn = knowledge.draws(50, seed=1)
+    np.testing.assert_allclose(drawn[:, 0], drawn[:, 1], rtol=1e-9)  # the root of a singular matrix
+    assert np.ptp(drawn[:, 0]) > 0.0
+
+
+def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Estimate) -> None:
+    found, true = lw.read_knowledge(folder), lw.Knowledge.of(fitted)
+    assert found.structure == fitted.structure and found.names == true.names
+    np.testing.assert_array_equal(found.covariance, true.covariance)
+    result = json.loads((folder / "result.json").read_text())
+    assert "covariance.csv" in result["files"]
+
+
+def test_an_answer_not_to_be_trusted_has_no_intervals(fitted: lw.Estimate, tmp_path: Path) -> None:
+    bad = replace(fitted, status="not converged", message="The cost still falls.")
+    with pytest.raises(lw.IdentificationError, match=r"no covariance to draw from \(not converged\)"):
+        lw.absorption_intervals(bad, **TRIAL)
+    lw.write_result(bad, tmp_path / "bad")
+    assert not (tmp_path / "bad" / "covariance.csv").exists()
+    with pytest.raises(lw.RecordError, match=r"covariance\.csv: .* is not to be trusted \(not converged\)"):
+        lw.read_knowledge(tmp_path / "bad")
+
+
+def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "structure.toml").write_bytes((folder / "structure.toml").read_bytes())
+    with pytest.raises(
+        lw.RecordError, match="no answer of identify either; give a structure file or a folder"
+    ):
+        lw.read_knowledge(tmp_path)
+    path = tmp_path / "covariance.csv"
+    for lines, message in (
+        (
+            "nes1.alpha,nes1.alpha\n",
+            r"covariance\.csv, line 2: 'nes1.alpha,nes1.alpha' is not two coefficients",
+        ),
+        ("nes1.alpha,nes1.alpha,one\n", r"line 2: .* is not two coefficients and a number"),
+        ("nes1.alpha,nes1.beta,1\n", r'line 2: "nes1.beta" has no variance of its own'),
+    ):
+        path.write_text(f"first,second,covariance\n{lines}")
+        with pytest.raises(lw.RecordError, match=message):
+            lw.read_knowledge(tmp_path)
+    path.write_text("first,second,covariance\nnes7.alpha,nes7.alpha,1\n")
+    with pytest.raises(lw.StructureError, match=r'there is no coefficient "nes7.alpha"'):
+        lw.read_knowledge(tmp_path)
+
+
+def test_draws_that_diverge_are_no_answer() -> None:
+    with pytest.raises(lw.LinkwiseError, match=r"the motion of \d+ of 20 draws diverges: .* measure longer"):
+        lw.absorption_intervals(known([[4e12]], "nes1.beta"), **TRIAL, draws=20, sinks=["nes1"])
+
+
+def test_the_command_reads_the_folder_of_an_answer(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "absorbed"
+    options = ["--duration", "1", "--rate", "500", "--release", "v:m1=1.0", "--draws", "20", "--seed", "3"]
+    assert run(["absorb", str(folder), *options, "-o", str(out)]) == 0
+    assert "95 % of 20 draws of the identified structure (seed 3)" in capsys.readouterr().out
+    header = (out / "decay.csv").read_text().splitlines()[0]
+    assert header.endswith("envelope:m1 lower,envelope:m1 upper")
+    page = (out / "report.html").read_text()
+    assert page.index("<h2>Intervals") < page.index("<h2>Primary masses")
+    assert run(["absorb", str(folder), *options, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    same = lw.absorption_intervals(lw.read_knowledge(folder), **TRIAL, draws=20, seed=3)
+    share = same.quantity("sinks_share")
+    assert told["intervals"]["sinks_share"]["interval"] == [share.lower, share.upper]
+    assert told["draws"] == 20 and told["seed"] == 3
+
+
+def test_draws_need_the_folder_of_an_answer(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--duration", "1", "--release", "v:m1=1.0", "--draws", "20"]
+    for subject, more in ((folder / "structure.toml", []), (folder, ["--sweep", "nes1.alpha=-150:-50:2"])):
+        assert run(["absorb", str(subject), *options, *more]) == 2
+        assert "--draws is for intervals: give the folder that identify wrote" in capsys.readouterr().err
