@@ -4,9 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.built
 RESULTS := results/two-mass-chain
+STUDY := results/paper
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify test benchmark check clean
+.PHONY: help env identify study test benchmark check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,6 +27,9 @@ identify: env  ## simulate the paper's two-mass chain at 30 dB, identify its sin
 	$(BIN)/linkwise structure bnes --dof 2 -o $(RESULTS)/chain.toml
 	$(BIN)/linkwise simulate $(RESULTS)/chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o $(RESULTS)/record.csv
 	$(BIN)/linkwise identify $(RESULTS)/record.csv $(RESULTS)/unknown.toml --truth $(RESULTS)/chain.toml -o $(RESULTS)/answer
+
+study: env  ## reproduce the paper in results/paper: half an hour on two processors; stopped, it goes on where it was
+	$(BIN)/linkwise study paper -o $(STUDY)
 
 test: env  ## run all tests
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --maxprocesses 8 --dist worksteal

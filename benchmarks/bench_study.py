@@ -1,0 +1,118 @@
+"""Studies: what handing out costs, what ten kills cost, how long the paper takes: `make benchmark`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future
+from pathlib import Path
+from time import perf_counter
+from types import TracebackType
+from typing import Self, final
+
+import pytest
+from coordinator import killed
+from small_study import small
+
+import linkwise as lw
+from linkwise.study.crew import Crew, Processes
+from linkwise.study.runner import run
+from linkwise.study.store import opened
+from linkwise.study.worker import Batch, Done
+
+WORKERS = 2
+HANDING_OUT = 0.05  # of the workers' time, at most
+QUICK, WHOLE = 4.0, 90.0  # minutes on two processors
+
+
+@final
+class Timed(Crew):
+    """A crew that takes note of how long its workers worked, and of the time from the first batch to the last row."""
+
+    def __init__(self, crew: Crew) -> None:
+        self._crew, self.seconds = crew, crew.seconds
+        self.worked, self.first, self.last = 0.0, 0.0, 0.0
+
+    @property
+    def places(self) -> int:
+        return self._crew.places
+
+    @property
+    def idle(self) -> float:
+        """The part of the time that workers waited."""
+        return 1.0 - self.worked / (WORKERS * (self.last - self.first))
+
+    def submit(self, batch: Batch) -> Future[list[Done]]:
+        self.first = self.first or perf_counter()
+        future = self._crew.submit(batch)
+        future.add_done_callback(self._note)
+        return future
+
+    def lost(self, error: BaseException) -> bool:
+        return self._crew.lost(error)
+
+    def __enter__(self) -> Self:
+        self._crew.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._crew.__exit__(kind, error, trace)
+
+    def _note(self, future: Future[list[Done]]) -> None:
+        self.worked += sum(done.seconds for done in future.result())
+        self.last = perf_counter()
+
+
+@pytest.fixture
+def cluster() -> Iterator[Crew]:
+    distributed = pytest.importorskip("distributed")
+    crews = pytest.importorskip("linkwise.study.cluster")
+    with distributed.LocalCluster(
+        n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as there:
+        yield crews.Cluster(there.scheduler_address)
+
+
+def idle(crew: Crew, folder: Path) -> float:
+    study = lw.read_study(small(folder, cycles=120))
+    with opened(folder / "out", study) as store, Timed(crew) as timed:
+        run(study, store, timed, lambda progress: None)
+    return timed.idle
+
+
+def test_handing_out_to_processes(tmp_path: Path) -> None:
+    found = idle(Processes(WORKERS), tmp_path)
+    print(f"\n{WORKERS} processes: {100 * found:.1f} % of their time workers wait")
+    assert found < HANDING_OUT
+
+
+def test_handing_out_to_a_cluster(tmp_path: Path, cluster: Crew) -> None:
+    found = idle(cluster, tmp_path)
+    print(f"\ndask, {WORKERS} processes: {100 * found:.1f} % of their time workers wait")
+    assert found < HANDING_OUT
+
+
+def test_killed_thirty_times(tmp_path: Path) -> None:
+    file = small(tmp_path, cycles=100)
+    started = perf_counter()
+    undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=WORKERS)
+    alone = perf_counter() - started
+    killed(file, tmp_path / "killed", kills=30, most=30)
+    print(
+        f"\n1200 cases: {alone:.0f} s undisturbed, {perf_counter() - started - alone:.0f} s when killed 30 times"
+    )
+    assert lw.read_rows(tmp_path / "killed") == undisturbed
+
+
+def test_the_paper(tmp_path: Path) -> None:
+    """The quick run in full, the whole one from what its cases took."""
+    study = lw.read_study("paper")
+    started = perf_counter()
+    with opened(tmp_path / "out", study.quickly()) as store, Timed(Processes(WORKERS)) as timed:
+        run(study.quickly(), store, timed, lambda progress: None)
+    quick = (perf_counter() - started) / 60
+    whole = timed.worked * len(study) / len(study.quickly()) / WORKERS / 60
+    print(f"\npaper: {quick:.1f} min for {study.quick} cycles, {whole:.0f} min predicted for {study.cycles}")
+    print(lw.study_summary(tmp_path / "out"))
+    assert quick < QUICK and whole < WHOLE

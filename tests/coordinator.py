@@ -1,0 +1,121 @@
+"""Coordinators of studies in processes of their own, and how to kill them and their workers."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import linkwise as lw
+
+PATIENCE = 60.0  # s for what takes one or two on an idle machine
+AT_START = (
+    0,
+    5,
+)  # these kills come while workers are starting, the first of them maybe before there is a folder
+
+
+def start(study: Path, folder: Path) -> subprocess.Popen[str]:
+    """A coordinator with two workers, in a process of its own."""
+    command = [sys.executable, "-m", "linkwise.cli", "study", str(study), "--workers", "2", "-o", str(folder)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def workers(coordinator: int) -> list[int]:
+    """The processes that were started by a process to run cases."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                command = (entry / "cmdline").read_text()
+            except OSError:  # it has ended meanwhile
+                continue
+            if parent == coordinator and "spawn_main" in command:
+                found.append(int(entry.name))
+    return found
+
+
+def alive(process: int) -> bool:
+    """Whether it runs; one that has ended and whom nobody asked for its end counts as dead."""
+    try:
+        return (Path("/proc") / str(process) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def strike(process: int) -> int:
+    """Kill a process; 1 where it was there."""
+    try:
+        os.kill(process, signal.SIGKILL)
+    except ProcessLookupError:
+        return 0
+    return 1
+
+
+def wait_for_rows(coordinator: subprocess.Popen[str], folder: Path, count: int) -> None:
+    """Until a running study holds so many rows, or has ended."""
+    end = time.monotonic() + PATIENCE
+    while len(rows(folder)) < count and coordinator.poll() is None:
+        assert time.monotonic() < end, f"no {count} rows within {PATIENCE:g} s"
+        time.sleep(0.01)
+
+
+def wait_for_the_end_of(processes: list[int]) -> None:
+    end = time.monotonic() + PATIENCE
+    while any(map(alive, processes)):
+        assert time.monotonic() < end, "workers outlived their coordinator"
+        time.sleep(0.01)
+
+
+def rows(folder: Path) -> tuple[lw.Row, ...]:
+    """What is stored; nothing before the study began."""
+    try:
+        return lw.read_rows(folder)
+    except lw.StudyError as error:
+        assert "there is no study in it" in str(error)
+        return ()
+
+
+def check_kept(before: tuple[lw.Row, ...], folder: Path) -> tuple[lw.Row, ...]:
+    """The rows now; every earlier one is still there, and was not run again: its time is the same to the last bit."""
+    now = rows(folder)
+    seconds = {row.case: row.seconds for row in now}
+    assert len(seconds) == len(now)
+    assert [seconds[row.case] for row in before] == [row.seconds for row in before]
+    return now
+
+
+def killed(study: Path, folder: Path, kills: int, most: int) -> str:
+    """Run a study to its end though it is killed so often, coordinator and one of its workers in turn, at random moments, up
+    to `most` rows apart; what it printed at last.
+
+    Checks on the way that no row is lost or made twice, and that workers end with their coordinator.
+    """
+    chance = random.Random(1000)
+    kept: tuple[lw.Row, ...] = ()
+    coordinator = start(study, folder)
+    struck = 0
+    for kill in range(kills):
+        if kill not in AT_START:  # they must not all hit workers that have just begun
+            wait_for_rows(coordinator, folder, len(kept) + chance.randint(1, most))
+        time.sleep(chance.uniform(0.0, 1.0 if kill in AT_START else 0.2))
+        assert coordinator.poll() is None, coordinator.communicate()
+        team = workers(coordinator.pid)
+        if kill % 2:
+            struck += strike(chance.choice(team)) if team else 0
+        else:
+            strike(coordinator.pid)
+            coordinator.communicate()
+            wait_for_the_end_of(team)
+            coordinator = start(study, folder)
+        kept = check_kept(kept, folder)
+    out, err = coordinator.communicate()
+    assert coordinator.returncode == 0 and err == "", err
+    assert struck >= kills // 2 - 1
+    check_kept(kept, folder)
+    return out

@@ -1,0 +1,144 @@
+"""`linkwise study`: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from small_study import DIVERGING, small
+
+import linkwise as lw
+from linkwise.cli import linkwise, run
+
+command = import_module("linkwise.cli.study")  # the package holds the command under that name
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small study that was run by the library, its file beside it."""
+    folder = tmp_path_factory.mktemp("study")
+    lw.run_study(small(folder, cycles=3), folder / "out", quick=True, workers=1)
+    return folder / "out"
+
+
+def arguments(folder: Path, *options: str) -> list[str]:
+    return ["study", str(folder.parent / "small.toml"), "-o", str(folder), *options]
+
+
+def test_it_runs_a_study_as_the_library_does(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small(tmp_path, cycles=3)
+    assert run(arguments(tmp_path / "new" / "out", "--quick")) == 2  # the file is not beside that folder
+    assert "there is no such study file" in capsys.readouterr().err
+    assert run(arguments(tmp_path / "out", "--quick", "--workers", "1")) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and out.startswith("small: 12 of 12 cases done, 0 failed\n\nbnes2, 40 dB\n")
+    written = out.rstrip().splitlines()[-1].removeprefix("written: ").split(", ")
+    assert {"rows.csv", "summary.csv", "rows.parquet"} <= {Path(name).name for name in written}
+    assert all(Path(name).is_file() for name in written)
+    assert lw.read_rows(tmp_path / "out") == lw.read_rows(finished)
+
+
+def test_what_is_finished_is_told_again(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = [row.seconds for row in lw.read_rows(finished)]
+    assert run(arguments(finished, "--quick", "--json")) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert (
+        err == "" and told["study"] == "small" and told["cases"] == told["done"] == 12 and told["failed"] == 0
+    )
+    cell = next(
+        cell
+        for cell in told["cells"]
+        if (cell["structure"], cell["snr_db"], cell["method"]) == ("bnes2", 20, "ml")
+    )
+    assert cell["median"] == next(
+        r.nmse for r in lw.read_rows(finished) if r.method == "ml" and r.snr_db == 20
+    )
+    assert [row.seconds for row in lw.read_rows(finished)] == before
+
+
+def test_export_runs_nothing(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (finished / "rows.csv").unlink()
+    assert (
+        run(arguments(finished, "--export")) == 0
+    )  # without --quick: what is there is told, whatever is asked for
+    assert "12 of 12 cases done" in capsys.readouterr().out
+    assert (finished / "rows.csv").exists()
+    assert run(["study", "paper", "-o", str(tmp_path / "nothing"), "--export"]) == 2
+    assert "there is no study in it" in capsys.readouterr().err and not (tmp_path / "nothing").exists()
+
+
+def test_an_earlier_study_is_not_mixed_with_another(
+    finished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arguments(finished)) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith(
+        f"linkwise: {finished}: the study in this folder was begun with another definition:"
+    )
+    assert "cycles was 1, now 3" in err and "give another folder" in err
+
+
+def test_no_answer_at_all_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = small(tmp_path, more=DIVERGING)
+    assert run(["study", str(file), "--quick", "--workers", "1", "-o", str(tmp_path / "out")]) == 3
+    out, err = capsys.readouterr()
+    assert err == "" and "18 of 18 cases done, 6 failed" in out
+    assert "! pushed away, 40 dB, ml failed 1 times: " in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["papr", "-o", "x"], 'papr: there is no such study file; did you mean "paper"?'),
+        (["paper"], "Missing option '-o' / '--output'"),
+        (["paper", "-o", "x", "--workers", "0"], "0 is not in the range x>=1"),
+        (["paper", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"], "--scheduler has its own; give one of them"),
+        (["paper", "-o", "x", "--scheduler", "tcp://127.0.0.1:1"], "tcp://127.0.0.1:1: no scheduler answers"),
+    ],
+)  # fmt: skip
+def test_wrong_usage_is_one_paragraph(
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["study", *options]) == 2
+    out, err = capsys.readouterr()
+    assert (
+        out == "" and err.startswith("linkwise: ") and message in err and len(err.strip().splitlines()) == 1
+    )
+
+
+def test_a_bar_tells_how_long_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    told: list[str] = []
+
+    class Bar:
+        def __enter__(self) -> object:
+            return lambda fraction, now: told.append(now)
+
+        def __exit__(self, *arguments: object) -> None:
+            pass
+
+    monkeypatch.setattr(command, "progress", lambda title: Bar())
+    file = small(tmp_path)
+    assert run(["study", str(file), "--quick", "--workers", "1", "-o", str(tmp_path / "out")]) == 0
+    cases = [line for line in told if " cases, " in line]
+    assert cases[0] == "0 of 12 cases, 0/s"
+    assert cases[-1].startswith("12 of 12 cases, ") and cases[-1].endswith("/s, 0 s left")
+
+
+def test_help_has_an_example() -> None:
+    result = CliRunner().invoke(linkwise, ["study", "--help"])
+    assert result.exit_code == 0
+    assert (
+        "linkwise study paper --quick -o results/quick" in result.output
+        and "--scheduler ADDRESS" in result.output
+    )

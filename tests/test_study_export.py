@@ -1,0 +1,100 @@
+"""What other programs read of a study: rows.csv, rows.parquet, summary.csv, and the summary to read."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_study import DIVERGING, small
+
+import linkwise as lw
+from linkwise.study import export
+from linkwise.study.store import opened
+from linkwise.study.worker import Batch, run_batch
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study of two cycles, one of them run, with a structure that fails."""
+    folder = tmp_path_factory.mktemp("export")
+    study = lw.read_study(small(folder, cycles=2, more=DIVERGING))
+    with opened(folder / "out", study) as store:
+        done = run_batch(Batch(study.text(), tuple(study.cases())[: len(study) // 2]))
+        store.add(each.row for each in done)
+    return folder / "out"
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_rows_are_written_in_the_order_of_the_study(folder: Path) -> None:
+    written = lw.export_study(folder)
+    assert [path.name for path in written] == ["rows.csv", "summary.csv", "rows.parquet"]
+    rows, table = lw.read_rows(folder), read(folder / "rows.csv")
+    assert len(table) == len(rows) == 18
+    for row, line in zip(rows, table, strict=True):
+        assert (line["structure"], line["method"], int(line["seed"])) == (row.structure, row.method, row.seed)
+        assert float(line["snr_db"]) == row.snr_db and int(line["masses"]) == row.masses
+        assert float(line["seconds"]) == row.seconds and line["reason"] == row.reason
+        assert (float(line["nmse"]) if line["nmse"] else None) == row.nmse
+        assert json.loads(line["links"]) == row.links and json.loads(line["coefficients"]) == row.coefficients
+        assert json.loads(line["standard_errors"]) == row.standard_errors
+
+
+def test_parquet_holds_the_same(folder: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    lw.export_study(folder)
+    table = parquet.read_table(folder / "rows.parquet").to_pylist()
+    assert table == [export.row_record(row) for row in lw.read_rows(folder)]
+    assert any(line["nmse"] is None for line in table) and any(
+        isinstance(line["nmse"], float) for line in table
+    )
+
+
+def test_without_the_library_there_is_no_parquet(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "rows.parquet").unlink(missing_ok=True)
+    monkeypatch.setattr(export, "find_spec", lambda name: None)
+    assert [path.name for path in lw.export_study(folder)] == ["rows.csv", "summary.csv"]
+    assert not (folder / "rows.parquet").exists()
+
+
+def test_the_summary_is_that_of_the_rows(folder: Path) -> None:
+    lw.export_study(folder)
+    rows, table = lw.read_rows(folder), read(folder / "summary.csv")
+    assert len(table) == 3 * 2 * 3
+    for line in table:
+        key = line["structure"], float(line["snr_db"]), line["method"]
+        mine = [row for row in rows if (row.structure, row.snr_db, row.method) == key]
+        assert (int(line["cases"]), int(line["done"])) == (2, len(mine) or 1)
+        assert int(line["failed"]) == sum(row.failed for row in mine)
+        errors = [row.nmse for row in mine if row.nmse is not None]
+        if errors:
+            assert float(line["median"]) == np.median(errors) and float(line["worst"]) == max(errors)
+            assert float(line["seconds"]) == np.median([row.seconds for row in mine])
+        else:
+            assert line["median"] == line["worst"] == line["seconds"] == ""
+
+
+def test_the_summary_prints_itself(folder: Path) -> None:
+    summary = lw.study_summary(folder)
+    text = str(summary)
+    assert text.startswith("small: 18 of 36 cases done, 6 failed\n\nbnes2, 40 dB\n  method")
+    assert not summary.complete and {cell.structure for cell in summary.hopeless} == {"pushed away"}
+    line = next(line for line in text.partition("pushed away, 20 dB")[2].splitlines() if "weak" in line)
+    assert line.split() == ["weak", "-", "-", "1", "0", "1", "-"]
+    assert "! pushed away, 20 dB, weak failed 1 times: " in text
+    assert summary.to_dict()["done"] == 18 and len(summary.to_dict()["cells"]) == 18
+
+
+def test_a_study_that_has_not_begun_has_tables_without_rows(tmp_path: Path) -> None:
+    study = lw.read_study(small(tmp_path))
+    with opened(tmp_path / "out", study):
+        pass
+    assert [path.name for path in lw.export_study(tmp_path / "out")] == ["rows.csv", "summary.csv"]
+    assert read(tmp_path / "out" / "rows.csv") == [] and len(read(tmp_path / "out" / "summary.csv")) == 12
+    assert "small: 0 of 24 cases done, 0 failed" in str(lw.study_summary(tmp_path / "out"))
