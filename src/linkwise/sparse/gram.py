@@ -57,15 +57,18 @@ class Sums:
         pull = dsymv(1.0, self.matrix, change, lower=1)
         return max(float(self.squares[target] + change @ (pull - 2 * self.slope[:, target])), 0.0)
 
-    def of_target(self, target: int) -> Sums:
-        """The sums of one target alone."""
-        at = slice(target, target + 1)
-        return Sums(self.rows, self.matrix, self.slope[:, at], self.squares[at], self.norms[at])
-
-    def part(self, kept: Indices) -> Sums:
-        """The sums of some columns, where the anchor of the others is zero."""
-        matrix = np.asfortranarray(self.matrix[np.ix_(kept, kept)])
-        return Sums(self.rows, matrix, self.slope[kept], self.squares, self.norms)
+    def confined(self, kept: Indices, change: Array, target: int) -> Sums:
+        """The sums of some columns and one target about an anchor that is `change` (p,) further and zero in all other columns."""
+        pull = dsymv(1.0, self.matrix, change, lower=1)
+        slope = self.slope[:, target]
+        squares = max(float(self.squares[target] + change @ (pull - 2 * slope)), 0.0)
+        return Sums(
+            self.rows,
+            self.matrix[np.ix_(kept, kept)].T,  # symmetric: the transpose is the same in Fortran order
+            (slope - pull)[kept, None],
+            np.array([squares]),
+            self.norms[target : target + 1],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,17 +183,16 @@ class Gram:
         small support then costs no more than its size.
         """
         kept = np.flatnonzero(support & self.alive)
-        scaled = self.project(support, target)[0]
-        change = (scaled - self.anchor[:, target])[:, None]
-        at = slice(target, target + 1)
+        change = self._corrected(kept, target)
+        scaled = self.anchor[:, target] + change
         return Gram(
             tuple(self.names[column] for column in kept),
-            self.sums.of_target(target).moved(change).part(kept),
-            self.moments[kept, at],
+            self.sums.confined(kept, change, target),
+            self.moments[kept, target : target + 1],
             self.scale[kept],
             np.ones(len(kept), dtype=bool),
             scaled[kept, None],
-            None if self.held is None else self.held.of_target(target).moved(change).part(kept),
+            None if self.held is None else self.held.confined(kept, change, target),
         )
 
     def project(self, support: Mask, target: int) -> tuple[Array, float]:
@@ -203,28 +205,18 @@ class Gram:
         """
         kept = np.flatnonzero(support & self.alive)
         dropped = np.flatnonzero(~support & self.alive)
-        anchor, slope = self.anchor[:, target], self.sums.slope[:, target]
+        anchor = self.anchor[:, target]
         if not dropped.size:
             return np.where(self.alive, anchor, 0.0), float(self.sums.squares[target])
         if (inverse := self._worth_inverting(kept, dropped)) is not None:
             change = self._eliminated(kept, dropped, target, inverse)
-            return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
-        factor = ridged(self.matrix[np.ix_(kept, kept)]) if kept.size else None
-        if factor and kept.size < len(self.names) / _SMALL:
-            scaled, squares = self._directly(kept, factor, target)
-            if squares > (_CANCELLING * self.norms[target]) ** 2:
-                return scaled, squares
-        change = np.where(support & self.alive, 0.0, -anchor)
-        if factor:
-            pull = dsymv(1.0, self.matrix, change, lower=1)
-            change[kept] = cho_solve(factor, slope[kept] - pull[kept], check_finite=False)
+        else:
+            if 0 < kept.size < len(self.names) / _SMALL:
+                scaled, squares = self._directly(kept, target)
+                if squares > (_CANCELLING * self.norms[target]) ** 2:
+                    return scaled, squares
+            change = self._corrected(kept, target)
         return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
-
-    def held_squares(self, scaled: Array, target: int) -> float:
-        """||b - A c||^2 of one target over the rows held out, for scaled coefficients (p,). Only where some are held out."""
-        if self.held is None:
-            raise IdentificationError("no rows were held out")
-        return self.held.squares_at(scaled - self.anchor[:, target], target)
 
     def unscaled(self, scaled: Array) -> Array:
         """Coefficients c in their own units from scaled ones (p,) or (p, T); zero for columns that are zero throughout."""
@@ -291,10 +283,20 @@ class Gram:
         change[dropped] = -anchor[dropped]
         return np.asarray(change)
 
-    def _directly(self, kept: Indices, factor: Factor, target: int) -> tuple[Array, float]:
+    def _corrected(self, kept: Indices, target: int) -> Array:
+        """The change (p,) of the anchor that takes all coefficients but those in `kept` to zero."""
+        change = -self.anchor[:, target]
+        change[kept] = 0.0
+        if kept.size:
+            pull = dsymv(1.0, self.matrix, change, lower=1)
+            factor = ridged(self.matrix[np.ix_(kept, kept)].T)
+            change[kept] = cho_solve(factor, (self.sums.slope[:, target] - pull)[kept], check_finite=False)
+        return change
+
+    def _directly(self, kept: Indices, target: int) -> tuple[Array, float]:
         """`project` without the anchor: cheaper for few columns, and as good where the residual is not tiny."""
         moments = self.moments[kept, target]
-        solved = cho_solve(factor, moments, check_finite=False)
+        solved = cho_solve(ridged(self.matrix[np.ix_(kept, kept)].T), moments, check_finite=False)
         scaled = np.zeros(len(self.names))
         scaled[kept] = solved
         return scaled, float(self.norms[target] ** 2 - solved @ moments)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
 from linkwise.sparse.gram import Gram
+from linkwise.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -109,9 +110,10 @@ class Regressor(ABC):
         """The same from a Gram matrix that exists, so several regressors can share it."""
         scaled = np.zeros((len(gram.names), len(targets)))
         setting, paths = np.zeros(len(targets)), []
-        for target in range(len(targets)):
-            scaled[:, target], setting[target], path = self.solve(gram, target)
-            paths.append(path)
+        with one_blas_thread():  # many small steps
+            for target in range(len(targets)):
+                scaled[:, target], setting[target], path = self.solve(gram, target)
+                paths.append(path)
         return _fit(gram, scaled, units, targets, setting, tuple(paths))
 
     @abstractmethod

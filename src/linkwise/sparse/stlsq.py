@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.errors import IdentificationError
 from linkwise.sparse.gram import Array, Gram
 from linkwise.sparse.regressor import Candidate, Regressor
-from linkwise.sparse.selection import best, candidate
+from linkwise.sparse.selection import EXACT, best, candidate
 
 _PASSES = 50  # supports only shrink; a loop this long means nothing is left to drop one by one
 _FEW, _FEWER = 64, 16  # terms from which the path goes down more gently, and one by one
@@ -23,11 +23,12 @@ class Stlsq(Regressor):
     """Fit, drop every term whose contribution ||c_j A_j|| / ||b|| is below the threshold, fit again, until none drops.
 
     The threshold is a share of the equation's right-hand side, so it means the same in every unit. With `threshold`
-    None it is chosen on rows held out (`sums.held_out`): in the other rows it rises, step by step, so that each step drops the
-    weakest third of the terms, the weakest tenth of fewer than 64 and one of fewer than 16, each step going on from the
-    support of the one before; the support of smallest BIC in the rows held out is taken (`selection`) and fitted to all rows.
-    The whole path stands in the fit. Raises IdentificationError for a threshold outside [0, 1), and without one for
-    a system of fewer than 50 rows.
+    None it is chosen on rows held out (`sums.held_out`). In the other rows it rises, step by step, so that each step drops
+    the weakest third of the terms (the weakest tenth of fewer than 64, one of fewer than 16, and all that contribute
+    less than rounding), each step going on from the support of the one before. The support of smallest BIC in the rows
+    held out is taken (`selection`) and fitted to all rows; the whole path stands in the fit.
+
+    Raises IdentificationError for a threshold outside [0, 1), and without one for a system of fewer than 50 rows.
     """
 
     threshold: float | None = None
@@ -71,7 +72,8 @@ def _path(training: Gram, target: int) -> Iterator[Candidate]:
         if not judged.terms or not norm:
             return
         ranked = np.argsort(np.abs(scaled), kind="stable")[-judged.terms :]
-        dropped = ranked[: _step(judged.terms)]
+        negligible = int(np.count_nonzero(np.abs(scaled[ranked]) < EXACT * norm))
+        dropped = ranked[: max(_step(judged.terms), min(negligible, judged.terms - 1))]
         setting = max(setting, float(np.abs(scaled[dropped[-1]])) / norm)
         kept = judged.support.copy()
         kept[dropped] = False
