@@ -103,6 +103,7 @@ def candidates(
     for link in () if stated is None else stated.links:
         known.setdefault(frozenset(link.between), []).append(link)
     held = (BASE, GROUND) if base else (GROUND,)
+    taken = {link.name for links in known.values() for link in links}
     pairs = []
     for number, mass in enumerate(masses):
         for other in (*held, *(each.name for each in masses[:number])):
@@ -112,7 +113,11 @@ def candidates(
             if links:
                 pairs.append(Pair(links[0].name, links[0].between, links))
             else:
-                pairs.append(Pair(f"{mass.name}-{other}", (mass.name, other)))
+                name = f"{mass.name}-{other}"
+                while name in taken:  # masses "a-b" and "c" beside "a" and "b-c"
+                    name += "_"
+                taken.add(name)
+                pairs.append(Pair(name, (mass.name, other)))
     return Candidates(tuple(masses), tuple(pairs), tuple(terms))
 
 

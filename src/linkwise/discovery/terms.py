@@ -98,12 +98,12 @@ def _split(text: str) -> list[str]:
 def _expanded(part: str) -> list[str]:
     """A family's terms, or the term itself."""
     name, bracket, rest = part.partition("(")
-    name, number = name.strip(), rest.rstrip(") ")
+    name, number = name.strip(), rest.removesuffix(")")
     if name not in FAMILIES:
         return [part]
     family = FAMILIES[name]
     if name in _NEEDED:
-        if not bracket or not _positive(number):
+        if not rest.endswith(")") or not _positive(number):
             raise IdentificationError(
                 f"the family {name} needs {_NEEDED[name]}, a positive number in brackets, as in {name}(0.01); got {part!r}"
             )

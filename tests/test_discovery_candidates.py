@@ -1,0 +1,136 @@
+"""All links that could be: who stands in the list, what is stated stays, and what is known not to be does not come back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+import linkwise as lw
+from linkwise.discovery.candidates import Candidates, candidates
+from linkwise.discovery.terms import parse_terms
+
+TERMS = parse_terms("v, d, d**3")
+STATED = """
+[[link]]
+name = "frame"
+between = ["a", "ground"]
+law = "k*d + c*v"
+coefficients = { k = 3.0, c = "unknown" }
+[[link]]
+name = "none"
+between = ["b", "a"]
+law = "0"
+[[link]]
+name = "sink"
+between = ["c", "b"]
+law = "c*v**3 + k9*d"
+coefficients = { c = "unknown", k9 = 0.0 }
+[[link]]
+name = "second"
+between = ["b", "c"]
+law = "q*d**3"
+coefficients = { q = "unknown" }
+"""
+
+
+def masses(*names: str) -> list[lw.Mass]:
+    return [lw.Mass(name, lw.Coefficient.number(1.0)) for name in names]
+
+
+def structure(links: str, names: Sequence[str] = ("a", "b", "c")) -> lw.Structure:
+    return lw.parse_structure("".join(f'[[mass]]\nname = "{name}"\nmass = 1.0\n' for name in names) + links)
+
+
+def stated(links: str = STATED) -> Candidates:
+    given = structure(links)
+    return candidates(given.masses, TERMS, stated=given)
+
+
+def test_every_pair_and_every_mass_with_the_ground():
+    found = candidates(masses("a", "b", "c"), TERMS)
+    assert [pair.between for pair in found.pairs] == [
+        ("a", "ground"), ("b", "ground"), ("b", "a"), ("c", "ground"), ("c", "a"), ("c", "b"),
+    ]  # fmt: skip
+    assert len(found.entries) == 18
+    assert [entry.name for entry in found.entries[:4]] == ["a-ground.c", "a-ground.k", "a-ground.k3", "b-ground.c"]
+
+
+@pytest.mark.parametrize("n", [2, 5, 10])
+def test_a_base_that_moves_is_one_more_end(n: int):
+    names = [f"m{i}" for i in range(n)]
+    at_rest, moved = (candidates(masses(*names), TERMS, base=base) for base in (False, True))
+    assert len(at_rest.pairs) == n * (n + 1) // 2
+    assert set(moved.pairs) - set(at_rest.pairs) == {pair for pair in moved.pairs if pair.between[1] == "base"}
+    assert len(moved.pairs) == len(at_rest.pairs) + n
+
+
+def test_dampers_are_told_from_springs():
+    found = candidates(masses("a"), parse_terms("v, d, v*abs(v)"))
+    assert [entry.is_damper for entry in found.entries] == [True, False, False]
+
+
+def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first():
+    found = candidates(masses("a", "b"), TERMS).structure(["b-a.c", "a-ground.k", "b-a.k3"])
+    assert [(link.name, link.between, link.law.text) for link in found.links] == [
+        ("a-ground", ("a", "ground"), "k*d"),
+        ("b-a", ("b", "a"), "k3*d**3 + c*v"),
+    ]
+    assert [parameter.name for parameter in found.parameters] == ["a-ground.k", "b-a.k3", "b-a.c"]
+
+
+def test_a_link_has_one_set_of_coefficients_that_both_ends_feel():
+    found = candidates(masses("a", "b"), TERMS)
+    assert not {entry.name for entry in found.entries} & {"a-b.k", "a-b.c", "a-b.k3"}
+    place = [link.name for link in found.everything.links].index("b-a")
+    assert found.everything.incidence.toarray()[:, place].tolist() == [-1.0, 1.0]
+
+
+def test_a_mass_in_the_air_is_refused_with_what_to_do():
+    with pytest.raises(lw.IdentificationError, match=r"what holds b, c: no term .* stands above .*Hit it harder"):
+        candidates(masses("a", "b", "c"), TERMS).structure(["a-ground.k"])
+
+
+def test_what_is_stated_stays_and_the_rest_may_join_it():
+    found = stated()
+    assert [entry.name for entry in found.entries if entry.name.startswith("frame")] == ["frame.k3"]
+    held = found.structure([])
+    assert [link.law.text for link in held.links] == ["k*d + c*v", "c*v**3 + k9*d", "q*d**3"]
+    assert [parameter.name for parameter in held.parameters] == ["frame.c", "sink.c", "second.q"]
+    joined = found.structure(["frame.k3"])
+    assert joined.links[0].law.text == "k*d + c*v + k3*d**3"
+    assert joined.coefficient("frame.k").known and not joined.coefficient("frame.k3").known
+
+
+def test_a_link_without_a_law_is_known_not_to_be():
+    found = stated()
+    assert not any(set(pair.between) == {"a", "b"} for pair in found.pairs)
+    assert "none" not in [link.name for link in found.everything.links]
+
+
+def test_a_coefficient_of_zero_is_a_term_known_not_to_be():
+    """k9*d in the sink is the term d under another name; its damper takes a name that the sink does not use."""
+    assert [entry.name for entry in stated().entries if entry.name.startswith("sink")] == ["sink.c_added"]
+    assert stated().structure(["sink.c_added"]).links[1].law.text == "c*v**3 + k9*d + c_added*v"
+
+
+def test_two_stated_links_of_one_pair_are_one_pair():
+    pairs = [pair for pair in stated().pairs if set(pair.between) == {"b", "c"}]
+    assert [[link.name for link in pair.stated] for pair in pairs] == [["sink", "second"]]
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        stated(
+            '[[link]]\nname = "c-b"\nbetween = ["a", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
+            '[[link]]\nname = "b"\nbetween = ["b", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
+            '[[link]]\nname = "c"\nbetween = ["c", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
+        ),
+        candidates(masses("c", "b-c", "a-b", "a"), TERMS),  # "a-b" with "c", and "a" with "b-c"
+    ],
+    ids=["a stated link", "hyphens"],
+)
+def test_names_do_not_clash(found: Candidates):
+    assert len(found.by_name) == len(found.entries)
+    assert len(found.everything.links) == len(found.pairs)

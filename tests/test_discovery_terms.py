@@ -1,0 +1,102 @@
+"""The terms that a link may have: read from text, named, with their units, and refused with the reason."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import linkwise as lw
+from linkwise.discovery.terms import DEFAULT, FAMILIES, parse_terms
+from linkwise.law import Law
+
+
+def texts(text: str) -> list[str]:
+    return [term.text for term in parse_terms(text)]
+
+
+def names(text: str) -> list[str]:
+    return [term.coefficient for term in parse_terms(text)]
+
+
+def test_the_default_is_the_cubic_family():
+    assert texts(DEFAULT) == ["v", "d", "d**2", "d**3"] == texts("cubic")
+    assert names(DEFAULT) == ["c", "k", "k2", "k3"]
+    assert [term.unit for term in parse_terms(DEFAULT)] == ["N s/m", "N/m", "N/m^2", "N/m^3"]
+    assert [term.elastic for term in parse_terms(DEFAULT)] == [False, True, True, True]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("linear", ["v", "d"]),
+        ("bistable", ["v", "d", "d**3"]),
+        ("quintic", ["v", "d", "d**2", "d**3", "d**4", "d**5"]),
+        ("quadratic-damping", ["v*abs(v)"]),
+        ("friction(0.01)", ["tanh(v/0.01)"]),
+        ("contact(1e-3)", ["max(d - 1e-3, 0)"]),
+        ("gap(0.002)", ["max(d - 0.002, 0) + min(d + 0.002, 0)"]),
+        ("linear, friction(0.01), d*abs(d)", ["v", "d", "tanh(v/0.01)", "d*abs(d)"]),
+        (" cubic ,linear,, d ", ["v", "d", "d**2", "d**3"]),
+        ("max(d - 0.1, 0), min(d, 0)", ["max(d - 0.1, 0)", "min(d, 0)"]),  # commas in brackets divide nothing
+        ("d**3, d*d*d", ["d**3"]),  # the same function twice is one term
+    ],
+)
+def test_families_and_terms_may_be_mixed(text: str, expected: list[str]):
+    assert texts(text) == expected
+
+
+def test_a_list_reads_as_a_text_does():
+    assert parse_terms(["linear", "max(d - 0.1, 0)"]) == parse_terms("linear, max(d - 0.1, 0)")
+
+
+@pytest.mark.parametrize("family", sorted(FAMILIES))
+def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str):
+    number = "(0.01)" if "{}" in FAMILIES[family] else ""
+    for term in parse_terms(family + number):
+        law = Law.parse(term.written)
+        assert law.coefficients == (term.coefficient,)
+        assert law.units[term.coefficient] == term.unit != "?"
+        assert float(law.force(0.0, 0.0, {term.coefficient: 1.0})) == 0.0
+
+
+def test_a_sum_is_multiplied_as_a_whole():
+    (term,) = parse_terms("gap(0.5)")
+    assert term.written == "kc*(max(d - 0.5, 0) + min(d + 0.5, 0))"
+    assert float(Law.parse(term.written).force(2.0, 0.0, {"kc": 3.0})) == 4.5
+
+
+def test_names_that_two_terms_would_share_are_numbered():
+    assert names("friction(0.1), d, friction(0.01)") == ["F_1", "k", "F_3"]
+    assert len(set(names("v**2, quadratic-damping, contact(1e-3), gap(1e-3), d*sin(d), sin(d)"))) == 6
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", 'no terms are given; write a list such as "v, d, d**2, d**3"'),
+        (" , ", 'no terms are given; write a list such as "v, d, d**2, d**3"'),
+        ("friction", "the family friction needs the rate in m/s at which it saturates, a positive number in brackets, as in "
+         "friction(0.01); got 'friction'"),
+        ("friction(-1)", "needs the rate in m/s at which it saturates, a positive number in brackets, as in friction(0.01); "
+         "got 'friction(-1)'"),
+        ("contact(nan)", "the family contact needs the elongation in m at which it closes, a positive number in brackets"),
+        ("gap(0.1", "the family gap needs the elongation in m at which either side closes, a positive number in brackets"),
+        ("cubic(2)", "the family cubic takes no number; got 'cubic(2)'"),
+        ("k*d", "the term 'k*d' has the name 'k' in it: a term is a function of d and v alone, its coefficient is added; give "
+         "a number in its place"),
+        ("qubic", "the term 'qubic' has the name 'qubic' in it"),
+        ("qubic", "or one of the families linear, cubic, bistable, quintic, quadratic-damping, friction, contact, gap"),
+        ("3.0", "the term '3.0' depends neither on d nor on v: a constant force is no link"),
+    ],
+)  # fmt: skip
+def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str):
+    with pytest.raises(lw.IdentificationError, match=re.escape(told)):
+        parse_terms(text)
+
+
+@pytest.mark.parametrize(("text", "told"), [("d**", "Something is missing after"), ("d/v", "Division by zero at rest")])
+def test_what_no_law_can_be_is_refused_at_its_place(text: str, told: str):
+    with pytest.raises(lw.LawError, match=told) as error:
+        parse_terms(f"linear, {text}")
+    assert f"  {text}\n" in str(error.value)
