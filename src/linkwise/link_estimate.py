@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
+from linkwise.lawkind import law_kind
 from linkwise.structure import Link
 from linkwise.wells import way_out, wells
 
@@ -81,6 +82,11 @@ class LinkEstimate:
         variance = np.einsum("i...,ij,j...->...", gradient, self.covariance, gradient)
         half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
         return force, force - half, force + half
+
+    @cached_property
+    def kind(self) -> str:
+        """What its law does where the record saw it, in a word: "hardening", as `law_kind` says."""
+        return law_kind(self.link, self._reach[1])
 
     @cached_property
     def wells(self) -> tuple[Derived, ...]:

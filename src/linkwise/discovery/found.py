@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from linkwise.discovery.table import text_table
 from linkwise.estimate import Estimate
 from linkwise.structure import Structure
 
@@ -38,6 +39,11 @@ class TermEvidence:
     def certain(self) -> bool:
         """Whether the decision is beyond doubt by this record."""
         return self.stated or (self.told and self.margin > CERTAIN)
+
+    @property
+    def price(self) -> float:
+        """What the term costs beside its misfit: it belongs into the answer where z**2 is more."""
+        return self.z**2 - self.margin if self.kept else self.z**2 + self.margin
 
 
 @dataclass(frozen=True)
@@ -98,12 +104,21 @@ class Discovery:
         """The terms of the answer, the most certain first."""
         return tuple(term for term in self.terms if term.kept)
 
+    @cached_property
+    def doubtful(self) -> tuple[TermEvidence, ...]:
+        """The candidates, kept or dropped, whose decision is not beyond doubt, the most doubtful first."""
+        return tuple(sorted((term for term in self.terms if not term.certain), key=lambda term: term.margin))
+
     def certainty(self, link: str) -> float:
         """By how much the criterion rises without the most certain term of a link; infinite for stated ones."""
+        margins = {term.name: float("inf") if term.stated else term.margin for term in self.kept}
         return max(
-            (float("inf") if term.stated else term.margin for term in self.kept if term.link == link),
-            default=0.0,
+            (margins.get(f"{link}.{name}", float("inf")) for name in self.structure.link(link).coefficients),
+            default=float("inf"),
         )
+
+    def __str__(self) -> str:
+        return text_table(self, CERTAIN)
 
     def to_dict(self) -> dict[str, Any]:
         """What result.json holds: that of the estimate, and the evidence."""

@@ -1,0 +1,146 @@
+"""The printed discovery: verdict, links by certainty with the evidence for every term, what was in doubt, what came next."""
+
+from __future__ import annotations
+
+from math import inf, isfinite
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+from linkwise.table import columns, error_number, number
+
+if TYPE_CHECKING:
+    from linkwise.discovery.found import Discovery, TermEvidence
+    from linkwise.link_estimate import CoefficientEstimate, LinkEstimate
+
+Rows = list[tuple[str, ...]]
+
+_LINKS = 24  # that are printed; a longer list is read in the result folder
+_DOUBTS = 12
+_NEXT = 5  # runners-up
+_WIDTH = 100  # at which sentences are broken
+
+TERM_HEAD = ("", "value", "std. error", "z", "margin", "unit")
+DOUBT_HEAD = ("", "term", "now", "z", "margin", "would be")
+NEXT_HEAD = ("model", "criterion above the chosen one")
+
+
+def text_table(found: Discovery, certain: float) -> str:
+    """The whole answer as text; `certain` is the margin beyond which a decision is."""
+    head, *told = headline(found)
+    blocks = ["\n".join([head, *(fill(line, _WIDTH) for line in told)])]
+    links = by_certainty(found)
+    table = iter(columns([TERM_HEAD, *(row for link in links for row in term_rows(found, link))]))
+    lines = [next(table)]
+    for link in links[:_LINKS]:
+        lines.append(link_title(found, link))
+        lines += [next(table) for _ in link.coefficients]
+    if len(links) > _LINKS:
+        lines.append(f"... and {len(links) - _LINKS} less certain links; every one stands in the result folder")
+    blocks.append("\n".join(lines))
+    if found.doubtful:
+        more = len(found.doubtful) - _DOUBTS
+        rows = columns(doubt_rows(found)[: _DOUBTS + 1])
+        tail = [f"  ... and {more} more"] if more > 0 else []
+        blocks.append("\n".join([f"in doubt: the margin is {certain:g} or less", *rows, *tail]))
+    if found.runners_up:
+        blocks.append("\n".join(["the next best models", *columns(next_rows(found)[: _NEXT + 1])]))
+    remarks = all_remarks(found)
+    if remarks:
+        blocks.append("\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in remarks))
+    return "\n\n".join(blocks)
+
+
+def headline(found: Discovery) -> tuple[str, ...]:
+    """The answer in a line, whether to trust it, and what it took."""
+    estimate = found.estimate
+    terms = sum(len(link.coefficients) for link in estimate.links)
+    trust = "can be trusted" if found.trusted else "NOT to be trusted"
+    chi = "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
+    rounds = f"{found.rounds} round{'' if found.rounds == 1 else 's'}"
+    settled = "" if found.settled else "The search did not settle: this is the best so far. "
+    return (
+        f"{_counted(len(estimate.masses), 'mass', 'masses')}, {_counted(len(estimate.links), 'link')} with "
+        f"{_counted(terms, 'term')}: {trust}",
+        f"{settled}{estimate.message} {doubts(found)} ({len(found.terms)} candidates tested, {estimate.samples} samples{chi}, "
+        f"{rounds}, {found.seconds:.2g} s)",
+    )
+
+
+def doubts(found: Discovery) -> str:
+    """How many decisions are not beyond doubt, in a sentence."""
+    kept = sum(term.kept for term in found.doubtful)
+    dropped = len(found.doubtful) - kept
+    if not found.doubtful:
+        return "Every decision is beyond doubt."
+    told = [f"{kept} of the terms found"] * (kept > 0) + [f"{dropped} of those dropped"] * (dropped > 0)
+    return f"In doubt: {' and '.join(told)}."
+
+
+def by_certainty(found: Discovery) -> list[LinkEstimate]:
+    """The links, the most certain first."""
+    return sorted(found.estimate.links, key=lambda each: -found.certainty(each.link.name))
+
+
+def link_title(found: Discovery, each: LinkEstimate) -> str:
+    """Name, kind, law and ends of a link."""
+    mark = "" if is_certain(found, each.link.name) else " (in doubt)"
+    return f"{each.link.name}{mark}, {each.kind}: {each.link.law.text}"
+
+
+def is_certain(found: Discovery, link: str) -> bool:
+    """Whether a link is there beyond doubt: it was stated, or one of its terms is certain."""
+    names = {f"{link}.{name}" for name in found.structure.link(link).coefficients}
+    tested = {term.name: term.certain for term in found.kept}
+    return any(tested.get(name, True) for name in names)
+
+
+def term_rows(found: Discovery, each: LinkEstimate) -> Rows:
+    """A row for every coefficient of a link."""
+    evidence = {term.name: term for term in found.kept}
+    return [_term_row(coefficient, evidence.get(coefficient.name)) for coefficient in each.coefficients]
+
+
+def _term_row(each: CoefficientEstimate, term: TermEvidence | None) -> tuple[str, ...]:
+    mark = "" if term is None or term.certain else "  in doubt"
+    error = "given" if each.known else "none" if each.standard_error is None else error_number(each.standard_error)
+    return (
+        each.name.rpartition(".")[2],
+        number(each.value, each.standard_error),
+        error,
+        "" if term is None else rough(term.z),
+        "stated" if term is None or term.stated else rough(term.margin),
+        f"{each.unit}{mark}",
+    )
+
+
+def doubt_rows(found: Discovery) -> Rows:
+    """What is not beyond doubt, the most doubtful first."""
+    rows: Rows = [DOUBT_HEAD]
+    for term in found.doubtful:
+        size = abs(term.standard_error) if isfinite(term.standard_error) else None
+        value = f"{number(term.value, size)} {term.unit}" if term.told else "not told beside what was kept"
+        rows.append(
+            (term.link, term.term, "kept" if term.kept else "dropped", rough(term.z), rough(term.margin), value)
+        )
+    return rows
+
+
+def next_rows(found: Discovery) -> Rows:
+    """The runners-up, best first."""
+    return [NEXT_HEAD, *((each.change, rough(each.margin)) for each in found.runners_up)]
+
+
+def all_remarks(found: Discovery) -> tuple[str, ...]:
+    """What the record cannot tell, each once."""
+    return tuple(dict.fromkeys((*found.remarks, *found.estimate.findings)))
+
+
+def rough(value: float) -> str:
+    """A number on which nothing is built, to three digits."""
+    if value == inf:
+        return "any"
+    return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.1e}"
+
+
+def _counted(count: int, one: str, many: str = "") -> str:
+    return f"{count} {one if count == 1 else many or one + 's'}"

@@ -1,0 +1,36 @@
+"""Laws in a word."""
+
+from __future__ import annotations
+
+import pytest
+
+import linkwise as lw
+from linkwise.lawkind import law_kind
+
+
+@pytest.mark.parametrize(
+    ("law", "reach", "kind"),
+    [
+        ("c*v", 1.0, "damper only"),
+        ("k*d + c*v", 1.0, "linear"),
+        ("k*d + F*tanh(v/0.01)", 1.0, "linear"),
+        ("k*d + k3*d**3", 1.0, "hardening"),
+        ("k*d - k3*d**3", 0.5, "softening"),
+        ("-k*d + 4*k3*d**3", 1.0, "bistable"),
+        ("-k*d + 4*k3*d**3", 0.4, "negative stiffness"),  # its wells, at 0.5 m, were not seen
+        ("-k*d", 1.0, "negative stiffness"),
+        ("k*d - 10*k3*d**3 + 12*k5*d**5", 1.0, "3 wells"),
+        ("k*d + k2*d**2", 0.5, "uneven"),
+        ("k*max(d - 0.1, 0)", 1.0, "one-sided"),
+        ("k*max(d - 0.1, 0) + k*min(d + 0.1, 0)", 1.0, "hardening"),
+        ("0*d", 1.0, "damper only"),
+    ],
+)
+def test_kind_of_a_law(law: str, reach: float, kind: str) -> None:
+    parsed = lw.Law.parse(law)
+    ones = {name: lw.Coefficient.number(1.0) for name in parsed.coefficients}
+    assert law_kind(lw.Link("link", ("m1", "ground"), parsed, ones), reach) == kind
+
+
+def test_estimates_know_the_kinds_of_their_links(fitted: lw.Estimate) -> None:
+    assert {each.link.name: each.kind for each in fitted.links} == {"spring1": "linear", "nes1": "bistable"}
