@@ -168,6 +168,17 @@ def test_tops_and_floors_of_many_laws() -> None:
             )
 
 
+def test_a_map_of_chaos_says_so() -> None:
+    wild = lw.absorption_map(
+        lw.bnes_chain(6), {"nes1.c": [0.02, 0.03]}, duration=2.0, rate=500.0, release={"v:m1": 3.0}
+    )
+    assert wild.horizon is not None and f"chaotic past {wild.horizon:.3g} s of 2 s" in str(wild).replace(
+        "\n  ", " "
+    )
+    calm = lw.absorption_map(lw.bnes_chain(2), {"nes1.c": [0.02, 0.03]}, **SHORT, release=RELEASE)
+    assert calm.horizon is None and calm.to_dict()["findings"] == []
+
+
 def test_axes_know_their_scale() -> None:
     found = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0, -50.0], "nes1.beta": [1e5, 4e5, 1.6e6]}, **SHORT, release=RELEASE

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from linkwise.absorption.intervals import AbsorptionIntervals
 from linkwise.absorption.intervaltext import interval_headline, interval_rows
-from linkwise.absorption.maptext import map_headline, map_rows
+from linkwise.absorption.maptext import map_findings, map_headline, map_rows
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
@@ -91,6 +91,7 @@ def write_absorption_map(
             sections=[Section("Map", "", map_rows(found), embedded(partial / "map.svg"))],
             structure=structure,
             version=version("linkwise"),
+            findings=map_findings(found),
         )
         (partial / "report.html").write_text(page, encoding="utf-8")
         _finish(partial, absorption_of(found))

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
-from linkwise.absorption.maptext import map_text
+from linkwise.absorption.maptext import map_findings, map_text
 from linkwise.absorption.result import CLOSURE
 from linkwise.absorption.survey import Progress, Quantity, survey
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
-from linkwise.errors import LinkwiseError, StructureError
+from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.excitation import Excitation
+from linkwise.simulate import Motion
 from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,8 @@ class AbsorptionMap:
     """What the sinks of `structure` do over a grid of one or two `axes`; every quantity has the shape of the grid.
 
     NaN stands where a quantity is not there: a mass that does not settle, a motion that diverges. `alive` says which of the
-    two: False where the run did not come to its end.
+    two: False where the run did not come to its end. `horizon` s is where chaos ends prediction in the middle of the grid,
+    None where it does not.
     """
 
     structure: Structure
@@ -59,6 +61,7 @@ class AbsorptionMap:
     quantities: tuple[Quantity, ...]
     values: Floats
     alive: NDArray[np.bool_]
+    horizon: float | None
 
     def __getitem__(self, name: str) -> Floats:
         """The map of one quantity, (K,) or (K, J); KeyError lists those there are."""
@@ -91,6 +94,8 @@ class AbsorptionMap:
             "settle": self.settle,
             "runs": int(self.alive.size),
             "diverged": int(np.sum(~self.alive)),
+            "horizon": self.horizon,
+            "findings": list(map_findings(self)),
             "axes": [
                 {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
             ],
@@ -152,7 +157,16 @@ def absorption_map(
         quantities=found.quantities,
         values=found.values.reshape(*shape, -1),
         alive=found.alive.reshape(shape),
+        horizon=_horizon(trial),
     )
+
+
+def _horizon(trial: Trial) -> float | None:
+    """Of the run in the middle of the grid; None where that one diverges."""
+    try:
+        return Motion.of(trial.course).horizon
+    except SimulationError:
+        return None
 
 
 def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[Axis, ...]:

@@ -105,22 +105,19 @@ def energy_figure(found: Absorption) -> Figure:
 def _stack(axes: Axes, found: Absorption, side: Side) -> None:
     """Sinks from below, then the other links, then what is left."""
     names = [link.name for link in side.structure.links]
-    of_sinks = [name for name in names if name in found.absorbing]
-    others = [name for name in names if name not in found.absorbing]
-    most = sorted(of_sinks, key=lambda name: -side.share(name))[:_SINKS]
-    most += sorted(others, key=lambda name: -side.share(name))[:_OTHERS]
-    shown = [name for name in (*of_sinks, *others) if name in most]
+    colors = {name: color for name, color in _colors(found).items() if name in names}
     shares = 100.0 * side.shares
-    layers = [shares[:, names.index(name)] for name in shown]
-    rest = [names.index(name) for name in names if name not in shown]
+    layers = [shares[:, names.index(name)] for name in colors]
+    rest = [number for number, name in enumerate(names) if name not in colors]
     if rest and float(shares[-1, rest].sum()) > 0.0:
-        shown, layers = [*shown, "other links"], [*layers, shares[:, rest].sum(axis=1)]
+        layers.append(shares[:, rest].sum(axis=1))
+        colors["other links"] = _GREYS[-1]
     thin = slice(None, None, max(1, len(found.time) // 1500))
     axes.stackplot(
         found.time[thin],
         *(layer[thin] for layer in [*layers, 100.0 * side.remaining]),
-        labels=[*shown, "still there"],
-        colors=[*_colors(shown, of_sinks), _PALE],
+        labels=[*colors, "still there"],
+        colors=[*colors.values(), _PALE],
         linewidth=0.0,
     )
     axes.set_xlim(found.time[0], found.time[-1])
@@ -128,10 +125,16 @@ def _stack(axes: Axes, found: Absorption, side: Side) -> None:
     axes.grid(False)
 
 
-def _colors(names: list[str], of_sinks: list[str]) -> list[str]:
-    """Sinks in the colours of the series, the others in greys, so that a link looks the same in both panels."""
+def _colors(found: Absorption) -> dict[str, str]:
+    """The links that get a band of their own in both panels: sinks in the colours of the series, the others in greys."""
+    side = found.with_sinks
+    names = [link.name for link in side.structure.links]
+    by_share = sorted(names, key=lambda name: -side.share(name))
+    most = [name for name in by_share if name in found.absorbing][:_SINKS]
+    most += [name for name in by_share if name not in found.absorbing][:_OTHERS]
     sinks, others = iter(SERIES), iter(_GREYS)
-    return [next(sinks) if name in of_sinks else next(others) for name in names]
+    ordered = sorted((name for name in names if name in most), key=lambda name: name not in found.absorbing)
+    return {name: next(sinks) if name in found.absorbing else next(others) for name in ordered}
 
 
 def crossings_figure(found: Absorption) -> Figure:
@@ -146,10 +149,11 @@ def crossings_figure(found: Absorption) -> Figure:
                 axes.axhline(
                     top * factor, color=TRUE, linewidth=0.6, linestyle=":", label="top between wells"
                 )
-            axes.plot(
-                work.crossings, np.full(len(work.crossings), 1.04), "|", color=WELL, markersize=7, clip_on=False,
-                transform=axes.get_xaxis_transform(), label="crossing",
-            )  # fmt: skip
+            if len(work.crossings):
+                axes.plot(
+                    work.crossings, np.full(len(work.crossings), 1.04), "|", color=WELL, markersize=7, clip_on=False,
+                    transform=axes.get_xaxis_transform(), label="crossing",
+                )  # fmt: skip
             _shade_chaos(axes, found)
             count = f"{len(work.crossings)} crossings" if work.tops else "one well"
             axes.set_title(f"{work.sink.link}: {count}", pad=12)

@@ -1,0 +1,67 @@
+"""Figures of absorption: what is drawn is what was found, and nothing is promised that is not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.plot.absorb import crossings_figure, decay_figure, energy_figure
+
+
+@pytest.fixture(scope="module")
+def eight() -> lw.Absorption:
+    """The paper's Fig. 5, its first second and a half."""
+    return lw.absorb(
+        lw.bnes_chain(8), duration=1.5, rate=500.0, release={"v:m1": 3.0}, harvesters={"nes1": 0.01}
+    )
+
+
+def labels(figure: object) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_decay_shows_every_primary_mass_with_and_without(eight: lw.Absorption) -> None:
+    figure = decay_figure(eight)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["m1\nmm", "m3\nmm", "m5\nmm", "m7\nmm"]
+    without, with_sinks, *_ = figure.axes[1].get_lines()
+    np.testing.assert_allclose(with_sinks.get_ydata(), 1000.0 * eight.with_sinks.x[:, 2], rtol=1e-12)
+    np.testing.assert_allclose(without.get_ydata(), 1000.0 * eight.without.x[:, 1], rtol=1e-12)
+    assert "chaos: one motion of many" in labels(figure) and "settled with sinks" not in labels(figure)
+    assert "envelope, 95 % of draws" not in labels(figure)
+
+
+def test_bands_are_drawn_where_there_are_any(eight: lw.Absorption) -> None:
+    envelope = eight.with_sinks.envelope
+    assert "envelope, 95 % of draws" in labels(decay_figure(eight, (0.9 * envelope, 1.1 * envelope)))
+
+
+def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.Absorption) -> None:
+    figure = energy_figure(eight)
+    panels = []
+    for axes in figure.axes:
+        bands = {band.get_label(): band for band in axes.collections}
+        top = max(float(path.vertices[:, 1].max()) for band in bands.values() for path in band.get_paths())
+        assert top == pytest.approx(100.0, abs=1e-6)
+        panels.append({name: tuple(band.get_facecolor()[0]) for name, band in bands.items()})
+    both = set(panels[0]) & set(panels[1])
+    assert {"spring1", "spring4", "still there"} <= both and all(
+        panels[0][name] == panels[1][name] for name in both
+    )
+    assert {"nes1", "nes1-harvester"} <= set(panels[0]) and "nes1" not in panels[1]
+
+
+def test_crossings_are_marked_above_each_sink(eight: lw.Absorption) -> None:
+    figure = crossings_figure(eight)
+    for axes, work in zip(figure.axes, eight.sinks, strict=True):
+        marks = next(line for line in axes.get_lines() if line.get_label() == "crossing")
+        np.testing.assert_array_equal(marks.get_xdata(), work.crossings)
+        assert axes.get_title("left") == f"{work.sink.link}: {len(work.crossings)} crossings"
+
+
+def test_a_sink_of_one_well_has_no_crossings_to_mark() -> None:
+    single = lw.absorb(
+        lw.bnes_chain(2, alpha=100.0), sinks=["nes1"], duration=0.2, rate=500.0, release={"v:m1": 1.0}
+    )
+    figure = crossings_figure(single)
+    assert labels(figure) == ["elongation"] and figure.axes[0].get_title("left") == "nes1: one well"
