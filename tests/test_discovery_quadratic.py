@@ -1,0 +1,150 @@
+"""The parabola in all candidates against least squares done anew for every choice, and the price of a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.discovery.candidates import candidates
+from linkwise.discovery.price import Price
+from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.terms import parse_terms
+
+SAME = 1e-8  # the same sums in another order
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """y (N,) = columns (N, p) c + noise of deviation 1."""
+
+    columns: np.ndarray
+    y: np.ndarray
+
+    @classmethod
+    def drawn(cls, seed: int, size: int = 7, samples: int = 60) -> Regression:
+        """Columns of sizes over six decades that lean on each other."""
+        random = np.random.default_rng(seed)
+        columns = random.normal(size=(samples, size)) @ (np.eye(size) + 0.4 * random.normal(size=(size, size)))
+        true = random.normal(size=size)
+        y = columns @ true + random.normal(size=samples)
+        return cls(columns * 10.0 ** random.uniform(-3.0, 3.0, size), y)
+
+    @property
+    def quadratic(self) -> Quadratic:
+        names = tuple(f"c{number}" for number in range(self.columns.shape[1]))
+        return Quadratic(names, self.columns.T @ self.columns, self.columns.T @ self.y)
+
+    def least_squares(self, chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
+        """Values, z, and the squares that are left less those of y itself."""
+        part = self.columns[:, chosen]
+        values, *_ = np.linalg.lstsq(part, self.y)
+        deviation = np.sqrt(np.linalg.inv(part.T @ part).diagonal())
+        left = self.y - part @ values
+        return values, values / deviation, float(left @ left - self.y @ self.y)
+
+
+CHOICES = [[0], [2, 5], [0, 1, 3, 6], [0, 1, 2, 3, 4, 5, 6]]
+
+
+@pytest.mark.parametrize("chosen", CHOICES, ids=str)
+def test_a_choice_is_its_least_squares(chosen: list[int]):
+    regression = Regression.drawn(1)
+    values, z, cost = regression.least_squares(chosen)
+    solved = regression.quadratic.solve(chosen)
+    np.testing.assert_allclose(solved.values, values, rtol=SAME)
+    np.testing.assert_allclose(solved.z, z, rtol=SAME)
+    assert regression.quadratic.cost(chosen) == pytest.approx(cost, rel=SAME)
+
+
+@pytest.mark.parametrize("chosen", [[], *CHOICES[:-1]], ids=str)
+def test_what_is_outside_is_tried_one_by_one(chosen: list[int]):
+    regression = Regression.drawn(2)
+    numbers, values, z, part = regression.quadratic.outside(chosen)
+    assert numbers.tolist() == [number for number in range(7) if number not in chosen]
+    for number, value, each, stands in zip(numbers, values, z, part, strict=True):
+        together, deviations, _ = regression.least_squares([*chosen, number])
+        assert value == pytest.approx(together[-1], rel=SAME)
+        assert each == pytest.approx(deviations[-1], rel=SAME)
+        column = regression.columns[:, number]
+        lean = regression.columns[:, chosen] @ np.linalg.lstsq(regression.columns[:, chosen], column)[0]
+        assert stands == pytest.approx(np.sum((column - lean) ** 2) / np.sum(column**2), rel=SAME)
+
+
+def test_z_squared_is_what_a_coefficient_takes_off_the_cost():
+    quadratic = Regression.drawn(3).quadratic
+    numbers, _, z, _ = quadratic.outside([1, 4])
+    for number, each in zip(numbers, z, strict=True):
+        gain = quadratic.cost([1, 4]) - quadratic.cost([1, 4, number])
+        assert each**2 == pytest.approx(gain, rel=SAME)
+
+
+def test_another_scatter_gives_the_sandwich():
+    """Noisy columns: g scatters by something else than H."""
+    regression, random = Regression.drawn(4), np.random.default_rng(4)
+    h, g = regression.quadratic.h, regression.quadratic.g
+    root = random.normal(size=(7, 7)) * np.sqrt(h.diagonal())[:, None]
+    quadratic = Quadratic(regression.quadratic.names, h, g, root @ root.T)
+    inverse = np.linalg.inv(h)
+    deviation = np.sqrt((inverse @ quadratic.scatter @ inverse).diagonal())
+    np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=1e-6)
+    numbers, values, z, _ = quadratic.outside([0, 2, 3])
+    for number, value, each in zip(numbers.tolist(), values, z, strict=True):
+        some = np.ix_([0, 2, 3, number], [0, 2, 3, number])
+        inverse = np.linalg.inv(h[some])
+        assert value == pytest.approx((inverse @ g[[0, 2, 3, number]])[-1], rel=SAME)
+        assert each == pytest.approx(value / np.sqrt((inverse @ quadratic.scatter[some] @ inverse)[-1, -1]), rel=SAME)
+
+
+def test_a_column_that_is_another_one_cannot_be_told():
+    regression = Regression.drawn(5, size=3)
+    doubled = Regression(np.column_stack([regression.columns, 2.0 * regression.columns[:, 1]]), regression.y)
+    numbers, values, z, part = doubled.quadratic.outside([0, 1])
+    assert numbers.tolist() == [2, 3]
+    assert np.isfinite(values[0]) and z[0] != 0.0
+    assert np.isnan(values[1]) and z[1] == 0.0 and abs(part[1]) < 1e-9
+
+
+def test_columns_that_move_together_have_no_solution():
+    columns = np.random.default_rng(6).normal(size=(50, 2))
+    together = Regression(np.column_stack([columns, columns[:, 0]]), columns[:, 1])
+    with pytest.raises(np.linalg.LinAlgError):
+        together.quadratic.solve([0, 2])
+    empty = Regression(columns * [1.0, 0.0], columns[:, 1])
+    with pytest.raises(np.linalg.LinAlgError, match="a column is empty"):
+        empty.quadratic.solve([0, 1])
+
+
+POOL = candidates(
+    [lw.Mass(name, lw.Coefficient.number(1.0)) for name in ("a", "b", "c")], parse_terms("v, d, d**3")
+)
+NAMES = tuple(POOL.by_name)  # of a-ground, b-ground, b-a, c-ground, c-a and c-b
+
+
+def test_a_model_pays_for_its_terms_and_for_its_links():
+    price = Price.of(POOL, NAMES, 1000)
+    naming = np.log(1000.0)
+    assert price.term == pytest.approx(naming + 2.0 * np.log(3))
+    assert price.link == pytest.approx(naming + 2.0 * np.log(6))
+    assert price.total([]) == 0.0
+    assert price.total([0]) == price.term + price.link
+    assert price.total([0, 1]) == 2.0 * price.term + price.link  # a second term on the same link
+    assert price.total([0, 3]) == 2.0 * price.term + 2.0 * price.link  # the first of another
+
+
+def test_what_is_stated_costs_nothing():
+    held = lw.parse_structure(
+        '[[mass]]\nname = "a"\nmass = 1.0\n[[link]]\nname = "frame"\nbetween = ["a", "ground"]\nlaw = "k*d"\n'
+        'coefficients = { k = "unknown" }\n'
+    )
+    pool = candidates(held.masses, parse_terms("v, d, d**3"), stated=held)
+    price = Price.of(pool, ("frame.k", "frame.c", "frame.k3"), 100)
+    assert price.pair.tolist() == [-1, 0, 0]
+    assert price.total([0]) == 0.0
+    assert price.total([0, 1]) == price.term  # the link is there anyhow
+
+
+def test_a_longer_record_asks_for_more_evidence():
+    assert Price.of(POOL, NAMES, 10_000).term > Price.of(POOL, NAMES, 1000).term
