@@ -126,3 +126,9 @@ def test_a_border_that_the_nodes_explain_has_no_solution(equations):
     bad = replace(equations, corner=equations.corner - 1e4 * np.eye(P))
     assert bad.factor().solve(np.ones(P, bool)) is None
     assert bad.factor().solve(np.zeros(P, bool)) is not None
+
+
+def test_a_border_that_ran_away_has_no_factor(equations):
+    corner = equations.corner.copy()
+    corner[0, 0] = np.inf
+    assert replace(equations, corner=corner).factor() is None

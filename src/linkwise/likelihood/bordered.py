@@ -53,7 +53,10 @@ class Bordered:
         forward = forward.T
         moment = forward @ forward.T
         corner = self.corner if damping is None else self.corner + np.diag(damping.border)
-        return Factor(chol, forward, corner - moment[:p, :p], self.corner_gradient - moment[p, :p], (K, m))
+        schur = corner - moment[:p, :p]
+        if not np.isfinite(schur).all():  # tangents that ran away
+            return None
+        return Factor(chol, forward, schur, self.corner_gradient - moment[p, :p], (K, m))
 
     def drop(self, nodes: Array, border: Array) -> float:
         """g's: what a full Gauss-Newton step (nodes, border) takes off the cost."""
