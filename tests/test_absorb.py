@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -251,6 +253,26 @@ def test_a_structure_of_sinks_alone_is_refused() -> None:
         lw.StructureError, match=r"every mass \(m1\) would be the mass of a sink.*name fewer sinks"
     ):
         lw.absorb(lone, duration=1.0, release=RELEASE)
+
+
+def test_a_balance_that_does_not_close_is_not_to_be_trusted(paper: lw.Absorption) -> None:
+    side = paper.with_sinks
+    bad = replace(paper, with_sinks=replace(side, stored=side.stored + 2e-6 * side.total))
+    assert paper.trusted and not bad.trusted
+    assert "The energy balance with sinks closes to 2e-06 of what was put in only" in bad.findings[0]
+
+
+def test_starts_are_said_to_be_no_knowledge() -> None:
+    alpha = Coefficient.unknown(-100.0)
+    chain = lw.bnes_chain(2)
+    sink = chain.link("nes1")
+    guessed = Structure(
+        "guess",
+        chain.masses,
+        (chain.link("spring1"), replace(sink, coefficients={**sink.coefficients, "alpha": alpha})),
+    )
+    found = lw.absorb(guessed, duration=0.5, release=RELEASE)
+    assert "nes1.alpha is not known yet: this is what their starts would do." in found.findings
 
 
 def test_prints_what_matters(paper: lw.Absorption) -> None:

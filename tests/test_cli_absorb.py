@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.absorption import survey as survey_module
 from linkwise.cli import run
 
 TRIAL = ["--duration", "1", "--rate", "500", "--release", "v:m1=1.0"]
@@ -220,6 +222,36 @@ def test_structures_without_sinks_or_numbers(
     lw.write_structure(structure, tmp_path / "s.toml")
     assert run(["absorb", str(tmp_path / "s.toml"), *TRIAL]) == code
     assert message in capsys.readouterr().err
+
+
+def test_an_answer_not_to_be_trusted_ends_with_3(
+    chain: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = lw.absorb(lw.bnes_chain(2), duration=0.5, release={"v:m1": 1.0})
+    side = good.with_sinks
+    bad = replace(good, with_sinks=replace(side, stored=side.stored + 2e-6 * side.total))
+    monkeypatch.setattr(lw, "absorb", lambda *_, **__: bad)
+    assert run(["absorb", str(chain), *TRIAL]) == 3
+    assert "! The energy balance with sinks closes to 2e-06" in capsys.readouterr().out
+
+
+def test_ctrl_c_ends_a_sweep_and_leaves_nothing(
+    chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the terminal does: it interrupts the main thread while others run."""
+    real, calls = survey_module.as_completed, []
+
+    def interrupted(futures: object) -> object:
+        for future in real(futures):
+            calls.append(future)
+            yield future
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(survey_module, "as_completed", interrupted)
+    sweep = ["--sweep", "nes1.beta=2e5:2e6:400", "-o", str(tmp_path / "map")]
+    assert run(["absorb", str(chain), *TRIAL, *sweep]) == 130
+    assert "interrupted; nothing was left half written" in capsys.readouterr().err
+    assert calls and list(tmp_path.iterdir()) == []
 
 
 def test_a_sink_that_tears_off_fails_with_a_reason(

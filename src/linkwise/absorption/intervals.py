@@ -12,8 +12,9 @@ from linkwise.absorb import answer
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.intervaltext import intervals_text
 from linkwise.absorption.knowledge import Knowledge
+from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE, Absorption
-from linkwise.absorption.survey import Progress, Quantity, survey
+from linkwise.absorption.survey import Progress, survey
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
 from linkwise.errors import LinkwiseError
@@ -137,7 +138,8 @@ def absorption_intervals(
         )
     assert told.envelopes is not None
     tail = 100.0 * 0.5 * (1.0 - COVERED)
-    lower, upper = np.percentile(told.envelopes[:, :, 1:][..., living], [tail, 100.0 - tail], axis=2)
+    drawn = told.envelopes[:, :, 1:][..., living]
+    lower, upper = np.percentile(drawn, [tail, 100.0 - tail], axis=2).astype(np.float64)
     return AbsorptionIntervals(
         found=found,
         draws=draws,

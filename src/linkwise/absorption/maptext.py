@@ -11,7 +11,7 @@ from linkwise.absorption.table import percent
 from linkwise.table import columns
 
 if TYPE_CHECKING:
-    from linkwise.absorption.survey import Quantity
+    from linkwise.absorption.quantities import Quantity
     from linkwise.absorption.sweep import AbsorptionMap
 
 Rows = list[tuple[str, ...]]

@@ -260,6 +260,11 @@ def _findings(absorption: Absorption) -> tuple[str, ...]:
             found.append(
                 f"The energy balance {name} closes to {side.closure:.0e} of what was put in only: do not trust its shares."
             )
+    guessed = [parameter.name for parameter in absorption.with_sinks.structure.parameters]
+    if guessed:
+        found.append(
+            f"{', '.join(guessed)} {'is' if len(guessed) == 1 else 'are'} not known yet: this is what their starts would do."
+        )
     late = [each.name for each in absorption.masses if each.with_sinks.settled is None]
     if late:
         found.append(

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.maptext import map_findings, map_text
+from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE
-from linkwise.absorption.survey import Progress, Quantity, survey
+from linkwise.absorption.survey import Progress, survey
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
 from linkwise.errors import LinkwiseError, SimulationError, StructureError

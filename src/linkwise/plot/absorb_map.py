@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from linkwise.absorption.survey import Quantity
+from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.sweep import AbsorptionMap, Axis
 from linkwise.plot.palette import IDENTIFIED, SEEN, WELL
 from linkwise.plot.paper import sheet
