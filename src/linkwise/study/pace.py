@@ -46,10 +46,12 @@ class Pace:
     @property
     def left(self) -> float | None:
         """Seconds left at the speed of the workers so far; None before anything is known."""
-        if not self._worked:
-            return None
-        work = sum(count * self._expected(cell) for cell, count in self._left.items() if count)
-        return work * (perf_counter() - self._began) / self._worked
+        return self.work * (perf_counter() - self._began) / self._worked if self._worked else None
+
+    @property
+    def work(self) -> float:
+        """Seconds that a single worker should take for all that is left."""
+        return sum(count * self._expected(cell) for cell, count in self._left.items() if count)
 
     def _learn(self, cell: Cell, seconds: float) -> None:
         count = self._counts[cell]

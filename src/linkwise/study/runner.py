@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 
@@ -16,6 +16,7 @@ from linkwise.study.store import Store
 from linkwise.study.worker import Batch, Done, failure
 
 _DEATHS = 3  # of a worker at one case, after which the case is to blame
+_SHARES = 4  # batches for each place that must be left, or batches are made smaller
 _TICK = 0.5  # s between two reports while nothing comes back
 
 
@@ -41,39 +42,71 @@ def run(study: Study, store: Store, crew: Crew, report: Report) -> None:
     """
     rows = store.rows()
     there = {row.case for row in rows}
-    pending = deque(case for case in study.cases() if case not in there)
-    pace = Pace(rows, list(pending))
-    text = study.text()
-    deaths: Counter[Case] = Counter()
-    out: dict[Future[list[Done]], tuple[Case, ...]] = {}
+    pending = [case for case in study.cases() if case not in there]
+    pace = Pace(rows, pending)
+    work = _Work(study, crew, pace, pending)
 
     def tell() -> None:
         report(Progress(len(there) + pace.done, len(study), pace.rate, pace.left))
 
     tell()
-    while pending or out:
-        while pending and len(out) < crew.places:
-            cases = next_batch(pending, pace, crew.seconds, set(deaths))
-            out[crew.submit(Batch(text, cases))] = cases
-        for future in wait(out, timeout=_TICK, return_when=FIRST_COMPLETED).done:
-            cases = out.pop(future)
+    work.hand_out()
+    while work.out:
+        results, fault = work.collect(wait(work.out, timeout=_TICK, return_when=FIRST_COMPLETED).done)
+        if fault is None:
+            work.hand_out()  # before writing, so that nobody waits for the disk
+        store.add(result.row for result in results)
+        if fault is not None:
+            raise fault
+        tell()
+
+
+class _Work:
+    """What is still to be handed out, and what is out."""
+
+    def __init__(self, study: Study, crew: Crew, pace: Pace, pending: list[Case]) -> None:
+        self._study, self._crew, self._pace = study, crew, pace
+        self._text = study.text()
+        self._pending = deque(pending)
+        self._deaths: Counter[Case] = Counter()
+        self.out: dict[Future[list[Done]], tuple[Case, ...]] = {}
+
+    def hand_out(self) -> None:
+        """Fill every place of the crew."""
+        places = self._crew.places
+        # Towards the end batches get smaller, so that all workers finish together.
+        seconds = min(self._crew.seconds, self._pace.work / (_SHARES * places))
+        while self._pending and len(self.out) < places:
+            cases = next_batch(self._pending, self._pace, seconds, set(self._deaths))
+            self.out[self._crew.submit(Batch(self._text, cases))] = cases
+
+    def collect(self, finished: Iterable[Future[list[Done]]]) -> tuple[list[Done], StudyError | None]:
+        """What came of some batches; what was lost is put in front again. And why there is no going on, if there is none."""
+        results: list[Done] = []
+        fault = None
+        for future in finished:
+            cases = self.out.pop(future)
+            error = None if future.cancelled() else future.exception()
             if future.cancelled():
-                raise StudyError(
+                fault = StudyError(
                     "the workers are gone; what was finished is kept, so start the study again to go on"
                 )
-            error = future.exception()
-            if error is None:
-                results = future.result()
-            elif crew.lost(error):
-                deaths.update(cases)
-                pending.extendleft(case for case in reversed(cases) if deaths[case] < _DEATHS)
-                results = [_blamed(study, case) for case in cases if deaths[case] >= _DEATHS]
+            elif error is None:
+                results += future.result()
+            elif self._crew.lost(error):
+                results += self._lost(cases)
             else:
-                raise StudyError(f"a worker cannot run linkwise: {type(error).__name__}: {error}") from error
-            store.add(result.row for result in results)
-            for result in results:
-                pace.finished(result.row.case, result.seconds)
-        tell()
+                fault = StudyError(f"a worker cannot run linkwise: {type(error).__name__}: {error}")
+                fault.__cause__ = error
+        for result in results:
+            self._pace.finished(result.row.case, result.seconds)
+        return results, fault
+
+    def _lost(self, cases: tuple[Case, ...]) -> list[Done]:
+        """Count a death against each case, and give up those that had their share."""
+        self._deaths.update(cases)
+        self._pending.extendleft(case for case in reversed(cases) if self._deaths[case] < _DEATHS)
+        return [_blamed(self._study, case) for case in cases if self._deaths[case] >= _DEATHS]
 
 
 def _blamed(study: Study, case: Case) -> Done:
