@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 import linkwise as lw
+from linkwise.plot import save
+from linkwise.plot.choice import evidence_figure, path_figure
+from linkwise.plot.graph import graph_figure
+from linkwise.plot.palette import SEEN
+from linkwise.plot.placing import crossings, places
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +76,79 @@ def test_stated_links_are_certain(chain: lw.Structure, found: lw.Discovery) -> N
     known = lw.discover(found.estimate.record, stated)
     assert known.certainty("spring1") == known.certainty("nes1") == float("inf")
     assert "stated" in str(known) and "given" in str(known)
+
+
+def words(figure: Figure) -> set[str]:
+    """Every text in the axes of a figure."""
+    return {text.get_text() for axes in figure.axes for text in axes.texts}
+
+
+def line_styles(figure: Figure) -> list[str]:
+    return [line.get_linestyle() for line in figure.axes[0].lines]
+
+
+def test_graph_shows_masses_kinds_and_kilograms(found: lw.Discovery) -> None:
+    assert words(graph_figure(found)) == {"m1", "m2", "1 kg", "10 g", "linear", "bistable"}
+    assert set(line_styles(graph_figure(found))) == {"-", "None"}  # lines and the circles of the masses
+
+
+def test_graph_draws_doubt(found: lw.Discovery) -> None:
+    doubted = in_doubt(found, "m2-m1.k3")
+    assert "bistable?" in words(graph_figure(doubted)) and "--" not in line_styles(graph_figure(doubted))
+    gone = in_doubt(in_doubt(doubted, "m2-m1.k"), "m2-m1.c")
+    assert line_styles(graph_figure(gone)).count("--") == 1
+    dropped = in_doubt(found, "m2-ground.k3")
+    faint = [line for line in graph_figure(dropped).axes[0].lines if line.get_linestyle() == ":"]
+    assert [to_hex(line.get_color()).upper() for line in faint] == [SEEN]
+
+
+def test_stiffer_links_are_wider(found: lw.Discovery) -> None:
+    spring, sink = graph_figure(found).axes[0].lines[:2]
+    assert spring.get_linewidth() > sink.get_linewidth()
+
+
+def test_a_tree_is_drawn_without_crossings_and_the_same_each_time() -> None:
+    rng = np.random.default_rng(1001)
+    edges = [(int(rng.integers(0, node)), node) for node in range(1, 40)]
+    points = places(40, edges)
+    assert crossings(points, edges) == 0
+    np.testing.assert_array_equal(points, places(40, edges))
+    lengths = np.array([np.hypot(*(points[a] - points[b])) for a, b in edges])
+    assert np.median(lengths) == pytest.approx(1.0, abs=0.25)  # a link is about 1 long, as declared
+
+
+def test_crossings_are_counted() -> None:
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    assert crossings(square, [(0, 2), (1, 3)]) == 1
+    assert crossings(square, [(0, 1), (1, 2), (2, 3), (3, 0)]) == 0
+
+
+def test_parts_that_nothing_joins_stand_apart() -> None:
+    points = places(6, [(0, 1), (2, 3), (3, 4)])
+    heights = [points[nodes, 1] for nodes in ([0, 1], [2, 3, 4], [5])]
+    assert heights[0].max() < heights[1].min() and heights[1].max() < heights[2].min()
+
+
+def test_path_marks_the_chosen_point(found: lw.Discovery) -> None:
+    path, runners = path_figure(found).axes
+    [chosen] = [line for line in path.lines if line.get_label() == "chosen"]
+    assert chosen.get_xydata().tolist() == [[5, 0.0]]
+    criterion = next(line for line in path.lines if str(line.get_label()).startswith("criterion"))
+    assert criterion.get_ydata().min() == 0.0 and len(criterion.get_xdata()) == len(found.path)
+    assert [label.get_text() for label in runners.get_yticklabels()] == [each.change for each in found.runners_up]
+
+
+def test_evidence_stands_above_the_price_where_a_term_was_kept(found: lw.Discovery) -> None:
+    [axes] = evidence_figure(found).axes
+    [prices] = [line.get_xdata() for line in axes.lines if line.get_label() == "price of the term"]
+    bars = np.array([bar.get_width() for bars in axes.containers for bar in bars])
+    assert len(bars) == len(found.terms)
+    np.testing.assert_array_equal(bars > prices, [term.kept for term in found.terms])
+
+
+def test_figures_are_written_on_paper_and_for_the_page(found: lw.Discovery, tmp_path: Path) -> None:
+    bare = replace(found, runners_up=(), path=(), terms=found.kept)
+    for name, draw in {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}.items():
+        for each in (found, bare):
+            png, svg = save(draw(each), tmp_path / name)
+            assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
