@@ -91,6 +91,14 @@ def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
     check(both, (0,), lw.absorb(lw.bnes_chain(4, alpha=-150.0), **SHORT, release=RELEASE))
 
 
+def test_a_sweep_may_leave_the_bistable_range() -> None:
+    """The sink is that of the structure given, also where the grid gives it one well."""
+    found = lw.absorption_map(lw.bnes_chain(2), {"nes1.alpha": [-100.0, 0.0, 50.0]}, **SHORT, release=RELEASE)
+    assert found["crossings"][0] > 0 and found["crossings"][1:].tolist() == [0.0, 0.0]
+    single = lw.absorb(lw.bnes_chain(2, alpha=50.0), sinks=["nes1"], **SHORT, release=RELEASE)
+    check(found, (2,), single)
+
+
 def test_laws_with_kinks_are_run_one_by_one() -> None:
     numbers = {"k": 900.0, "c": 0.3, "p": -100.0, "q": 1e6, "F": 0.02, "s": 0.01}
     links = tuple(

@@ -14,6 +14,7 @@ from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.maptext import map_findings, map_text
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE
+from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.survey import Progress, survey
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
@@ -126,9 +127,9 @@ def absorption_map(
     """`absorb` over a grid: `over` gives the values of one or two parameters by name, as `Axis` names them.
 
     `options` are the keywords of `absorb` (rate, sinks, without, settle, harvesters) and of `simulate` (release, ...); runs
-    go side by side on `workers` threads (default: one a processor). A swept coefficient may be unknown in the structure. Where
-    sinks are not named they are those in the middle of the grid. Raises StructureError for a parameter that is not there,
-    SimulationError as `absorb` does, LinkwiseError where no run at all comes to its end.
+    go side by side on `workers` threads (default: one a processor). Where sinks are not named they are those of `structure`; a
+    swept coefficient may be unknown in it, then they are those in the middle of the grid. Raises StructureError for a
+    parameter that is not there, SimulationError as `absorb` does, LinkwiseError where no run at all comes to its end.
     """
     equipped = with_harvesters(structure, options.get("harvesters") or {})
     axes = _axes(equipped, over)
@@ -200,21 +201,22 @@ def _trial(
     structure: Structure, middle: Mapping[str, float], duration: float, options: Mapping[str, Any]
 ) -> Trial:
     """The question at one point of the grid."""
-    own = ("rate", "sinks", "without", "settle", "harvesters")
-    drives = {name: value for name, value in options.items() if name not in own}
-    release = {
-        **(drives.pop("release", None) or {}),
-        **{name: value for name, value in middle.items() if ":" in name},
+    own = ("rate", "without", "settle", "harvesters")
+    drives = {name: value for name, value in options.items() if name not in (*own, "sinks")}
+    given = dict(drives.pop("release", None) or {})
+    release = {name: value for name, value in middle.items() if ":" in name}
+    numbers = {
+        name: value
+        for name, value in middle.items()
+        if ":" not in name and not name.rpartition(".")[0].endswith(SUFFIX)
     }
-    harvesters = dict(options.get("harvesters") or {})
-    numbers: dict[str, float] = {}
-    for name, value in middle.items():
-        if ":" not in name and not name.rpartition(".")[0].endswith(SUFFIX):
-            numbers[name] = value
+    there = structure.with_values(numbers) if numbers else structure
+    known = all(structure.coefficient(name).value is not None for name in numbers)
+    sinks = options.get("sinks") or [sink.link for sink in find_sinks(structure if known else there)]
     return Trial.of(
-        structure.with_values(numbers) if numbers else structure,
-        Excitation.of(release=release, **drives),
+        there,
+        Excitation.of(release={**given, **release}, **drives),
         duration=duration,
-        **{name: options[name] for name in own if name in options and name != "harvesters"},
-        harvesters=harvesters,
+        sinks=sinks,
+        **{name: options[name] for name in own if name in options},
     )
