@@ -1,0 +1,235 @@
+"""The parabola of a fit in forces that it lacks: against the same forces really in the structure, at size zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from test_likelihood_flow import THREE
+
+import linkwise as lw
+from linkwise.law import Law
+from linkwise.likelihood import parabola as module
+from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
+from linkwise.likelihood.flow import Inputs, Orbit
+from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.parabola import Force, Parabola, parabola
+from linkwise.likelihood.sensing import Sensing
+
+#: Of sqrt(H_ii H_jj): tangents are in single precision, and forces that are not there pass through the middles of the steps
+#: that interpolation finds, where those of the structure pass through the middles of the flow.
+SAME = 1e-3
+
+LIGHT = """
+[[mass]]
+name = "m1"
+mass = 1.0
+[[mass]]
+name = "m2"
+mass = 0.001
+[[link]]
+name = "spring"
+between = ["m1", "ground"]
+law = "k*d + c*v"
+coefficients = { k = 30000.0, c = 1.0 }
+[[link]]
+name = "nes1"
+between = ["m2", "m1"]
+law = "k*d + k3*d**3 + c*v"
+coefficients = { k = 2500.0, k3 = 1e7, c = 0.02 }
+"""
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A link that the fit does not have: its ends, by number (-1 the ground, -2 the base), and its law without coefficient."""
+
+    ends: tuple[int, int]
+    law: str
+
+    @property
+    def force(self) -> Force:
+        return Force(*self.ends, Law.parse(self.law))
+
+
+PAIRS = (
+    Missing((0, -1), "d**3"),
+    Missing((0, -1), "v"),
+    Missing((1, -1), "d"),
+    Missing((1, 0), "d**2"),
+    Missing((1, 0), "tanh(v/0.3)"),
+)
+
+
+def widened(structure: lw.Structure, missing: Sequence[Missing]) -> lw.Structure:
+    """`structure` with every missing force as a link of its own, of unknown size."""
+    holds = {-1: "ground", -2: "base"}
+    names = dict(enumerate(structure.mass_names)) | holds
+    added = [
+        lw.Link(
+            f"added{number}",
+            (names[each.ends[0]], names[each.ends[1]]),
+            Law.parse(f"size*{each.law}"),
+            {"size": lw.Coefficient.unknown()},
+        )
+        for number, each in enumerate(missing)
+    ]
+    return replace(structure, links=(*structure.links, *added))
+
+
+def really_there(
+    fit: LikelihoodFit,
+    records: Sequence[lw.Record],
+    structure: lw.Structure,
+    missing: Sequence[Missing],
+    options: Options,
+) -> Parabola:
+    """The parabola at the same optimum of the structure that has the forces, all of size zero."""
+    asked = widened(structure, missing)
+    optimum, sensing = fit.optimum, Sensing.of(records, options.offsets, options.gains)
+    p, f = len(structure.parameters), len(missing)
+    segments = sensing.cut(records, asked, System.of(asked), optimum.segments.refine)
+    theta = np.concatenate([optimum.point.theta, np.zeros(f)])
+    scale = np.concatenate([optimum.scales.theta[:p], np.full(f, 3.0), optimum.scales.theta[p:]])
+    return parabola(
+        replace(
+            optimum,
+            segments=segments,
+            point=replace(optimum.point, theta=theta),
+            scales=replace(optimum.scales, theta=scale),
+        ),
+        [],
+    )
+
+
+def fitted(
+    true: lw.Structure, records: Sequence[lw.Record], options: Options
+) -> tuple[LikelihoodFit, lw.Structure]:
+    """A fit that begins a little off."""
+    asked = true.unknown("all")
+    start = np.array([1.02 * true.coefficient(parameter.name).value for parameter in asked.parameters])
+    fit = likelihood_fit(records, asked, start, spread=0.05 * np.abs(start), options=options)
+    return fit, asked
+
+
+def apart(found: Parabola, expected: Parabola) -> tuple[float, float]:
+    """The largest differences of curvature and slope, in units of what either could be."""
+    unit = np.sqrt(expected.curvature.diagonal())
+    curved = (found.curvature - expected.curvature) / np.outer(unit, unit)
+    reach = np.sqrt(expected.slope @ np.linalg.solve(expected.curvature, expected.slope))
+    return float(np.abs(curved).max()), float(np.abs((found.slope - expected.slope) / unit).max() / reach)
+
+
+def chain_record(seed: int, **more) -> lw.Record:
+    return lw.simulate(
+        lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0, **more
+    ).with_noise(30.0, seed=seed)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def free() -> tuple[lw.Structure, list[lw.Record], Options]:
+    return lw.bnes_chain(2), [chain_record(1000)], Options()
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> tuple[lw.Structure, list[lw.Record], Options]:
+    """An offset and a gain in the border, and two records of different noise."""
+    record = chain_record(1001, sensors=("x", "v")).select(("x:m1", "x:m2", "v:m2"))
+    values = record.values + np.array([0.0, 0.002, 0.0])
+    values[:, 2] *= 1.1
+    noisier = {name: 2.0 * sigma for name, sigma in record.noise.items()}
+    records = [replace(record, values=values), replace(record, values=values, noise=noisier)]
+    return lw.bnes_chain(2), records, Options(offsets=("x:m2",), gains=("v:m2",))
+
+
+@pytest.fixture(scope="module")
+def based() -> tuple[lw.Structure, list[lw.Record], Options]:
+    """A base that moves, a force, friction, and sensors of all kinds."""
+    true = lw.parse_structure(THREE)
+    record = lw.simulate(
+        true, duration=2.0, rate=1000.0, sensors=("x", "v", "a"), release={"v:m1": 1.0},
+        forces={"m2": "5*sin(400*t)"}, base="0.001*sin(300*t)",
+    ).with_noise(30.0, seed=1002)  # fmt: skip
+    names = ("x:m1", "v:m2", "x:m2", "a:m3", "x:m3", "force:m2", "x:base")
+    return true, [record.select(names)], Options()
+
+
+@pytest.fixture(scope="module")
+def stiff() -> tuple[lw.Structure, list[lw.Record], Options]:
+    """A gram on 2.5 kN/m at 1 kHz: steps of the flow shorter than the samples."""
+    true = lw.parse_structure(LIGHT)
+    record = lw.simulate(true, release={"v:m1": 1.0, "v:m2": 3.0}, duration=1.0, rate=1000.0)
+    return true, [record.with_noise(40.0, seed=1003)], Options()
+
+
+@pytest.mark.parametrize("case", ["free", "calibrated", "based", "stiff"])
+def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(case: str, request: pytest.FixtureRequest):
+    true, records, options = request.getfixturevalue(case)
+    more = (Missing((1, -2), "d"), Missing((2, -2), "v"), Missing((2, 1), "v")) if case == "based" else ()
+    missing = (*PAIRS, *more)
+    fit, asked = fitted(true, records, options)
+    assert fit.status.name == "CONVERGED"
+    assert (fit.optimum.segments.refine > 1) == (case == "stiff")
+    found = parabola(fit.optimum, [each.force for each in missing])
+    expected = really_there(fit, records, asked, missing, options)
+    assert max(apart(found, expected)) < SAME
+    wrong = parabola(fit.optimum, [replace(each.force, law=Law.parse(f"1.01*{each.law}")) for each in missing])
+    assert max(apart(wrong, expected)) > SAME
+
+
+def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it():
+    """A weak k2 in the sink that the fit lacks, and the parabola foresees the fit that has it."""
+    chain = lw.bnes_chain(2)
+    text = lw.format_structure(chain).replace("alpha*d +", "alpha*d + k2*d**2 +").replace("{ alpha", "{ k2 = 250.0, alpha")
+    record = lw.simulate(lw.parse_structure(text), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+    records = [record.with_noise(30.0, seed=1004)]
+    fit, asked = fitted(chain, records, Options(model_error=False))
+    missing = Missing((1, 0), "d**2")
+    found = parabola(fit.optimum, [missing.force])
+    values = np.linalg.solve(found.curvature, found.slope)
+    error = np.sqrt(np.linalg.inv(found.curvature).diagonal())
+    z = values[-1] / error[-1]
+    whole = widened(asked, [missing])
+    again = likelihood_fit(records, whole, np.append(fit.values, 0.0), spread=np.append(error[:-1], 10 * error[-1]))
+    took = fit.misfit.cost(fit.optimum.q) - again.misfit.cost(again.optimum.q)
+    # two fits end within 0.02 of their least cost each; beyond, the parabola is the cost to the third order in the force
+    assert took == pytest.approx(z**2, rel=0.01)
+    assert abs(values[-1] - again.values[-1]) < 0.05 * error[-1]
+    assert abs(z) > 8.0 and abs(values[-1] - 250.0) < 4.0 * error[-1]
+    elsewhere = parabola(fit.optimum, [replace(missing, ends=(1, -1)).force])
+    assert np.linalg.solve(elsewhere.curvature, elsewhere.slope)[-1] != pytest.approx(values[-1], rel=0.1)
+
+
+@pytest.mark.parametrize("row", [0, 1], ids=["x", "v"])
+def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int):
+    """x and v there, of a motion that is known, at steps of one half: errors fall by 2^6 and more."""
+
+    def error(steps: int) -> float:
+        h = 1.0 / steps
+        ends, middles = np.arange(steps + 1) * h, (np.arange(steps) + 0.5) * h
+        x, v, a = np.sin(3.0 * ends), 3.0 * np.cos(3.0 * ends), -9.0 * np.sin(3.0 * ends)
+        none = np.zeros((steps + 1, 2, 0, 1))
+        orbit = Orbit(
+            np.stack([x, v * h], axis=1)[:, :, None, None], none, a[:, None, None], none[1:], np.zeros((steps, 1, 1))
+        )
+        found = module._states(orbit, 1, np.array([h]), Inputs())[1][:, row, 0, 0]
+        return float(np.abs(found - (np.sin(3.0 * middles), 3.0 * np.cos(3.0 * middles))[row]).max())
+
+    orders = [np.log2(error(steps) / error(2 * steps)) for steps in (5, 10, 20)]
+    assert np.all(np.abs(np.array(orders) - 6.0) < 0.2), orders
+
+
+def test_masses_at_rest_and_no_forces_do_no_harm(free):
+    """A force that never acts (the contact of a gap that never closes) has no curvature; no force leaves the fit's own."""
+    true, records, options = free
+    fit, _ = fitted(true, records, options)
+    alone = parabola(fit.optimum, [])
+    p = len(fit.values)
+    assert alone.curvature.shape == (p, p)
+    np.testing.assert_allclose(np.linalg.inv(alone.curvature), fit.covariance, rtol=1e-3)
+    np.testing.assert_allclose(np.linalg.solve(alone.curvature, alone.slope), fit.values, rtol=1e-3)
+    never = parabola(fit.optimum, [Force(1, 0, Law.parse("max(d - 1, 0)")), PAIRS[0].force])
+    assert never.curvature[p, p] == 0.0 == never.slope[p]
+    assert never.curvature[p + 1, p + 1] > 0.0
