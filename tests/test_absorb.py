@@ -208,6 +208,7 @@ def test_decay_between_samples() -> None:
     assert decay.column(0).rate(level[:, 0])[0] == pytest.approx(0.3, rel=1e-3)
     assert np.isnan(decay.settled(np.array([[0.04]]))).all()  # it leaves the band within the last 5 %
     assert decay.settled(np.array([[2.0]]))[0, 0] == 0.0
+    assert np.isnan(decay.settled(np.array([[np.nan]]))).all()  # nothing to settle below
 
 
 @pytest.mark.parametrize(
@@ -220,6 +221,7 @@ def test_decay_between_samples() -> None:
         ({"release": {"v:m2": 1.0}}, lw.SimulationError, r"removed nothing sets.*--without locked"),
         ({"release": {}, "forces": {"m1": "0"}}, lw.SimulationError, r"removed nothing moves, so there is nothing"),
         ({"without": "frozen"}, lw.StructureError, r"removed or locked, not with sinks 'frozen'"),
+        ({"duration": 1e5}, lw.SimulationError, r"takes 5\.\de\+07 samples; say how many a second are enough"),
         ({"settle": 1.5}, lw.SimulationError, r"between 0 and 1, which 1.5 is not"),
         ({"harvesters": {"nes1": -1.0}}, lw.StructureError, r'link "nes1": a harvester\'s damping of -1.0 N s/m'),
         ({"harvesters": {"nes3": 1.0}}, lw.StructureError, r'there is no link "nes3"'),

@@ -101,7 +101,8 @@ class Decay:
             start, end = np.where(out, middle, start), np.where(out, end, middle)
         step = self.time[1] - self.time[0]
         found = np.where(ever, self.time[last] + end * step, self.time[0])
-        return np.where(found > self.time[-1] - TAIL * (self.time[-1] - self.time[0]), np.nan, found)
+        late = found > self.time[-1] - TAIL * (self.time[-1] - self.time[0])
+        return np.where(late | np.isnan(level), np.nan, found)
 
     def column(self, run: int) -> Decay:
         """The masses of one run of several, (N, masses)."""

@@ -23,6 +23,7 @@ Floats = NDArray[np.float64]
 
 _PER_PERIOD = 20  # samples of the fastest mode, without a rate: cubics between them are right to 3e-5
 _FEWEST = 1000  # samples, without a rate
+_MOST = 2_000_000  # samples, without a rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,5 +123,10 @@ def _rate(structure: Structure, duration: float) -> float:
     except (StructureError, ValueError):
         fastest = 0.0
     least = max(_PER_PERIOD * fastest, _FEWEST / duration)
+    if least * duration > _MOST:
+        raise SimulationError(
+            f"to show the fastest mode, {fastest:.3g} Hz, over {duration:g} s takes {least * duration:.1e} samples; say how "
+            "many a second are enough (rate, --rate): the primary masses may be slower"
+        )
     power = 10.0 ** np.floor(np.log10(least))
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * (1.0 - 1e-9)))
