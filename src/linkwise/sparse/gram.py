@@ -58,7 +58,7 @@ class Sums:
         return max(float(self.squares[target] + change @ (pull - 2 * self.slope[:, target])), 0.0)
 
     def confined(self, kept: Indices, change: Array, target: int) -> Sums:
-        """The sums of some columns and one target about an anchor that is `change` (p,) further and zero in all other columns."""
+        """The sums of some columns and one target about an anchor that is `change` (p,) further and zero in the rest."""
         pull = dsymv(1.0, self.matrix, change, lower=1)
         slope = self.slope[:, target]
         squares = max(float(self.squares[target] + change @ (pull - 2 * slope)), 0.0)
