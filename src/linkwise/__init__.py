@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from linkwise.describing import Equivalent, equivalent
     from linkwise.discover import discover, foreseen
     from linkwise.discovery.found import Discovery
+    from linkwise.discovery.truth import TermScore, term_score, truth_beside
     from linkwise.equilibria import Equilibrium, equilibria
     from linkwise.errors import (
         IdentificationError,
@@ -111,6 +112,7 @@ __all__ = [
     "Study",
     "StudyError",
     "StudySummary",
+    "TermScore",
     "TimeFunction",
     "absorb",
     "absorption_intervals",
@@ -149,6 +151,8 @@ __all__ = [
     "simulate",
     "stored_study",
     "study_summary",
+    "term_score",
+    "truth_beside",
     "wells",
     "write_absorption",
     "write_absorption_map",
@@ -175,6 +179,7 @@ _HOMES = {
     "describing": ("Equivalent", "equivalent"),
     "discover": ("discover", "foreseen"),
     "discovery.found": ("Discovery",),
+    "discovery.truth": ("TermScore", "term_score", "truth_beside"),
     "equilibria": ("Equilibrium", "equilibria"),
     "errors": (
         "IdentificationError",
