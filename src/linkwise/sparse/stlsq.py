@@ -28,7 +28,7 @@ class Stlsq(Regressor):
     less than rounding), each step going on from the support of the one before. The support of smallest BIC in the rows
     held out is taken (`selection`) and fitted to all rows; the whole path stands in the fit.
 
-    Raises IdentificationError for a threshold outside [0, 1), and without one for a system of fewer than 50 rows.
+    Raises IdentificationError for a threshold outside [0, 1), and without one for a system of fewer than 25 rows.
     """
 
     threshold: float | None = None

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 _RUNS = 100
 _ONE_IN = 5
-_FEWEST = 50  # rows below which none are held out
+_FEWEST = 25  # rows below which none are held out: five must be left to judge by
 
 
 class Products(NamedTuple):
@@ -38,7 +38,7 @@ class Remainder(NamedTuple):
 
 
 def held_out(rows: int) -> NDArray[np.bool_]:
-    """(R,) True for the rows that are held out: the middle one of every five runs; none of fewer than 50 rows."""
+    """(R,) True for the rows that are held out: the middle one of every five runs; none of fewer than 25 rows."""
     if rows < _FEWEST:
         return np.zeros(rows, dtype=bool)
     run = np.arange(rows) * min(_RUNS, rows - rows % _ONE_IN) // rows
