@@ -47,28 +47,39 @@ def write_result(
     An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
     something else. `truth` adds the true forces to the figures and their NMSE; `progress` is told the fraction done.
     """
-    names = [found.link.name for found in estimate.links]
-    pictured = _pictured(estimate)
     result = result_of(estimate, truth)
-    errors = result.get("nmse_percent", {})
     with whole_folder(Path(folder)) as partial:
-        write_structure(estimate.structure, partial / "structure.toml")
-        for name in names:
-            _write_force(estimate, name, partial / f"force_{name}.csv")
-        if estimate.trusted and estimate.intervals:
-            write_covariance(Knowledge.of(estimate), partial / COVARIANCE)
-        save(histories_figure(estimate.record), partial / "histories")
-        for number, name in enumerate(pictured):
-            progress(0.7 * number / len(pictured), f"figure of {name}")
-            save(force_figure(estimate, name, truth=truth), partial / f"force_{name}")
+        pictured = write_links(estimate, partial, truth, lambda fraction, now: progress(0.7 * fraction, now))
         page = report(
-            estimate, version=result["version"], pictured=pictured, truth=truth, nmse=errors,
+            estimate, version=result["version"], pictured=pictured, truth=truth, nmse=result.get("nmse_percent", {}),
             progress=lambda fraction, now: progress(0.7 + 0.3 * fraction, now),
         )  # fmt: skip
-        (partial / "report.html").write_text(page, encoding="utf-8")
-        result["files"] = sorted(path.name for path in partial.iterdir())
-        (partial / RESULT).write_text(to_json(result, indent=1) + "\n", encoding="utf-8")
+        write_page(page, result, partial)
     return Path(folder)
+
+
+def write_links(
+    estimate: Estimate, folder: Path, truth: Structure | None = None, progress: Progress = lambda fraction, now: None
+) -> tuple[str, ...]:
+    """Write what was identified into an empty `folder`, numbers and figures; return the names of the links that are pictured."""
+    write_structure(estimate.structure, folder / "structure.toml")
+    for found in estimate.links:
+        _write_force(estimate, found.link.name, folder / f"force_{found.link.name}.csv")
+    if estimate.trusted and estimate.intervals:
+        write_covariance(Knowledge.of(estimate), folder / COVARIANCE)
+    save(histories_figure(estimate.record), folder / "histories")
+    pictured = _pictured(estimate)
+    for number, name in enumerate(pictured):
+        progress(number / len(pictured), f"figure of {name}")
+        save(force_figure(estimate, name, truth=truth), folder / f"force_{name}")
+    return pictured
+
+
+def write_page(page: str, result: dict[str, Any], folder: Path) -> None:
+    """Write report.html, and result.json, which names the files beside it."""
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    result = {**result, "files": sorted(path.name for path in folder.iterdir())}
+    (folder / RESULT).write_text(to_json(result, indent=1) + "\n", encoding="utf-8")
 
 
 def _pictured(estimate: Estimate) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -69,28 +70,42 @@ def report(
     `pictured` names the links that get a picture; `truth` and `nmse` (in %, by link) compare with the true
     structure; `progress` is told the fraction done.
     """
+    parts = page_parts(estimate, version=version, pictured=pictured, truth=truth, nmse=nmse, progress=progress)
+    return TEMPLATES.get_template("page.html.jinja").render(parts)
+
+
+def page_parts(
+    estimate: Estimate,
+    *,
+    version: str,
+    pictured: tuple[str, ...],
+    truth: Structure | None = None,
+    nmse: Mapping[str, float | None] | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, now: None,
+) -> dict[str, Any]:
+    """What the page's template shows, by name, for this page and those that extend it."""
     sections = []
     for done, link in enumerate(sorted(estimate.links, key=lambda each: not each.free)):  # found ones first
         progress(done / len(estimate.links), f"page: {link.link.name}")
         sections.append(_section(estimate, link.link.name, truth, nmse or {}, link.link.name in pictured))
-    return TEMPLATES.get_template("page.html.jinja").render(
-        estimate=estimate,
-        record=estimate.record,
-        sections=sections,
-        masses=[
+    return {
+        "estimate": estimate,
+        "record": estimate.record,
+        "sections": sections,
+        "masses": [
             _row(mass, None if truth is None else _true_mass(truth, mass.name)) for mass in estimate.masses
         ],
-        noise=[
+        "noise": [
             (name, f"{found.sigma:.3g}", found.unit, f"{found.snr_db:.1f}")
             for name, found in estimate.noise.items()
         ],
-        chi_square="" if estimate.chi_square_per_sample is None else f"{estimate.chi_square_per_sample:.3f}",
-        histories=_picture(histories_page(estimate.record), "histories"),
-        structure=format_structure(estimate.structure),
-        plotly=Markup(get_plotlyjs()),
-        compared=truth is not None,
-        version=version,
-    )
+        "chi_square": "" if estimate.chi_square_per_sample is None else f"{estimate.chi_square_per_sample:.3f}",
+        "histories": _picture(histories_page(estimate.record), "histories"),
+        "structure": format_structure(estimate.structure),
+        "plotly": Markup(get_plotlyjs()),
+        "compared": truth is not None,
+        "version": version,
+    }
 
 
 def _section(
