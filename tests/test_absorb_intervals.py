@@ -60,6 +60,18 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
     assert told.quantity("crossings").missing == 0 and told.diverged == 0 and told.trusted
 
 
+def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
+    chain = lw.bnes_chain(6)
+    knowledge = lw.Knowledge(
+        chain, ("nes1.alpha",), np.array([[1.0]]), np.array([-np.inf]), np.array([np.inf])
+    )
+    told = lw.absorption_intervals(knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8)
+    assert told.found.with_sinks.horizon is not None
+    for work in told.found.sinks:
+        assert told.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
+        assert told.quantity(f"share:{work.sink.link}").value == pytest.approx(work.share, rel=1e-12)
+
+
 def test_draws_are_those_of_the_seed() -> None:
     knowledge = known([[25.0]], "nes1.alpha")
     first, again, other = (

@@ -168,7 +168,10 @@ def test_a_sweep_as_json(chain: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert found["runs"] == 6 and found["diverged"] == 0
     assert [axis["name"] for axis in found["axes"]] == ["nes1.alpha", "nes1.beta"]
     assert found["axes"][1]["values"] == pytest.approx([2e5, 2e6])
-    assert set(found["quantities"]["sinks_share"]["best_at"]) == {"nes1.alpha", "nes1.beta"}
+    shares = found["quantities"]["sinks_share"]
+    assert set(shares["best_at"]) == {"nes1.alpha", "nes1.beta"} and np.shape(shares["values"]) == (3, 2)
+    assert shares["largest"] == np.max(shares["values"])
+    assert found["quantities"]["settled"]["values"][0] == [None, None]  # a second is too short
 
 
 @pytest.mark.parametrize(

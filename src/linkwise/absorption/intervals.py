@@ -14,7 +14,7 @@ from linkwise.absorption.intervaltext import intervals_text
 from linkwise.absorption.knowledge import Knowledge
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE, Absorption
-from linkwise.absorption.survey import Progress, survey
+from linkwise.absorption.survey import Progress, Survey, survey
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
 from linkwise.errors import LinkwiseError
@@ -124,28 +124,23 @@ def absorption_intervals(
     variants = Variants(with_harvesters(known.structure, own.get("harvesters") or {}), trial, known.names)
     table = known.draws(draws, seed)
     trials = [variants.at(dict(zip(known.names, row.tolist(), strict=True))) for row in table]
+    itself = survey([trial], alone=True).values[0]
     told = survey(
-        [trial, *trials],
-        envelopes=True,
-        workers=workers,
-        progress=lambda part, now: progress(0.1 + 0.9 * part, now),
+        trials, envelopes=True, workers=workers, progress=lambda part, now: progress(0.1 + 0.9 * part, now)
     )
-    living = told.alive[1:]
+    living = told.alive
     if np.mean(living) < _LIVING:
         raise LinkwiseError(
             f"the motion of {int(np.sum(~living))} of {draws} draws diverges: what is known of the structure does not say "
             "whether it holds; measure longer, or with less noise"
         )
-    assert told.envelopes is not None
-    tail = 100.0 * 0.5 * (1.0 - COVERED)
-    drawn = told.envelopes[:, :, 1:][..., living]
-    lower, upper = np.percentile(drawn, [tail, 100.0 - tail], axis=2).astype(np.float64)
+    lower, upper = _bands(told)
     return AbsorptionIntervals(
         found=found,
         draws=draws,
         seed=seed,
         quantities=tuple(
-            _likely(quantity, told.values[0, column], told.values[1:, column][living])
+            _likely(quantity, itself[column], told.values[living, column])
             for column, quantity in enumerate(told.quantities)
             if quantity.name != "closure"
         ),
@@ -154,6 +149,13 @@ def absorption_intervals(
         diverged=int(np.sum(~living)),
         closure=float(np.nanmax(told.column("closure"))),
     )
+
+
+def _bands(told: Survey) -> tuple[Floats, Floats]:
+    assert told.envelopes is not None
+    tail = 100.0 * 0.5 * (1.0 - COVERED)
+    lower, upper = np.percentile(told.envelopes[..., told.alive], [tail, 100.0 - tail], axis=2)
+    return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
 
 
 def _likely(quantity: Quantity, value: float, drawn: Floats) -> Likely:

@@ -64,12 +64,14 @@ def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
     )
 
 
-def runs_together(courses: Sequence[Course], potentials: Potentials) -> tuple[Runs, NDArray[np.bool_]]:
+def runs_together(
+    courses: Sequence[Course], potentials: Potentials, alone: bool = False
+) -> tuple[Runs, NDArray[np.bool_]]:
     """Courses that differ in numbers only, `potentials` those of their structures, and (W,) which came to their end.
 
-    They are run side by side in double precision where their laws are smooth, one by one where they are not.
+    They are run side by side in double precision; one by one where laws are not smooth, and on request: `alone`.
     """
-    if not can_fly(courses[0]):
+    if alone or not can_fly(courses[0]):
         return _one_by_one(courses, potentials)
     course = courses[0]
     flock = fly(courses, [each.tops for each in potentials.barriers])

@@ -47,16 +47,66 @@ class Survey:
         return self.values[:, [each.name for each in self.quantities].index(name)]
 
 
+@dataclass(frozen=True)
+class _Crew:
+    """Who runs: so many threads, `alone` or side by side, telling `progress` what part is done."""
+
+    workers: int
+    alone: bool
+    progress: Callable[[float], object]
+
+    def run(
+        self,
+        courses: Sequence[Course],
+        potentials: Potentials,
+        note: Callable[[Runs, NDArray[np.intp]], None],
+    ) -> Flags:
+        """Run all courses and `note` what the living ones did; returns which are."""
+        alive = np.zeros(len(courses), dtype=bool)
+        every = np.arange(len(courses))
+        stopped = Event()
+
+        def task(which: NDArray[np.intp]) -> int:
+            for first in range(0, len(which), LANES):
+                if stopped.is_set():
+                    break
+                group = which[first : first + LANES]
+                runs, ended = runs_together(
+                    [courses[run] for run in group], potentials.rows(group), self.alone
+                )
+                alive[group] = ended
+                if ended.any():
+                    note(runs if ended.all() else runs.only(np.flatnonzero(ended)), group[ended])
+            return len(which)
+
+        done = 0
+        size = max(LANES, min(_TASK, -(-len(courses) // (self.workers * LANES)) * LANES))
+        pool = ThreadPoolExecutor(max(1, min(self.workers, -(-len(courses) // LANES))))
+        try:
+            futures = [
+                pool.submit(task, every[first : first + size]) for first in range(0, len(courses), size)
+            ]
+            for future in as_completed(futures):
+                done += future.result()
+                self.progress(done / len(courses))
+        finally:  # Ctrl-C waits for the runs under way and starts no others
+            stopped.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+        return alive
+
+
 def survey(
     trials: Sequence[Trial],
     *,
     envelopes: bool = False,
+    alone: bool = False,
     workers: int | None = None,
     progress: Progress = lambda fraction, now: None,
 ) -> Survey:
     """Ask the same question of structures of one shape, on `workers` threads (default: one a processor).
 
-    Trials may share one object for the structure without sinks; it is run once.
+    Trials may share one object for the structure without sinks; it is run once. With `alone` each is run by itself and in the
+    precision of `absorb`, so that chaos gives the same motion.
     """
     workers = workers or os.cpu_count() or 1
     bares, which_bare = _distinct([trial.bare for trial in trials])
@@ -69,12 +119,13 @@ def survey(
         reference = _reference(
             [trials[run] for run in owners],
             [resting[run] for run in owners],
-            workers,
-            lambda done: progress(part * done, "without sinks"),
+            _Crew(workers, alone, lambda done: progress(part * done, "without sinks")),
         )
         return _with_sinks(
-            trials, resting, reference.of(which_bare), envelopes, workers,
-            lambda done: progress(part + (1.0 - part) * done, f"{len(trials)} runs with sinks"),
+            trials, resting, reference.of(which_bare), envelopes,
+            _Crew(
+                workers, alone, lambda done: progress(part + (1.0 - part) * done, f"{len(trials)} runs with sinks")
+            ),
         )  # fmt: skip
 
 
@@ -88,8 +139,7 @@ def _distinct(objects: Sequence[T]) -> tuple[list[T], NDArray[np.intp]]:
 def _reference(
     trials: Sequence[Trial],
     resting: Sequence[RestingPlaces],
-    workers: int,
-    progress: Callable[[float], object],
+    crew: _Crew,
 ) -> Reference:
     courses = [trial.bare_course for trial in trials]
     potentials = Potentials.of([course.structure for course in courses])
@@ -102,7 +152,7 @@ def _reference(
         level = trials[0].settle * vibration.peak
         found[:, :, which] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
 
-    _run_all(courses, potentials, note, workers, progress)
+    crew.run(courses, potentials, note)
     return Reference(*found)
 
 
@@ -111,8 +161,7 @@ def _with_sinks(
     resting: Sequence[RestingPlaces],
     reference: Reference,
     envelopes: bool,
-    workers: int,
-    progress: Callable[[float], object],
+    crew: _Crew,
 ) -> Survey:
     courses = [trial.course for trial in trials]
     potentials = Potentials.of([trial.structure for trial in trials])
@@ -132,42 +181,5 @@ def _with_sinks(
         if bounds is not None:
             bounds[:, :, which] = vibration.decay.envelope
 
-    alive = _run_all(courses, potentials, note, workers, progress)
+    alive = crew.run(courses, potentials, note)
     return Survey(quantities, values, alive, bounds)
-
-
-def _run_all(
-    courses: Sequence[Course],
-    potentials: Potentials,
-    note: Callable[[Runs, NDArray[np.intp]], None],
-    workers: int,
-    progress: Callable[[float], object],
-) -> Flags:
-    """Run all courses and `note` what the living ones did; returns which are."""
-    alive = np.zeros(len(courses), dtype=bool)
-    every = np.arange(len(courses))
-    stopped = Event()
-
-    def task(which: NDArray[np.intp]) -> int:
-        for first in range(0, len(which), LANES):
-            if stopped.is_set():
-                break
-            group = which[first : first + LANES]
-            runs, ended = runs_together([courses[run] for run in group], potentials.rows(group))
-            alive[group] = ended
-            if ended.any():
-                note(runs if ended.all() else runs.only(np.flatnonzero(ended)), group[ended])
-        return len(which)
-
-    done = 0
-    size = max(LANES, min(_TASK, -(-len(courses) // (workers * LANES)) * LANES))
-    pool = ThreadPoolExecutor(max(1, min(workers, -(-len(courses) // LANES))))
-    try:
-        futures = [pool.submit(task, every[first : first + size]) for first in range(0, len(courses), size)]
-        for future in as_completed(futures):
-            done += future.result()
-            progress(done / len(courses))
-    finally:  # Ctrl-C waits for the runs under way and starts no others
-        stopped.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-    return alive

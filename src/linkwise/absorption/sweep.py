@@ -88,7 +88,7 @@ class AbsorptionMap:
         return {axis.name: float(axis.values[k]) for axis, k in zip(self.axes, place, strict=True)}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data: the axes, and the range of each quantity with the place where it is best."""
+        """Plain data: the axes, and each quantity over them, with its range and the place where it is best."""
         return {
             "method": "absorb",
             "without": self.manner,
@@ -109,7 +109,13 @@ class AbsorptionMap:
         there = grid[np.isfinite(grid)]
         ends = (float(there.min()), float(there.max())) if there.size else (None, None)
         told = {"title": quantity.title, "unit": quantity.unit, "least": ends[0], "largest": ends[1]}
-        return {**told, "without_value": int(grid.size - there.size), "best_at": self.best(quantity.name)}
+        missing = int(grid.size - there.size)
+        return {
+            **told,
+            "without_value": missing,
+            "best_at": self.best(quantity.name),
+            "values": grid.tolist(),
+        }
 
     def __str__(self) -> str:
         return map_text(self)
