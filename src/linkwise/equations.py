@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from linkwise.errors import IdentificationError
 
 Array = NDArray[np.float64]
+Rows = slice | NDArray[np.intp]  # a piece of the rows, or their numbers
 
 _BLOCK_BYTES = 8 * 2**20  # large enough to fill the pipelines of one BLAS call, small enough to stay in cache
 
@@ -47,7 +48,7 @@ class LinearSystem(ABC):
         """Number of rows R."""
 
     @abstractmethod
-    def rows_of(self, piece: slice) -> tuple[Array, Array]:
+    def rows_of(self, piece: Rows) -> tuple[Array, Array]:
         """Weighted rows `piece`: A (B, p) in C or Fortran order, and b (B, T)."""
 
     @property
@@ -55,11 +56,12 @@ class LinearSystem(ABC):
         """What a fit of any regressor takes at its peak, beside the data: so many p x p matrices and a few blocks of rows."""
         return fit_bytes(len(self.names))
 
-    def blocks(self) -> Iterator[tuple[Array, Array]]:
-        """All rows in order, in blocks of about 8 MB, each as `rows_of` gives them."""
+    def blocks(self, rows: NDArray[np.intp] | None = None) -> Iterator[tuple[Array, Array]]:
+        """All rows, or those of these numbers, in order, in blocks of about 8 MB, each as `rows_of` gives them."""
         step = int(np.clip(_BLOCK_BYTES // (8 * max(len(self.names), 1)), 64, 65536))
-        for first in range(0, self.rows, step):
-            yield self.rows_of(slice(first, min(first + step, self.rows)))
+        for first in range(0, self.rows if rows is None else len(rows), step):
+            last = first + step
+            yield self.rows_of(slice(first, min(last, self.rows)) if rows is None else rows[first:last])
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +101,7 @@ class Equations(LinearSystem):
     def rows(self) -> int:
         return len(self.matrix)
 
-    def rows_of(self, piece: slice) -> tuple[Array, Array]:
+    def rows_of(self, piece: Rows) -> tuple[Array, Array]:
         matrix, target = self.matrix[piece], self.target[piece]
         if self.weights is None:
             return matrix, target
@@ -131,12 +133,13 @@ class Equations(LinearSystem):
 
 @dataclass(frozen=True, eq=False)
 class StreamedEquations(LinearSystem):
-    """Equations whose rows are computed when they are read: `compute(slice)` gives A (B, p) and b (B, T), weights applied.
+    """Equations whose rows are computed when they are read: `compute(piece)` gives A (B, p) and b (B, T), weights applied,
+    for a slice or an array of row numbers.
 
     `count` is the number of rows R. The matrix is never stored: memory stays at one block.
     """
 
-    compute: Callable[[slice], tuple[Array, Array]]
+    compute: Callable[[Rows], tuple[Array, Array]]
     count: int
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -149,7 +152,7 @@ class StreamedEquations(LinearSystem):
     def rows(self) -> int:
         return self.count
 
-    def rows_of(self, piece: slice) -> tuple[Array, Array]:
+    def rows_of(self, piece: Rows) -> tuple[Array, Array]:
         return self.compute(piece)
 
     def stored(self) -> Equations:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.derive import States
-from linkwise.equations import Equations, StreamedEquations, fit_bytes
+from linkwise.equations import Equations, Rows, StreamedEquations, fit_bytes
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
 from linkwise.link import Link
@@ -51,7 +51,7 @@ def monomial_equations(
     variables = _interleaved(states.x[:, columns_at], states.v[:, columns_at])
     targets = _interleaved(states.v[:, targets_at], states.a[:, targets_at])
 
-    def compute(piece: slice) -> tuple[Array, Array]:
+    def compute(piece: Rows) -> tuple[Array, Array]:
         columns = library.evaluate(variables[piece])
         if names:
             columns = np.asfortranarray(np.concatenate([columns, inputs[piece]], axis=1))

@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dpotri, dtrtrs
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
 from linkwise.sparse.cholesky import Factor, cholesky, ridged, vanishing
-from linkwise.sparse.sums import Remainder, held_out, products, remainders
+from linkwise.sparse.sums import Remainder, held_out, mirror, products, remainders
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -259,8 +259,7 @@ class Gram:
         if factor is None:
             return None
         inverse = dpotri(factor[0], lower=1, overwrite_c=1)[0]
-        for column in range(len(inverse) - 1):
-            inverse[column, column + 1 :] = inverse[column + 1 :, column]
+        mirror(inverse)
         return np.asarray(inverse)
 
     def _eliminated(self, kept: Indices, dropped: Indices, target: int, inverse: Array) -> Array:

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 _RUNS = 100
 _ONE_IN = 5
+_TILE = 128
 _FEWEST = 25  # rows below which none are held out: five must be left to judge by
 
 
@@ -67,8 +68,7 @@ def products(system: LinearSystem) -> list[Products]:
         parts[part].moments[...] += times(rows, target, transposed=True)
         parts[part].squares[...] += np.sum(target**2, axis=0)
     for one in parts:
-        for column in range(columns - 1):
-            one.matrix[column, column + 1 :] = one.matrix[column + 1 :, column]
+        mirror(one.matrix)
     return parts
 
 
@@ -85,6 +85,17 @@ def remainders(system: LinearSystem, coefficients: Array) -> list[Remainder]:
     return parts
 
 
+def mirror(matrix: Array) -> None:
+    """Copy the lower triangle of a square matrix over its upper one, in tiles that stay in the cache."""
+    edges = range(0, len(matrix), _TILE)
+    for row in edges:
+        for column in range(0, row, _TILE):
+            tile = matrix[row : row + _TILE, column : column + _TILE]
+            matrix[column : column + _TILE, row : row + _TILE] = tile.T
+        corner = matrix[row : row + _TILE, row : row + _TILE]
+        corner[...] = np.tril(corner) + np.tril(corner, -1).T
+
+
 def times(rows: Array, right: Array, *, transposed: bool = False) -> Array:
     """rows @ right, or rows.T @ right, by SciPy's BLAS.
 
@@ -96,20 +107,8 @@ def times(rows: Array, right: Array, *, transposed: bool = False) -> Array:
 
 
 def _blocks(system: LinearSystem) -> Iterator[tuple[int, Array, Array]]:
-    """The rows of each block, first those that are seen (0), then those held out (1)."""
-    held, first = held_out(system.rows), 0
-    for rows, target in system.blocks():
-        mask = held[first : first + len(rows)]
-        first += len(rows)
-        for part, chosen in enumerate((~mask, mask)):
-            if chosen.all():
-                yield part, rows, target
-            elif chosen.any():
-                yield part, _taken(rows, chosen), target[chosen]
-
-
-def _taken(rows: Array, chosen: NDArray[np.bool_]) -> Array:
-    """Some rows, in the memory order that all have."""
-    if rows.flags.c_contiguous:
-        return rows[chosen]
-    return np.compress(chosen, rows.T, axis=1).T
+    """All rows in blocks, first those that are seen (0), then those held out (1)."""
+    held = held_out(system.rows)
+    for part, chosen in enumerate((~held, held)):
+        for rows, target in system.blocks(np.flatnonzero(chosen)):
+            yield part, rows, target
