@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -146,9 +149,76 @@ def test_evidence_stands_above_the_price_where_a_term_was_kept(found: lw.Discove
     np.testing.assert_array_equal(bars > prices, [term.kept for term in found.terms])
 
 
-def test_figures_are_written_on_paper_and_for_the_page(found: lw.Discovery, tmp_path: Path) -> None:
+def test_figures_can_do_without_a_path_or_anything_dropped(found: lw.Discovery, tmp_path: Path) -> None:
     bare = replace(found, runners_up=(), path=(), terms=found.kept)
     for name, draw in {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}.items():
-        for each in (found, bare):
-            png, svg = save(draw(each), tmp_path / name)
-            assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
+        png, svg = save(draw(bare), tmp_path / name)
+        assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
+
+
+@pytest.fixture(scope="module")
+def folder(found: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result folder as `discover --truth` writes it."""
+    return lw.write_discovery(found, tmp_path_factory.mktemp("results") / "answer", truth=chain)
+
+
+def test_folder_is_that_of_identify_and_more(folder: Path) -> None:
+    pictures = ("graph", "path", "evidence", "histories", "force_m1-ground", "force_m2-m1")
+    figures = {f"{name}.{suffix}" for name in pictures for suffix in ("png", "svg")}
+    tables = {"terms.csv", "covariance.csv", "force_m1-ground.csv", "force_m2-m1.csv"}
+    files = {"structure.toml", "report.html", *figures, *tables}
+    assert {path.name for path in folder.iterdir()} == {"result.json", *files}
+    assert json.loads((folder / "result.json").read_text())["files"] == sorted(files)
+
+
+def test_result_json_holds_the_discovery(folder: Path, found: lw.Discovery, chain: lw.Structure) -> None:
+    result = json.loads((folder / "result.json").read_text())
+    assert result["status"] == "converged" and result["settled"] is True and result["version"] == lw.__version__
+    assert [term["name"] for term in result["terms"]] == [term.name for term in found.terms]
+    assert {"path", "runners_up", "remarks", "links", "noise", "fit"} <= set(result)
+    assert result["truth"]["missing"] == result["truth"]["extra"] == [] and len(result["truth"]["right"]) == 5
+    assert set(result["nmse_percent"]) == {"m1-ground", "m2-m1"}
+    alone = lw.discovery_of(found)
+    assert "truth" not in alone and "nmse_percent" not in alone
+    with pytest.raises(lw.StructureError, match="the true structure has no mass m2"):
+        lw.discovery_of(found, replace(chain, masses=chain.masses[:1], links=chain.links[:1]))
+
+
+def test_terms_csv_has_every_candidate_that_was_tested(folder: Path, found: lw.Discovery) -> None:
+    rows = list(csv.DictReader((folder / "terms.csv").read_text().splitlines()))
+    assert [row["name"] for row in rows] == [term.name for term in found.terms]
+    assert [row["kept"] == "true" for row in rows] == [term.kept for term in found.terms]
+    margins = [float(row["margin"]) for row in rows]
+    assert margins == pytest.approx([term.margin for term in found.terms], rel=1e-9)  # ten printed digits
+
+
+def test_structure_is_the_discovered_one(folder: Path, found: lw.Discovery) -> None:
+    written = lw.read_structure(folder / "structure.toml")
+    assert written.parameters == () and written == found.structure
+
+
+def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: Path) -> None:
+    page = re.sub(r"<script.*?</script>", "", (folder / "report.html").read_text(), flags=re.DOTALL)
+    wanted = ["5 terms: can be trusted", "Who is linked to whom", "5 terms are right", "How certain it is", "Why these terms",
+              "<h2>Links</h2>", "<h3>m1-ground", "<h2>Record</h2>"]  # fmt: skip
+    found = [page.index(text) for text in wanted]
+    assert found == sorted(found) and page.count("data:image/svg+xml;base64,") == 3
+    assert re.findall(r'<(?:script|link|img|iframe)[^>]*\b(?:src|href)="(?!data:)', page) == []
+
+
+def test_page_of_a_bad_answer_says_so(found: lw.Discovery, tmp_path: Path) -> None:
+    bad = replace(found, settled=False, remarks=("m2 <b>hardly</b> moved.",))
+    page = (lw.write_discovery(bad, tmp_path / "bad") / "report.html").read_text()
+    assert 'class="verdict untrusted"' in page and 'class="verdict trusted"' not in page
+    assert "NOT to be trusted" in page and "Against the truth" not in page
+    assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
+
+
+def test_nothing_is_left_where_writing_fails(found: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
+    with pytest.raises(lw.StructureError):
+        lw.write_discovery(found, tmp_path / "answer", truth=replace(chain, masses=chain.masses[:1], links=chain.links[:1]))
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
+    with pytest.raises(lw.LinkwiseError, match="is no result of linkwise"):
+        lw.write_discovery(found, tmp_path / "thesis")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis"]

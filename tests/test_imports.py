@@ -23,7 +23,7 @@ FLOORS = {  # from the ground up; a module may import from its own floor and tho
         weakestimate classical monomialforce discovery""",
     "questions": "identify lawpath discover validate absorption absorb bound limit",
     "campaigns": "study",
-    "pictures": "plot report answer absorbed",
+    "pictures": "plot report answer absorbed discovered",
     "doors": "cli linkwise",
 }
 HEIGHT = {room: height for height, rooms in enumerate(FLOORS.values()) for room in rooms.split()}

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from linkwise.derive import differentiate
     from linkwise.describing import Equivalent, equivalent
     from linkwise.discover import discover, foreseen
+    from linkwise.discovered import discovery_of, write_discovery
     from linkwise.discovery.found import Discovery
     from linkwise.discovery.truth import TermScore, term_score, truth_beside
     from linkwise.equilibria import Equilibrium, equilibria
@@ -122,6 +123,7 @@ __all__ = [
     "bnes_chain",
     "differentiate",
     "discover",
+    "discovery_of",
     "equilibria",
     "equivalent",
     "export_study",
@@ -156,6 +158,7 @@ __all__ = [
     "wells",
     "write_absorption",
     "write_absorption_map",
+    "write_discovery",
     "write_record",
     "write_result",
     "write_structure",
@@ -178,6 +181,7 @@ _HOMES = {
     "derive": ("differentiate",),
     "describing": ("Equivalent", "equivalent"),
     "discover": ("discover", "foreseen"),
+    "discovered": ("discovery_of", "write_discovery"),
     "discovery.found": ("Discovery",),
     "discovery.truth": ("TermScore", "term_score", "truth_beside"),
     "equilibria": ("Equilibrium", "equilibria"),

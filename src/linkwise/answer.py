@@ -61,7 +61,7 @@ def write_result(
 def write_links(
     estimate: Estimate, folder: Path, truth: Structure | None = None, progress: Progress = lambda fraction, now: None
 ) -> tuple[str, ...]:
-    """Write what was identified into an empty `folder`, numbers and figures; return the names of the links that are pictured."""
+    """Write what was identified into an empty `folder`, numbers and figures; return the names of the links pictured."""
     write_structure(estimate.structure, folder / "structure.toml")
     for found in estimate.links:
         _write_force(estimate, found.link.name, folder / f"force_{found.link.name}.csv")

@@ -1,0 +1,110 @@
+"""The result folder of `discover`: that of `identify`, with the graph, the path and the evidence for every term."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from linkwise.answer import result_of, write_links, write_page
+from linkwise.discovery.found import Discovery
+from linkwise.discovery.truth import term_score, truth_beside
+from linkwise.estimate import Estimate
+from linkwise.output import whole_folder
+from linkwise.plot import save
+from linkwise.plot.choice import evidence_figure, path_figure
+from linkwise.plot.graph import graph_figure
+from linkwise.report.discovery import discovery_page
+from linkwise.structure import Structure
+
+_COLUMNS = (
+    "name", "link", "first", "second", "term", "kept", "stated", "certain", "told", "value", "standard_error", "unit", "z",
+    "margin", "price",
+)  # fmt: skip
+
+
+def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:
+    """What result.json says, as plain data.
+
+    With a `truth` also "nmse_percent" by link (paper Eq. 8), null where there is no such force in truth, and "truth", the
+    names of the terms that are right, missing and false. Raises StructureError for a truth with other masses.
+    """
+    result = {**found.to_dict(), "version": version("linkwise")}
+    if truth is None:
+        return result
+    score = term_score(found.structure, truth)
+    compared = {
+        "right": list(score.right),
+        "missing": list(score.missing),
+        "extra": list(score.extra),
+        "missing_links": list(score.missing_links),
+        "extra_links": list(score.extra_links),
+    }
+    beside = result_of(found.estimate, truth_beside(found.structure, truth))
+    return {**result, "nmse_percent": beside["nmse_percent"], "truth": compared}
+
+
+def write_discovery(
+    found: Discovery,
+    folder: str | Path,
+    *,
+    truth: Structure | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, now: None,
+) -> Path:
+    """Write what `write_result` writes into `folder`, and graph, path and evidence as figures and terms.csv; all or none.
+
+    An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
+    something else. `truth` adds the true forces to the figures, their NMSE and the terms that are right; `progress` is
+    told the fraction done.
+    """
+    result = discovery_of(found, truth)
+    beside = None if truth is None else truth_beside(found.structure, truth)
+    found = replace(found, estimate=_by_names_found(found.estimate))
+    with whole_folder(Path(folder)) as partial:
+        progress(0.0, "graph")
+        figures = {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}
+        for name, draw in figures.items():
+            save(draw(found), partial / name)
+        _write_terms(found, partial / "terms.csv")
+        pictured = write_links(
+            found.estimate, partial, beside, lambda fraction, now: progress(0.1 + 0.6 * fraction, now)
+        )
+        page = discovery_page(
+            found, partial, score=None if truth is None else term_score(found.structure, truth),
+            progress=lambda fraction, now: progress(0.7 + 0.3 * fraction, now),
+            version=result["version"], pictured=pictured, truth=beside, nmse=result.get("nmse_percent"),
+        )  # fmt: skip
+        write_page(page, result, partial)
+    return Path(folder)
+
+
+def _by_names_found(estimate: Estimate) -> Estimate:
+    """The estimate with the truth of a simulated record under the names of the links found, for figures to show beside."""
+    simulated = estimate.record.simulated
+    if simulated is None:
+        return estimate
+    beside = replace(simulated, structure=truth_beside(estimate.structure, simulated.structure))
+    return replace(estimate, record=replace(estimate.record, simulated=beside))
+
+
+def _write_terms(found: Discovery, path: Path) -> None:
+    """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for term in found.terms:
+            first, second = term.between
+            row = {**vars(term), "first": first, "second": second, "certain": term.certain, "price": term.price}
+            writer.writerow([_cell(row[name]) for name in _COLUMNS])
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.10g}" if math.isfinite(value) else ""
+    return str(value)

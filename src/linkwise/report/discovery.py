@@ -1,0 +1,64 @@
+"""From a discovery to the page: verdict, graph, links by certainty, path; then what the page of `identify` shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from linkwise.discovery.found import CERTAIN, Discovery
+from linkwise.discovery.table import (
+    all_remarks,
+    by_certainty,
+    doubt_rows,
+    headline,
+    is_certain,
+    next_rows,
+    term_rows,
+)
+from linkwise.discovery.truth import TermScore
+from linkwise.report.page import TEMPLATES, page_parts
+from linkwise.report.sheet import embedded
+
+_HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
+
+
+def discovery_page(
+    found: Discovery,
+    figures: Path,
+    *,
+    score: TermScore | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, now: None,
+    **options: Any,
+) -> str:
+    """The page as text, HTML that carries everything in itself.
+
+    `figures` is the folder with graph.svg, path.svg and evidence.svg; `score` compares with the truth; `options` are those
+    of `page_parts`.
+    """
+    parts: Mapping[str, Any] = page_parts(found.estimate, progress=progress, **options)
+    return TEMPLATES.get_template("discovery.html.jinja").render(
+        {
+            **parts,
+            "found": found,
+            "headline": headline(found),
+            "remarks": all_remarks(found),
+            "certain": CERTAIN,
+            "links": [_HEAD, *_rows(found)],
+            "doubts": doubt_rows(found),
+            "runners": next_rows(found),
+            "score": score,
+            **{name: embedded(figures / f"{name}.svg") for name in ("graph", "path", "evidence")},
+        }
+    )
+
+
+def _rows(found: Discovery) -> list[tuple[str, ...]]:
+    """A row for every term, links and their laws named once."""
+    rows = []
+    for each in by_certainty(found):
+        name = each.link.name + ("" if is_certain(found, each.link.name) else " (in doubt)")
+        title = (name, " – ".join(each.link.between), each.kind)
+        for number, row in enumerate(term_rows(found, each)):
+            rows.append((*(title if number == 0 else ("", "", "")), *row))
+    return rows
