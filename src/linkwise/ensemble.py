@@ -132,8 +132,10 @@ def _landed(
 ) -> Flock:
     """What the lanes brought home, run by run; NaN for those that did not come."""
     size, runs = flight.size, len(alive)
-    table = np.full((*flight.states.shape[:2], runs), np.nan)
-    table[..., seats] = flight.states[..., : len(seats)]
+    table = flight.states[..., :runs]
+    if len(seats) < runs:
+        table = np.full((*flight.states.shape[:2], runs), np.nan)
+        table[..., seats] = flight.states[..., : len(seats)]
     table[:, : 2 * size] *= SCALE
     times: list[list[list[float]]] = [[[] for _ in range(links)] for _ in range(runs)]
     for link, noted in zip(watched, flight.batch.passages, strict=True):

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Rows = tuple[NDArray[np.intp], ...]
 
 TAIL = 0.05  # of the run: a mass that leaves its band so late has not settled within it
-_BISECTIONS = 60
+_BISECTIONS = 48
 _FEWEST = 3  # peaks that a rate of decay needs
 
 
@@ -28,38 +29,35 @@ class Decay:
     v: Floats
 
     @cached_property
-    def _cubic(self) -> tuple[Floats, Floats, Floats]:
-        """(N - 1, ...) coefficients of s, s^2 and s^3, s = 0..1 in each interval."""
-        step = self._wide(np.diff(self.time))
-        first, last, rise = step * self.v[:-1], step * self.v[1:], np.diff(self.x, axis=0)
-        return first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+    def _step(self) -> float:
+        return float(self.time[1] - self.time[0])
 
-    def _wide(self, values: Floats) -> Floats:
-        return values.reshape(-1, *(1 for _ in self.x.shape[1:]))
+    def _cubic(self, rows: Rows) -> tuple[Floats, Floats, Floats, Floats]:
+        """Coefficients of 1, s, s^2 and s^3 in the intervals that begin at `rows`, s = 0..1."""
+        after = (rows[0] + 1, *rows[1:])
+        start, rise = self.x[rows], self.x[after] - self.x[rows]
+        first, last = self._step * self.v[rows], self._step * self.v[after]
+        return start, first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
 
     @cached_property
-    def _turns(self) -> Floats:
-        """(N - 1, ...) where in each interval the motion turns, 0..1; 0 where it does not."""
-        a, b, c = self._cubic
+    def _turns(self) -> tuple[Rows, Floats, Floats]:
+        """(T,) where the motion turns: the intervals, the place 0..1 in each, and the excursion there."""
+        rows = np.nonzero(self.v[:-1] * self.v[1:] < 0.0)
+        start, a, b, c = self._cubic(rows)
         with np.errstate(all="ignore"):
             q = -(b + np.copysign(np.sqrt(np.maximum(b * b - 3.0 * a * c, 0.0)), b))
             one, other = q / (3.0 * c), a / q
-        inside = (one > 0.0) & (one < 1.0)
-        place = np.where(inside, one, other)
-        turning = (self.v[:-1] * self.v[1:] < 0.0) & (place > 0.0) & (place < 1.0)
-        return np.where(turning, place, 0.0)
-
-    def _at(self, s: Floats, rows: tuple[NDArray[np.intp], ...] | slice = slice(None)) -> Floats:
-        """The displacement at places s of the intervals."""
-        a, b, c = (each[rows] for each in self._cubic)
-        value: Floats = self.x[:-1][rows] + s * (a + s * (b + s * c))
-        return value
+        place = np.clip(np.where((one > 0.0) & (one < 1.0), one, other), 0.0, 1.0)
+        return rows, place, np.abs(start + place * (a + place * (b + place * c)))
 
     @cached_property
     def _largest(self) -> Floats:
         """(N - 1, ...) the largest excursion within each interval."""
         size = np.abs(self.x)
-        return np.maximum(np.maximum(size[:-1], size[1:]), np.abs(self._at(self._turns)))
+        largest: Floats = np.maximum(size[:-1], size[1:])
+        rows, _, turned = self._turns
+        largest[rows] = np.maximum(largest[rows], turned)
+        return largest
 
     @cached_property
     def envelope(self) -> Floats:
@@ -70,13 +68,13 @@ class Decay:
     @cached_property
     def peak(self) -> Floats:
         """(...) m: the largest excursion of all."""
-        return np.asarray(self.envelope[0])
+        return np.asarray(self._largest.max(axis=0))
 
     @cached_property
     def mean_square(self) -> Floats:
         """(...) m^2: the average of the squared excursion over the run, by the trapezoidal rule with its end correction."""
         square, slope = self.x**2, 2.0 * self.x * self.v
-        step = self.time[1] - self.time[0]
+        step = self._step
         total = step * (square.sum(axis=0) - 0.5 * (square[0] + square[-1])) - step**2 / 12.0 * (
             slope[-1] - slope[0]
         )
@@ -93,14 +91,15 @@ class Decay:
         ever = beyond.any(axis=0)
         last = len(beyond) - 1 - np.argmax(beyond[::-1], axis=0)
         rows = (last, *np.indices(shape))
-        start = np.where(np.abs(self.x[rows]) > level, 0.0, self._turns[rows])
-        end = np.ones(shape)
+        x, a, b, c = self._cubic(rows)
+        turns = np.zeros(self._largest.shape)
+        turns[self._turns[0]] = self._turns[1]
+        start, end = np.where(np.abs(x) > level, 0.0, turns[rows]), np.ones(shape)
         for _ in range(_BISECTIONS):
             middle = 0.5 * (start + end)
-            out = np.abs(self._at(middle, rows)) > level
+            out = np.abs(x + middle * (a + middle * (b + middle * c))) > level
             start, end = np.where(out, middle, start), np.where(out, end, middle)
-        step = self.time[1] - self.time[0]
-        found = np.where(ever, self.time[last] + end * step, self.time[0])
+        found = np.where(ever, self.time[last] + end * self._step, self.time[0])
         late = found > self.time[-1] - TAIL * (self.time[-1] - self.time[0])
         return np.where(late | np.isnan(level), np.nan, found)
 
@@ -113,14 +112,13 @@ class Decay:
 
         NaN where there are fewer than three such peaks. `x` is (N, masses).
         """
-        later = self.envelope[1:]
-        peaks = (self._turns > 0.0) & (self._largest >= later) & (self._largest >= level)
-        peaks &= np.abs(self._at(self._turns)) >= self._largest
-        step = self.time[1] - self.time[0]
+        (rows, columns), place, turned = self._turns
+        kept = (turned >= self.envelope[rows + 1, columns]) & (turned >= level[columns])
+        kept &= turned >= self._largest[rows, columns]
         rates = np.full(self.x.shape[1], np.nan)
         for column in range(self.x.shape[1]):
-            rows = np.flatnonzero(peaks[:, column])
-            if len(rows) >= _FEWEST:
-                when = self.time[rows] + step * self._turns[rows, column]
-                rates[column] = -np.polyfit(when, np.log(self._largest[rows, column]), 1)[0]
+            which = np.flatnonzero(kept & (columns == column))
+            if len(which) >= _FEWEST:
+                when = self.time[rows[which]] + self._step * place[which]
+                rates[column] = -np.polyfit(when, np.log(turned[which]), 1)[0]
         return rates

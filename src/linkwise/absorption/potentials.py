@@ -59,12 +59,20 @@ class Potentials:
 
     def stored(self, x: Floats, base: Floats | None) -> Floats:
         """(N, W) J above the lowest wells at displacements (N, n, W); `base` (N,) in m where there is one."""
-        d = np.stack([self.first.elongations(x[..., run], base) for run in range(x.shape[2])], axis=-1)
+        d = elongations(self.first, x, base)
         energy = np.zeros((x.shape[0], x.shape[2]))
         for number, (link, values) in enumerate(zip(self.first.links, self.values, strict=True)):
-            energy += link.law.potential(d[:, number], values)
+            energy += link.law.potential(d[..., number], values)
         return energy - self.floor
 
     def kinetic(self, v: Floats) -> Floats:
         """(N, W) J at velocities (N, n, W)."""
         return np.asarray(0.5 * np.einsum("tiw,iw->tw", v * v, self.masses))
+
+
+def elongations(structure: Structure, x: Floats, base: Floats | None) -> Floats:
+    """(N, W, L) m of all links in W runs at displacements (N, n, W); `base` (N,) in m where there is one."""
+    points, size, runs = x.shape
+    where = None if base is None else np.repeat(base, runs)
+    flat = structure.elongations(x.transpose(0, 2, 1).reshape(-1, size), where)
+    return flat.reshape(points, runs, -1)

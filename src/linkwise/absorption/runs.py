@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.crossings import begun, crossings, distinct
-from linkwise.absorption.potentials import Potentials
+from linkwise.absorption.potentials import Potentials, elongations
 from linkwise.course import Course
 from linkwise.ensemble import can_fly, fly
 from linkwise.errors import SimulationError
@@ -84,11 +84,11 @@ def runs_together(
         potentials.kinetic(start[:, size:]) + potentials.stored(start[:, :size], at_start) + potentials.floor
     )
     passages = []
+    d = elongations(course.structure, flock.x, where)
     for run in range(len(courses)):
-        d = course.structure.elongations(flock.x[..., run], where)
         tops = potentials.tops(run)
         cleaned = (
-            begun(distinct(times, course.end), flock.time, d[:, link], tops[link])
+            begun(distinct(times, course.end), flock.time, d[:, run, link], tops[link])
             for link, times in enumerate(flock.passages[run])
         )
         passages.append(tuple(cleaned))
