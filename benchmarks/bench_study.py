@@ -15,7 +15,7 @@ from coordinator import killed
 from small_study import small
 
 import linkwise as lw
-from linkwise.study.crew import Crew, Processes
+from linkwise.study.crew import Crew, Fate, Processes
 from linkwise.study.runner import run
 from linkwise.study.store import opened
 from linkwise.study.worker import Batch, Done
@@ -27,11 +27,12 @@ QUICK, WHOLE = 4.0, 90.0  # minutes on two processors
 
 @final
 class Timed(Crew):
-    """A crew that takes note of how long its workers worked, and of the time from the first batch to the last row."""
+    """A crew that takes note of how long its workers worked, from when all of them were up to the last row."""
 
     def __init__(self, crew: Crew) -> None:
         self._crew, self.seconds = crew, crew.seconds
-        self.worked, self.first, self.last = 0.0, 0.0, 0.0
+        self.worked, self.last, self.up = 0.0, 0.0, 0.0
+        self._results = 0
 
     @property
     def places(self) -> int:
@@ -40,16 +41,15 @@ class Timed(Crew):
     @property
     def idle(self) -> float:
         """The part of the time that workers waited."""
-        return 1.0 - self.worked / (WORKERS * (self.last - self.first))
+        return 1.0 - self.worked / (WORKERS * (self.last - self.up))
 
     def submit(self, batch: Batch) -> Future[list[Done]]:
-        self.first = self.first or perf_counter()
         future = self._crew.submit(batch)
         future.add_done_callback(self._note)
         return future
 
-    def lost(self, error: BaseException) -> bool:
-        return self._crew.lost(error)
+    def fate(self, future: Future[list[Done]]) -> Fate:
+        return self._crew.fate(future)
 
     def __enter__(self) -> Self:
         self._crew.__enter__()
@@ -61,8 +61,12 @@ class Timed(Crew):
         self._crew.__exit__(kind, error, trace)
 
     def _note(self, future: Future[list[Done]]) -> None:
-        self.worked += sum(done.seconds for done in future.result())
         self.last = perf_counter()
+        self._results += 1
+        if self._results == 2 * WORKERS:  # each has loaded the library and run something
+            self.up, self.worked = self.last, 0.0
+        else:
+            self.worked += sum(done.seconds for done in future.result())
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import linkwise as lw
 
-PATIENCE = 60.0  # s for what takes one or two on an idle machine
+PATIENCE = 120.0  # s for what takes one or two on an idle machine
 AT_START = (
     0,
     5,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections import Counter, deque
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -12,7 +13,7 @@ import pytest
 from small_study import DIVERGING, small
 
 import linkwise as lw
-from linkwise.study.crew import Crew, Processes
+from linkwise.study.crew import Crew, Fate, Processes
 from linkwise.study.pace import Pace, next_batch
 from linkwise.study.row import Case
 from linkwise.study.runner import Progress, run
@@ -53,8 +54,8 @@ class Here(Crew):
             future.set_result(run_batch(batch))
         return future
 
-    def lost(self, error: BaseException) -> bool:
-        return isinstance(error, Died)
+    def fate(self, future: Future[list[Done]]) -> Fate:
+        return Fate.DIED if isinstance(future.exception(), Died) else Fate.FAULT
 
     def __enter__(self) -> Self:
         return self
@@ -193,8 +194,8 @@ class Gone(Crew):
         future.set_running_or_notify_cancel()
         return future
 
-    def lost(self, error: BaseException) -> bool:
-        return False
+    def fate(self, future: Future[list[Done]]) -> Fate:
+        return Fate.FAULT
 
     def __enter__(self) -> Self:
         return self
@@ -231,7 +232,7 @@ def test_batches_last_as_long_as_they_should() -> None:
         failure(Case("a", 20.0, "fast", 99), 2, "", 0.01),
         failure(Case("a", 20.0, "slow", 99), 2, "", 5.0),
     ]
-    pace, pending = Pace(rows, cases), deque(cases)
+    pace, pending = Pace(rows, cases, {"a": 2, "b": 4}), deque(cases)
     suspects = {cases[12]}
     sizes = []
     while pending:
@@ -239,13 +240,15 @@ def test_batches_last_as_long_as_they_should() -> None:
     assert sizes == [10, 2, 1, 10, 7, 1, 1, 1, 1]
     unknown = deque(Case("b", 20.0, "new", seed) for seed in range(2))
     assert len(next_batch(unknown, pace, 1e9, set())) == 1  # nobody knows how long it takes
+    assert pace.expected(Case("b", 20.0, "slow", 0)) == pytest.approx(4 * 5.0)  # twice the masses
+    assert pace.expected(unknown[0]) == pytest.approx(4 * (0.01 + 5.0) / 2)
 
 
 def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 10.0, 10.0, 20.0])
     monkeypatch.setattr("linkwise.study.pace.perf_counter", lambda: next(clock))
     cases = [Case("a", 20.0, method, seed) for method in ("fast", "slow") for seed in range(3)]
-    pace = Pace([], cases)
+    pace = Pace([], cases, {"a": 2})
     assert pace.left is None
     pace.finished(cases[0], 2.0)
     pace.finished(cases[3], 8.0)
@@ -254,3 +257,23 @@ def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.M
     assert pace.rate == pytest.approx(0.2)
     # The same, seen twice as late: the workers are half as fast.
     assert pace.left == pytest.approx(40.0)
+
+
+def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
+    """The one that it was at; the next one, which it had already, can be told from that."""
+    study = lw.stored_study(folder)
+    case = Case("bnes4", 20.0, "ml", 1000)
+    with Processes(1) as crew:
+        assert crew.places == 2
+        (first,) = crew.submit(Batch(study.text(), (case,))).result()
+        long = crew.submit(Batch(study.text(), (case,) * 100))
+        behind = crew.submit(Batch(study.text(), (case,)))
+        for child in multiprocessing.active_children():
+            child.kill()
+        wait([long, behind])
+        assert crew.fate(long) is Fate.DIED and crew.fate(behind) is Fate.SPARED
+        (again,) = crew.submit(Batch(study.text(), (case,))).result()
+        assert again.row == first.row
+        unreadable = crew.submit(Batch("no JSON", (case,)))
+        wait([unreadable])
+        assert crew.fate(unreadable) is Fate.FAULT

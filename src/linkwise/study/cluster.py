@@ -11,7 +11,7 @@ from distributed import Client, KilledWorker
 from distributed.comm import get_address_host_port
 
 from linkwise.errors import StudyError
-from linkwise.study.crew import Crew
+from linkwise.study.crew import Crew, Fate
 from linkwise.study.worker import Batch, Done, run_batch
 
 _PATIENCE = 30.0  # s for the scheduler to answer, and for a first worker to be there
@@ -57,8 +57,8 @@ class Cluster(Crew):
         future: Future[list[Done]] = self._executor.submit(run_batch, batch)
         return future
 
-    def lost(self, error: BaseException) -> bool:
-        return isinstance(error, KilledWorker)
+    def fate(self, future: Future[list[Done]]) -> Fate:
+        return Fate.DIED if isinstance(future.exception(), KilledWorker) else Fate.FAULT
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -1,7 +1,6 @@
 """Who runs the batches of a study: an interface, and the processes of this machine behind it.
 
-A crew hands out futures of `concurrent.futures`, and says of a failed one whether the worker was lost or the batch is to
-blame.
+A crew hands out futures of `concurrent.futures`, and says of a failed one what became of its batch.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from enum import Enum
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Self, final
@@ -22,7 +22,16 @@ from typing import Any, Self, final
 from linkwise.errors import StudyError
 from linkwise.study.worker import Batch, Done, run_batch
 
+_AHEAD = 2  # batches for each worker
 _ATTEMPTS = 2  # to start a worker: one may be killed by chance
+
+
+class Fate(Enum):
+    """What became of a batch without a result."""
+
+    DIED = "its worker died at it"
+    SPARED = "its worker died before it came to it"
+    FAULT = "the worker cannot run it"
 
 
 class Crew(ABC):
@@ -40,8 +49,8 @@ class Crew(ABC):
         """Hand out a batch; no more than `places` at a time."""
 
     @abstractmethod
-    def lost(self, error: BaseException) -> bool:
-        """Whether a batch failed with `error` because its worker died; then it can be handed out again."""
+    def fate(self, future: Future[list[Done]]) -> Fate:
+        """What became of a batch whose future ended with an exception; but for a fault it can be handed out again."""
 
     @abstractmethod
     def __enter__(self) -> Self: ...
@@ -55,7 +64,7 @@ class Crew(ABC):
 @final
 class Processes(Crew):
     """`count` processes of this machine, each alone in a pool of its own: one that dies takes its own batch with it and no
-    other, and a new one takes its place.
+    other, and a new one takes its place. Each has its next batch before it ends the one that it is at.
 
     Workers end with this process, even one that is killed. Raises StudyError where none can be started.
     """
@@ -67,33 +76,41 @@ class Processes(Crew):
             raise StudyError(f"a study needs at least one worker, got {count}")
         self._count = count
         self._pools: list[ProcessPoolExecutor] = []
-        self._at: dict[int, Future[list[Done]]] = {}
+        self._at: list[list[Future[list[Done]]]] = [[] for _ in range(count)]  # oldest first
         self._context = multiprocessing.get_context("spawn")
         self._ends: tuple[Connection, Connection] | None = None
 
     @property
     def places(self) -> int:
-        return self._count
+        return _AHEAD * self._count
 
     def __enter__(self) -> Self:
         self._ends = self._context.Pipe(duplex=False)
         self._pools = [self._pool() for _ in range(self._count)]
-        for place, started in enumerate([_submit(pool, os.getpid) for pool in self._pools]):
-            self._await(place, started)
+        try:
+            for place, started in enumerate([_submit(pool, os.getpid) for pool in self._pools]):
+                self._await(place, started)
+        except BaseException as error:  # an interrupt too must leave no process behind
+            self.__exit__(type(error), error, None)
+            raise
         return self
 
     def submit(self, batch: Batch) -> Future[list[Done]]:
-        place = next(i for i in range(self._count) if i not in self._at or self._at[i].done())
+        self._at = [[future for future in at if not future.done()] for at in self._at]
+        place = min(range(self._count), key=lambda i: len(self._at[i]))
         try:
             future = _submit(self._pools[place], run_batch, batch)
         except BrokenProcessPool:
             self._renew(place)
             future = _submit(self._pools[place], run_batch, batch)
-        self._at[place] = future
+        self._at[place].append(future)
         return future
 
-    def lost(self, error: BaseException) -> bool:
-        return isinstance(error, BrokenProcessPool)
+    def fate(self, future: Future[list[Done]]) -> Fate:
+        if not _broken(future):
+            return Fate.FAULT
+        first = [next((each for each in at if _broken(each)), None) for at in self._at]
+        return Fate.DIED if future in first else Fate.SPARED
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -127,6 +144,10 @@ class Processes(Crew):
             "its worker processes end as soon as they start. A script that runs a study does so under "
             '`if __name__ == "__main__":` and is a file, since every worker imports it'
         )
+
+
+def _broken(future: Future[list[Done]]) -> bool:
+    return future.done() and isinstance(future.exception(), BrokenProcessPool)
 
 
 def _submit(pool: ProcessPoolExecutor, function: Callable[..., Any], *arguments: Any) -> Future[Any]:

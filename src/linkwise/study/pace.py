@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Mapping
 from time import perf_counter
 
 from linkwise.study.row import Case, Row
@@ -11,12 +12,15 @@ Cell = tuple[str, float, str]
 
 
 class Pace:
-    """Measured seconds of cases by (structure, noise, method), and what they promise for those still to come."""
+    """Measured seconds of cases by (structure, noise, method), and what they promise for those still to come; `masses` says
+    how many each structure has.
+    """
 
-    def __init__(self, done: list[Row], pending: list[Case]) -> None:
+    def __init__(self, done: list[Row], pending: list[Case], masses: Mapping[str, int]) -> None:
         self._seconds: dict[Cell, float] = {}
         self._counts: Counter[Cell] = Counter()
         self._left: Counter[Cell] = Counter(map(_cell, pending))
+        self._masses = masses
         self._began = perf_counter()
         self._worked = 0.0
         self.done = 0
@@ -35,7 +39,9 @@ class Pace:
         return self._counts[_cell(case)] > 0
 
     def expected(self, case: Case) -> float:
-        """Seconds that a worker should take: the mean of those like it, or of those by the same method, or of all."""
+        """Seconds that a worker should take: the mean of those like it; where there are none, of those by the same method (or
+        any) on the largest structure seen, times the square of the ratio of masses.
+        """
         return self._expected(_cell(case))
 
     @property
@@ -61,9 +67,13 @@ class Pace:
     def _expected(self, cell: Cell) -> float:
         if cell in self._seconds:
             return self._seconds[cell]
-        alike = [seconds for (_, _, method), seconds in self._seconds.items() if method == cell[2]]
-        known = alike or list(self._seconds.values())
-        return sum(known) / len(known) if known else 0.0
+        known = {other: other[2] == cell[2] for other in self._seconds}
+        alike = [other for other, same in known.items() if same or not any(known.values())]
+        if not alike:
+            return 0.0
+        largest = max(self._masses[structure] for structure, _, _ in alike)
+        seconds = [self._seconds[other] for other in alike if self._masses[other[0]] == largest]
+        return sum(seconds) / len(seconds) * (self._masses[cell[0]] / largest) ** 2
 
 
 def next_batch(pending: deque[Case], pace: Pace, seconds: float, alone: set[Case]) -> tuple[Case, ...]:

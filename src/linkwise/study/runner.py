@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 
 from linkwise.errors import StudyError
-from linkwise.study.crew import Crew
+from linkwise.study.crew import Crew, Fate
 from linkwise.study.definition import Study
 from linkwise.study.pace import Pace, next_batch
 from linkwise.study.row import Case
@@ -43,7 +43,7 @@ def run(study: Study, store: Store, crew: Crew, report: Report) -> None:
     rows = store.rows()
     there = {row.case for row in rows}
     pending = [case for case in study.cases() if case not in there]
-    pace = Pace(rows, pending)
+    pace = Pace(rows, pending, {one.name: one.structure.size for one in study.subjects})
     work = _Work(study, crew, pace, pending)
 
     def tell() -> None:
@@ -86,25 +86,25 @@ class _Work:
         fault = None
         for future in finished:
             cases = self.out.pop(future)
-            error = None if future.cancelled() else future.exception()
             if future.cancelled():
                 fault = StudyError(
                     "the workers are gone; what was finished is kept, so start the study again to go on"
                 )
-            elif error is None:
+            elif (error := future.exception()) is None:
                 results += future.result()
-            elif self._crew.lost(error):
-                results += self._lost(cases)
-            else:
+            elif (fate := self._crew.fate(future)) is Fate.FAULT:
                 fault = StudyError(f"a worker cannot run linkwise: {type(error).__name__}: {error}")
                 fault.__cause__ = error
+            else:
+                results += self._lost(cases, fate)
         for result in results:
             self._pace.finished(result.row.case, result.seconds)
         return results, fault
 
-    def _lost(self, cases: tuple[Case, ...]) -> list[Done]:
-        """Count a death against each case, and give up those that had their share."""
-        self._deaths.update(cases)
+    def _lost(self, cases: tuple[Case, ...], fate: Fate) -> list[Done]:
+        """Put cases in front again, but for those at which too many workers have died."""
+        if fate is Fate.DIED:
+            self._deaths.update(cases)
         self._pending.extendleft(case for case in reversed(cases) if self._deaths[case] < _DEATHS)
         return [_blamed(self._study, case) for case in cases if self._deaths[case] >= _DEATHS]
 
