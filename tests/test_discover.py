@@ -1,0 +1,297 @@
+"""Discovery of structures that are known: nothing missing, nothing false, and a plain word where a record cannot tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judged import graph, masses, terms
+from random_structures import random_case
+
+import linkwise as lw
+
+DURATION, RATE = 6.0, 1000.0
+SINE = "60*sin(150*t) + 40*sin(190*t)"
+
+
+def chain_record(n: int, **more) -> lw.Record:
+    """The paper's chain, hit at its first mass, displacements of all, without noise."""
+    release = {"v:m1": 1.0 if n == 2 else 3.0}
+    return lw.simulate(lw.bnes_chain(n), **({"release": release, "duration": DURATION, "rate": RATE} | more))
+
+
+@pytest.fixture(scope="module")
+def two() -> tuple[lw.Record, lw.Discovery]:
+    """The two-mass chain at 20 dB, discovered."""
+    record = chain_record(2).with_noise(20.0, seed=1000)
+    return record, lw.discover(record, masses(lw.bnes_chain(2)))
+
+
+@pytest.mark.parametrize(
+    ("n", "decibel", "seed"),
+    [
+        *((n, 20.0, seed) for n in (2, 4, 6) for seed in (1000, 1001)),
+        (10, 20.0, 1000),
+        (2, 30.0, 1000), (4, 40.0, 1000), (6, 30.0, 1000),
+    ],
+)  # fmt: skip
+def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int):
+    chain = lw.bnes_chain(n)
+    found = lw.discover(chain_record(n).with_noise(decibel, seed=seed), masses(chain))
+    assert found.trusted
+    assert terms(found.structure) == terms(chain)
+    assert all(term.certain for term in found.kept)
+
+
+def test_what_is_found_lies_in_its_intervals(two):
+    """Within four standard errors each (6e-5 of chance)."""
+    _, found = two
+    chain = lw.bnes_chain(2)
+    same = {"m1-ground.k": "spring1.k", "m1-ground.c": "spring1.c", "m2-m1.k": "nes1.alpha", "m2-m1.k3": "nes1.beta",
+            "m2-m1.c": "nes1.c"}  # fmt: skip
+    for name, true in same.items():
+        estimate = found.estimate.coefficient(name)
+        assert abs(estimate.value - chain.coefficient(true).value) < 4.0 * estimate.standard_error
+
+
+def test_what_is_found_in_too_much_noise_is_not_to_be_trusted():
+    """At 5 dB the chain is still found; at 0 dB the search gets lost, and the answer knows."""
+    chain = lw.bnes_chain(2)
+    found = lw.discover(chain_record(2).with_noise(5.0, seed=1000), masses(chain))
+    assert found.trusted and terms(found.structure) == terms(chain)
+    assert found.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
+    lost = lw.discover(chain_record(2).with_noise(0.0, seed=1000), masses(chain))
+    assert terms(lost.structure) != terms(chain)
+    assert not lost.trusted
+
+
+def test_one_link_has_one_set_of_coefficients(two):
+    _, found = two
+    links = [link for link in found.structure.links if set(link.between) == {"m1", "m2"}]
+    assert len(links) == 1
+    names = [term.name for term in found.terms]
+    assert len(names) == len(set(names)) == 12
+    assert not [name for name in names if name.startswith("m1-m2")]
+
+
+def test_the_same_record_gives_the_same_answer_to_the_last_digit(two):
+    record, found = two
+    again = lw.discover(record, masses(lw.bnes_chain(2)))
+    assert again.estimate.values.tolist() == found.estimate.values.tolist()
+    assert again.terms == found.terms
+    assert again.path == found.path
+    assert again.runners_up == found.runners_up
+    other = lw.discover(chain_record(2).with_noise(20.0, seed=1001), masses(lw.bnes_chain(2)))
+    assert other.estimate.values.tolist() != found.estimate.values.tolist()
+
+
+def test_the_answer_is_the_input_of_what_comes_next(two):
+    """Written, read, simulated, and identified again with all its coefficients unknown: the same numbers."""
+    record, found = two
+    structure = lw.parse_structure(lw.format_structure(found.structure))
+    assert terms(structure) == terms(found.structure)
+    lw.simulate(structure, release={"v:m1": 1.0}, duration=0.1, rate=RATE)
+    fit = lw.identify(record, structure.unknown("all"))
+    for parameter in fit.parameters:
+        ours, theirs = found.estimate.coefficient(parameter.name), fit.coefficient(parameter.name)
+        # two searches that end within 0.02 of the least cost each
+        assert abs(ours.value - theirs.value) < 2.0 * np.sqrt(0.02) * theirs.standard_error
+
+
+def linear(n: int) -> lw.Structure:
+    """The chain with linear springs in place of its sinks."""
+    chain = lw.bnes_chain(n)
+    law, number = lw.Law.parse("k*d + c*v"), lw.Coefficient.number
+    links = [
+        replace(link, law=law, coefficients={"k": number(400.0), "c": number(0.02)})
+        if link.name.startswith("nes")
+        else link
+        for link in chain.links
+    ]
+    return replace(chain, links=tuple(links))
+
+
+@pytest.mark.parametrize("n", [2, 4])
+@pytest.mark.parametrize("seed", [1000, 1001])
+def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int):
+    true = linear(n)
+    record = lw.simulate(true, release={"v:m1": 1.0}, duration=DURATION, rate=RATE).with_noise(20.0, seed=seed)
+    found = lw.discover(record, masses(true))
+    assert terms(found.structure) == terms(true)
+    assert not {"d**2", "d**3"} & {term.term for term in found.kept}
+
+
+def apart() -> lw.Structure:
+    """Two two-mass chains that do not touch, the second on a stiffer spring."""
+    chain, number = lw.bnes_chain(2), lw.Coefficient.number
+    other = {"m1": "m3", "m2": "m4", "ground": "ground"}
+    stiffer = {"k": number(40000.0), "c": number(1.0)}
+    return lw.Structure(
+        "two chains",
+        (*chain.masses, *(replace(mass, name=other[mass.name]) for mass in chain.masses)),
+        (
+            *chain.links,
+            *(
+                lw.Link(
+                    f"other-{link.name}",
+                    (other[link.between[0]], other[link.between[1]]),
+                    link.law,
+                    stiffer if link.name == "spring1" else link.coefficients,
+                )
+                for link in chain.links
+            ),
+        ),
+    )
+
+
+@pytest.mark.parametrize("seed", [1000, 1001])
+def test_structures_that_do_not_touch_have_no_link_between_them(seed: int):
+    true = apart()
+    record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
+    found = lw.discover(record.with_noise(20.0, seed=seed), masses(true))
+    assert graph(found.structure) == graph(true)
+    assert terms(found.structure) == terms(true)
+
+
+def test_where_they_do_touch_the_link_is_found():
+    """A tenth of the weaker spring's stiffness between the two frames, and no damper with it."""
+    true = apart()
+    weak = lw.Link("touch", ("m3", "m1"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(3000.0)})
+    true = replace(true, links=(*true.links, weak))
+    record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
+    found = lw.discover(record.with_noise(20.0, seed=1000), masses(true))
+    assert terms(found.structure) == terms(true)
+
+
+@pytest.mark.parametrize("n", [2, 4])
+@pytest.mark.parametrize("stated", [False, True])
+def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: bool):
+    clean = chain_record(n)
+    values = 1e-3 * np.random.default_rng(1000).normal(size=clean.values.shape)
+    noise = dict.fromkeys(clean.channels, 1e-3) if stated else {}
+    record = replace(clean, values=values, noise=noise, simulated=None)
+    with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel, so no structure to be found"):
+        lw.discover(record, masses(lw.bnes_chain(n)))
+    faint = replace(record, values=values + clean.values)  # what moves is no noise
+    assert lw.foreseen(faint, masses(lw.bnes_chain(n))) is not None
+
+
+def test_coloured_noise_gives_nothing_to_be_trusted():
+    clean = chain_record(2)
+    walk = 1e-4 * np.cumsum(np.random.default_rng(1000).normal(size=clean.values.shape), axis=0)
+    found = lw.discover(replace(clean, values=walk, simulated=None), masses(lw.bnes_chain(2)))
+    assert not found.trusted
+
+
+@pytest.fixture(scope="module")
+def four() -> lw.Record:
+    return chain_record(4).with_noise(20.0, seed=1000)
+
+
+def test_a_stated_structure_is_kept_and_nothing_joins_it(four: lw.Record):
+    stated = lw.bnes_chain(4).unknown("all")
+    found = lw.discover(four, stated)
+    assert [link.name for link in found.structure.links] == [link.name for link in stated.links]
+    assert terms(found.structure) == terms(lw.bnes_chain(4))
+    assert not found.kept and found.trusted
+
+
+def test_what_a_stated_structure_lacks_joins_it(four: lw.Record):
+    """The sinks are stated without their cubic springs, the second frame without its damper."""
+    chain, unknown = lw.bnes_chain(4), lw.Coefficient.unknown()
+    less = {"nes1": "alpha*d + c*v", "nes2": "alpha*d + c*v", "spring2": "k*d"}
+    links = [
+        replace(link, law=(law := lw.Law.parse(less[link.name])), coefficients=dict.fromkeys(law.coefficients, unknown))
+        if link.name in less
+        else link
+        for link in chain.unknown("all").links
+    ]
+    found = lw.discover(four, replace(chain, links=tuple(links)))
+    assert terms(found.structure) == terms(chain)
+    assert {term.name for term in found.kept} == {"nes1.k3", "nes2.k3", "spring2.c"}
+
+
+def known_not_to_be(masses_: tuple[lw.Mass, ...], *pairs: tuple[str, str]) -> lw.Structure:
+    none = [lw.Link("-".join(pair), pair, lw.Law.parse("0"), {}) for pair in pairs]
+    return lw.Structure("links that are none", masses_, tuple(none))
+
+
+def test_a_link_that_is_known_not_to_be_is_not_found(four: lw.Record):
+    chain = lw.bnes_chain(4)
+    pairs = [("m2", "ground"), ("m4", "m1"), ("m3", "ground")]
+    found = lw.discover(four, known_not_to_be(chain.masses, *pairs))
+    assert terms(found.structure) == terms(chain)
+    assert len(found.terms) == (10 - 3) * 4
+    assert not {frozenset(pair) for pair in pairs} & {frozenset(term.between) for term in found.terms}
+
+
+def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(two):
+    """Without the sink's link to its frame the record cannot be explained."""
+    record, _ = two
+    found = lw.discover(record, known_not_to_be(lw.bnes_chain(2).masses, ("m2", "m1")))
+    assert frozenset({"m1", "m2"}) not in graph(found.structure)
+    assert not found.trusted
+
+
+def test_terms_that_are_not_there_cost_nothing(four: lw.Record):
+    found = lw.discover(four, masses(lw.bnes_chain(4)), terms="quintic, friction(0.01)")
+    assert terms(found.structure) == terms(lw.bnes_chain(4))
+
+
+@pytest.mark.parametrize(
+    ("end", "drives", "seen"),
+    [("ground", {"forces": {"m1": SINE}}, "force:m1"), ("base", {"base": "0.01*sin(150*t) + 0.006*sin(190*t)"}, "x:base")],
+)  # fmt: skip
+def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(end: str, drives: dict, seen: str):
+    chain = lw.bnes_chain(4)
+    frame, *others = chain.links
+    chain = replace(chain, links=(replace(frame, between=("m1", end)), *others))
+    record = lw.simulate(chain, duration=DURATION, rate=RATE, **drives).with_noise(30.0, seed=1000)
+    assert seen in record.channels
+    found = lw.discover(record, masses(chain))
+    assert terms(found.structure) == terms(chain)
+
+
+def test_two_records_of_one_structure_tell_together(four: lw.Record):
+    chain = lw.bnes_chain(4)
+    records = [
+        chain_record(4, duration=3.0, release=release).with_noise(20.0, seed=seed)
+        for seed, release in ((1000, {"v:m1": 3.0}), (1001, {"v:m3": 2.0}))
+    ]
+    assert terms(lw.discover(records, masses(chain)).structure) == terms(chain)
+
+
+def test_velocities_alone_tell_the_two_mass_chain():
+    chain = lw.bnes_chain(2)
+    record = chain_record(2, sensors=("v",)).with_noise(30.0, seed=1000)
+    assert terms(lw.discover(record, masses(chain)).structure) == terms(chain)
+
+
+@pytest.mark.parametrize("seed", [1000, 1001])
+def test_random_structures_are_found(seed: int):
+    case = random_case(seed)
+    found = lw.discover(case.record.with_noise(30.0, seed=seed), masses(case.structure))
+    assert graph(found.structure) == graph(case.structure)
+
+
+def test_progress_goes_one_way_and_names_its_stages(four: lw.Record):
+    told: list[tuple[float, str]] = []
+    lw.discover(four, masses(lw.bnes_chain(4)), progress=lambda fraction, now: told.append((fraction, now)))
+    assert told[0] == (0.0, "screening 40 candidates")
+    assert all(0.0 <= fraction < 1.0 for fraction, _ in told)
+    assert told[-1][1].startswith("round ")
+
+
+@pytest.mark.parametrize(
+    ("masses_", "told"),
+    [({}, "there is no mass to link: give them by name"), ({"m1": "10 mm", "m2": 1.0}, "kg")],
+)
+def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict, told: str):
+    with pytest.raises(lw.LinkwiseError, match=told):
+        lw.discover(four, masses_)
+
+
+def test_no_record_is_refused():
+    with pytest.raises(lw.IdentificationError, match="there is no record to discover from"):
+        lw.discover([], {"m1": 1.0})
