@@ -183,6 +183,17 @@ def test_the_command_reads_the_folder_of_an_answer(
     assert told["draws"] == 20 and told["seed"] == 3
 
 
+def test_no_command_takes_the_place_of_another_ones_result(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder that is asked about is the last one to be lost."""
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    options = ["--duration", "1", "--release", "v:m1=1.0", "--draws", "4"]
+    assert run(["absorb", str(folder), *options, "-o", str(folder)]) == 2
+    assert "is the result of another command (result.json), so it is left as it is" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
 def test_draws_need_the_folder_of_an_answer(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--duration", "1", "--release", "v:m1=1.0", "--draws", "20"]
     for subject, more in ((folder / "structure.toml", []), (folder, ["--sweep", "nes1.alpha=-150:-50:2"])):

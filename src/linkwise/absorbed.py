@@ -46,7 +46,7 @@ def write_absorption(
     told = answer if isinstance(answer, AbsorptionIntervals) else None
     found = answer.found if isinstance(answer, AbsorptionIntervals) else answer
     bands = None if told is None else (told.lower, told.upper)
-    with whole_folder(Path(folder)) as partial:
+    with whole_folder(Path(folder), ABSORPTION) as partial:
         _write_histories(found, bands, partial)
         progress(0.2, "figures")
         save(decay_figure(found, bands), partial / "decay")
@@ -76,7 +76,7 @@ def write_absorption_map(
     found: AbsorptionMap, folder: str | Path, *, progress: Progress = lambda fraction, now: None
 ) -> Path:
     """Write absorption.json, map.csv, map.png, map.svg and report.html of a sweep into `folder`, as `write_absorption`."""
-    with whole_folder(Path(folder)) as partial:
+    with whole_folder(Path(folder), ABSORPTION) as partial:
         grids = np.meshgrid(*(axis.values for axis in found.axes), indexing="ij")
         names = [axis.name for axis in found.axes] + [each.name for each in found.quantities]
         table = [grid.ravel() for grid in grids] + list(found.values.reshape(-1, len(found.quantities)).T)

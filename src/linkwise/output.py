@@ -52,35 +52,42 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def check_result_folder(path: Path) -> None:
-    """Raises OutputError unless `path` is free, an empty folder, or an earlier result."""
+def check_result_folder(path: Path, mark: str = RESULT) -> None:
+    """Raises OutputError unless `path` is free, an empty folder, or an earlier result of the kind that `mark` marks."""
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
-    if _written(path) is None:
+    if _written(path, mark) is None:
+        other = next(
+            (each for each in (RESULT, ABSORPTION) if each != mark and _written(path, each) is not None), None
+        )
+        what = (
+            f"is the result of another command ({other})"
+            if other
+            else f"is no result of linkwise (it has no {mark} of one)"
+        )
         raise OutputError(
-            f"{path}: it is there and is no result of linkwise (it has no {RESULT} of one), so it is left as it is; "
-            "give another folder, or remove this one yourself"
+            f"{path}: it is there and {what}, so it is left as it is; give another folder, or remove this one yourself"
         )
 
 
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
+def whole_folder(path: Path, mark: str = RESULT) -> Iterator[Path]:
     """An empty folder beside `path` to write a result into; it takes the place of `path` when the block ends well.
 
     An earlier result stays untouched until then, and what its user put beside it is carried over. Raises
-    OutputError where `path` is something else than a result.
+    OutputError where `path` is something else than a result of the kind that `mark` marks.
     """
     partial, old = path.with_name(f".{path.name}.partial"), path.with_name(f".{path.name}.old")
     if old.exists() and not path.exists():  # a run was killed between the two renames below
         old.rename(path)
-    check_result_folder(path)
+    check_result_folder(path, mark)
     for leftover in (partial, old):
         shutil.rmtree(leftover, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
         yield partial
         if path.exists():
-            _carry_over(path, partial)
+            _carry_over(path, partial, mark)
             path.rename(old)
         partial.rename(path)
     finally:
@@ -90,9 +97,9 @@ def whole_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def _carry_over(old: Path, new: Path) -> None:
+def _carry_over(old: Path, new: Path, mark: str) -> None:
     """Copy what is in `old` and was not written by linkwise."""
-    written = _written(old) or set()
+    written = _written(old, mark) or set()
     for entry in old.iterdir():
         if entry.name in written or (new / entry.name).exists():
             continue
@@ -102,13 +109,10 @@ def _carry_over(old: Path, new: Path) -> None:
             shutil.copy2(entry, new / entry.name, follow_symlinks=False)
 
 
-def _written(folder: Path) -> set[str] | None:
+def _written(folder: Path, mark: str) -> set[str] | None:
     """The names that linkwise wrote into an earlier result; None where `folder` is not one."""
-    for mark in (RESULT, ABSORPTION):
-        try:
-            result = json.loads((folder / mark).read_text(encoding="utf-8"))
-            if "method" in result:
-                return {mark, *map(str, result["files"])}
-        except (OSError, ValueError, KeyError, TypeError):
-            continue
-    return None
+    try:
+        result = json.loads((folder / mark).read_text(encoding="utf-8"))
+        return {mark, *map(str, result["files"])} if "method" in result else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -13,7 +13,7 @@ import linkwise as lw
 from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, number, pairs
 from linkwise.cli.plan import Drive, drive_options
-from linkwise.output import check_result_folder, to_json
+from linkwise.output import ABSORPTION, check_result_folder, to_json
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
 MOST = 100_000  # values of a swept parameter
@@ -175,7 +175,7 @@ def absorb(structure: Path, comparison: Comparison, drive: Drive, output: Path |
     """
     comparison.check(structure.is_dir())
     if output is not None:
-        check_result_folder(output)  # before the work, so that nobody waits for a refusal
+        check_result_folder(output, ABSORPTION)  # before the work, so that nobody waits for a refusal
     asked = {**comparison.keywords(), **drive.keywords()}
     with progress("simulating") as step:
         try:
