@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
-from scipy.linalg.blas import dsymm, dsymv
-from scipy.linalg.lapack import dpotri, dtrtrs
+from scipy.linalg.blas import dsymm, dsymv, dtrsm
+from scipy.linalg.lapack import dpotri
 
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
@@ -79,7 +79,8 @@ class Gram:
     fitted, about `anchor` (p, T), their least squares solution; `moments` (p, T) is A'b; `scale` (p,) holds ||A_j||;
     `alive` (p,) is False for columns that are zero throughout, which have a one on the diagonal so that nothing is singular.
     `held` are the sums of the rows that are held out, about the same anchor: among the fitted ones in what `of` gives, beside
-    them in `training`, None where there are too few rows.
+    them in `training`, None where there are too few rows. `factor` is the Cholesky factor of the matrix, None where
+    columns are dependent or nobody will need it.
     """
 
     names: tuple[str, ...]
@@ -89,6 +90,7 @@ class Gram:
     alive: Mask
     anchor: Array
     held: Sums | None
+    factor: Factor | None = None
 
     @classmethod
     def of(cls, system: LinearSystem) -> Gram:
@@ -118,7 +120,8 @@ class Gram:
         whole[~alive, ~alive] = 1.0
         moments = inverse[:, None] * np.sum([one.moments for one in parts], axis=0)
         norms = np.sqrt(np.sum([one.squares for one in parts], axis=0))
-        anchor, change, left = _anchored(system, ridged(whole), moments, inverse, norms)
+        factor = cholesky(whole)
+        anchor, change, left = _anchored(system, factor or ridged(whole), moments, inverse, norms)
         rows = Sums(
             system.rows,
             whole,
@@ -131,7 +134,7 @@ class Gram:
             count = int(np.count_nonzero(held_out(system.rows)))
             held = Sums(count, parts[1].matrix, left[1].slope, left[1].squares, np.sqrt(parts[1].squares))
             held = held.moved(change)
-        return cls(system.names, rows.moved(change), moments, scale, alive, anchor + change, held)
+        return cls(system.names, rows.moved(change), moments, scale, alive, anchor + change, held, factor)
 
     @property
     def rows(self) -> int:
@@ -166,7 +169,8 @@ class Gram:
             np.maximum(self.sums.squares - self.held.squares, 0.0),
             np.sqrt(np.maximum(self.norms**2 - self.held.norms**2, 0.0)),
         )
-        change = np.asarray(cho_solve(ridged(matrix), rows.slope))
+        factor = cholesky(matrix)
+        change = np.asarray(cho_solve(factor or ridged(matrix), rows.slope))
         moments = rows.slope + dsymm(1.0, matrix, self.anchor, lower=1)
         return Gram(
             self.names,
@@ -176,6 +180,7 @@ class Gram:
             self.alive,
             self.anchor + change,
             self.held.moved(change),
+            factor,
         )
 
     def restricted(self, support: Mask, target: int) -> Gram:
@@ -208,15 +213,18 @@ class Gram:
         anchor = self.anchor[:, target]
         if not dropped.size:
             return np.where(self.alive, anchor, 0.0), float(self.sums.squares[target])
-        if (inverse := self._worth_inverting(kept, dropped)) is not None:
-            change = self._eliminated(kept, dropped, target, inverse)
-        else:
-            if 0 < kept.size < len(self.names) / _SMALL:
-                scaled, squares = self._directly(kept, target)
-                if squares > (_CANCELLING * self.norms[target]) ** 2:
-                    return scaled, squares
-            change = self._corrected(kept, target)
+        if 0 < kept.size < len(self.names) / _SMALL:
+            scaled, squares = self._directly(kept, target)
+            if squares > (_CANCELLING * self.norms[target]) ** 2:
+                return scaled, squares
+        change = self._change(kept, dropped, target)
         return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
+
+    def solve(self, support: Mask, target: int) -> Array:
+        """The scaled coefficients (p,) of `project` alone."""
+        kept = np.flatnonzero(support & self.alive)
+        change = self._change(kept, np.flatnonzero(~support & self.alive), target)
+        return np.where(support & self.alive, self.anchor[:, target] + change, 0.0)
 
     def unscaled(self, scaled: Array) -> Array:
         """Coefficients c in their own units from scaled ones (p,) or (p, T); zero for columns that are zero throughout."""
@@ -233,9 +241,9 @@ class Gram:
         if kept.size and (inverse := self._worth_inverting(kept, dropped)) is not None:
             answer[kept] = np.diagonal(inverse)[kept]
             if dropped.size:
-                corner = ridged(inverse[np.ix_(dropped, dropped)])[0]
-                gone = dtrtrs(corner, inverse[np.ix_(dropped, kept)], lower=1)[0]
-                answer[kept] -= np.sum(gone**2, axis=0)
+                pulls = inverse[:, dropped]
+                gone = dtrsm(1.0, ridged(pulls[dropped])[0], pulls, side=1, lower=1, trans_a=1, overwrite_b=1)
+                answer[kept] -= np.einsum("ij,ij->i", gone, gone)[kept]
             answer[kept] /= self.scale[kept] ** 2
         elif kept.size:
             block = self.matrix[np.ix_(kept, kept)]
@@ -246,41 +254,52 @@ class Gram:
         return answer
 
     def _worth_inverting(self, kept: Indices, dropped: Indices) -> Array | None:
-        """The inverse of the matrix where fewer columns are dropped than kept and several targets share it; None where not,
-        and where columns are dependent.
+        """The inverse of the matrix where fewer columns are dropped than kept; None where not, where columns are
+        dependent, and of a restricted matrix, which no other target shares.
         """
-        worth = dropped.size < kept.size and self.anchor.shape[1] > 1
+        worth = dropped.size < kept.size and self.factor is not None
         return self._inverse if worth else None
 
     @cached_property
     def _inverse(self) -> Array | None:
         """(p, p) inverse of the matrix, None where columns are dependent."""
-        factor = cholesky(self.matrix)
-        if factor is None:
+        if self.factor is None:
             return None
-        inverse = dpotri(factor[0], lower=1, overwrite_c=1)[0]
+        inverse: Array = dpotri(self.factor[0], lower=1)[0]
         mirror(inverse)
-        return np.asarray(inverse)
+        return inverse
 
     def _eliminated(self, kept: Indices, dropped: Indices, target: int, inverse: Array) -> Array:
         """The change (p,) of the anchor that takes the coefficients in `dropped` to zero: few columns are taken out of the
         inverse of all at the cost of their own number. The inverse has lost digits, so the slope is looked at and the solution
-        refined until it is stationary.
+        refined until it is stationary; each refinement squares the share that is left.
         """
         anchor, slope = self.anchor[:, target], self.sums.slope[:, target]
-        corner = ridged(inverse[np.ix_(dropped, dropped)])
         pulls = inverse[:, dropped]
+        corner = ridged(pulls[dropped])
         change = pulls @ cho_solve(corner, -anchor[dropped], check_finite=False)
         for _ in range(_REFINEMENTS):
             change[dropped] = -anchor[dropped]
             left = slope - dsymv(1.0, self.matrix, change, lower=1)
             left[dropped] = 0.0
-            if np.max(np.abs(left[kept])) <= _STATIONARY * self.norms[target]:
+            share = float(np.max(np.abs(left[kept]))) / max(float(self.norms[target]), np.finfo(float).tiny)
+            if share <= _STATIONARY:
                 break
             step = dsymv(1.0, inverse, left, lower=1)
             change += step - pulls @ cho_solve(corner, step[dropped], check_finite=False)
+            if share**2 <= _STATIONARY:
+                break
         change[dropped] = -anchor[dropped]
         return np.asarray(change)
+
+    def _change(self, kept: Indices, dropped: Indices, target: int) -> Array:
+        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by the cheaper way."""
+        if not dropped.size:
+            return np.zeros(len(self.names))
+        inverse = self._worth_inverting(kept, dropped)
+        if inverse is None:
+            return self._corrected(kept, target)
+        return self._eliminated(kept, dropped, target, inverse)
 
     def _corrected(self, kept: Indices, target: int) -> Array:
         """The change (p,) of the anchor that takes all coefficients but those in `kept` to zero."""

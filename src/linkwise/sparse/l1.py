@@ -21,6 +21,7 @@ from linkwise.sparse.cholesky import cholesky
 from linkwise.sparse.gram import Array, Gram
 from linkwise.sparse.regressor import Candidate, Regressor
 from linkwise.sparse.selection import best, candidate
+from linkwise.threads import one_blas_thread
 
 _SMALLEST = 1e-9  # penalty, in shares of the largest, at which the path ends
 _STEPS_PER_COLUMN = 8
@@ -52,13 +53,15 @@ class L1(Regressor):
     def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
         path: tuple[Candidate, ...] = ()
         if self.penalty is None:
-            scaled, setting, path = _chosen(gram.training, target)
+            training = gram.training
+            with one_blas_thread():  # many small steps
+                scaled, setting, path = _chosen(training, target)
             if not self.debias and path:
                 scaled = _at(gram, target, setting)
         else:
             scaled, setting = _at(gram, target, self.penalty), self.penalty
         if self.debias:
-            scaled = gram.project(scaled != 0, target)[0]
+            scaled = gram.solve(scaled != 0, target)
         return scaled, setting, path
 
 

@@ -13,4 +13,4 @@ class LeastSquares(Regressor):
     """Every column that is not zero throughout takes part."""
 
     def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
-        return gram.project(gram.alive, target)[0], 0.0, ()
+        return gram.solve(gram.alive, target), 0.0, ()

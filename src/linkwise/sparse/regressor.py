@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
 from linkwise.sparse.gram import Gram
-from linkwise.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -110,10 +109,9 @@ class Regressor(ABC):
         """The same from a Gram matrix that exists, so several regressors can share it."""
         scaled = np.zeros((len(gram.names), len(targets)))
         setting, paths = np.zeros(len(targets)), []
-        with one_blas_thread():  # many small steps
-            for target in range(len(targets)):
-                scaled[:, target], setting[target], path = self.solve(gram, target)
-                paths.append(path)
+        for target in range(len(targets)):
+            scaled[:, target], setting[target], path = self.solve(gram, target)
+            paths.append(path)
         return _fit(gram, scaled, units, targets, setting, tuple(paths))
 
     @abstractmethod

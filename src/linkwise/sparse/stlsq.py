@@ -12,6 +12,7 @@ from linkwise.errors import IdentificationError
 from linkwise.sparse.gram import Array, Gram
 from linkwise.sparse.regressor import Candidate, Regressor
 from linkwise.sparse.selection import EXACT, best, candidate
+from linkwise.threads import one_blas_thread
 
 _PASSES = 50  # supports only shrink; a loop this long means nothing is left to drop one by one
 _FEW, _FEWER = 64, 16  # terms from which the path goes down more gently, and one by one
@@ -42,11 +43,13 @@ class Stlsq(Regressor):
 
     def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
         if self.threshold is not None:
-            scaled = gram.project(gram.alive, target)[0]
+            scaled = gram.solve(gram.alive, target)
             return _shrink(gram, target, scaled, self.threshold), self.threshold, ()
-        path = tuple(_path(gram.training, target))
+        training = gram.training
+        with one_blas_thread():  # many small steps
+            path = tuple(_path(training, target))
         chosen = best(path)
-        return gram.project(chosen.support, target)[0], chosen.setting, path
+        return gram.solve(chosen.support, target), chosen.setting, path
 
 
 def _shrink(gram: Gram, target: int, scaled: Array, threshold: float) -> Array:
@@ -55,7 +58,7 @@ def _shrink(gram: Gram, target: int, scaled: Array, threshold: float) -> Array:
         kept = (np.abs(scaled) >= threshold * gram.norms[target]) & (scaled != 0)
         if np.array_equal(kept, scaled != 0):
             break
-        scaled = gram.project(kept, target)[0]
+        scaled = gram.solve(kept, target)
     return scaled
 
 
