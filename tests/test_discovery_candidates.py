@@ -44,7 +44,7 @@ def structure(links: str, names: Sequence[str] = ("a", "b", "c")) -> lw.Structur
 
 def stated(links: str = STATED) -> Candidates:
     given = structure(links)
-    return candidates(given.masses, TERMS, stated=given)
+    return candidates(given.masses, TERMS, stated=given.links)
 
 
 def test_every_pair_and_every_mass_with_the_ground():

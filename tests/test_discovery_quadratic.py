@@ -139,7 +139,7 @@ def test_what_is_stated_costs_nothing():
         '[[mass]]\nname = "a"\nmass = 1.0\n[[link]]\nname = "frame"\nbetween = ["a", "ground"]\nlaw = "k*d"\n'
         'coefficients = { k = "unknown" }\n'
     )
-    pool = candidates(held.masses, parse_terms("v, d, d**3"), stated=held)
+    pool = candidates(held.masses, parse_terms("v, d, d**3"), stated=held.links)
     price = Price.of(pool, ("frame.k", "frame.c", "frame.k3"), 100)
     assert price.pair.tolist() == [-1, 0, 0]
     assert price.total([0]) == 0.0

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from linkwise.discover import discover, foreseen
     from linkwise.discovered import discovery_of, write_discovery
     from linkwise.discovery.found import Discovery
+    from linkwise.discovery.terms import parse_terms
     from linkwise.discovery.truth import TermScore, term_score, truth_beside
     from linkwise.equilibria import Equilibrium, equilibria
     from linkwise.errors import (
@@ -58,7 +59,14 @@ if TYPE_CHECKING:
     from linkwise.sparse.least_squares import LeastSquares
     from linkwise.sparse.stlsq import Stlsq
     from linkwise.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
-    from linkwise.structure_file import format_structure, parse_structure, read_structure, write_structure
+    from linkwise.structure_file import (
+        Known,
+        format_structure,
+        parse_structure,
+        read_known,
+        read_structure,
+        write_structure,
+    )
     from linkwise.study.campaign import run_study
     from linkwise.study.definition import Study
     from linkwise.study.export import export_study
@@ -66,6 +74,7 @@ if TYPE_CHECKING:
     from linkwise.study.store import read_rows, stored_study
     from linkwise.study.study_file import read_study
     from linkwise.study.summary import StudySummary, study_summary
+    from linkwise.units import to_si
     from linkwise.validate import FreeRun, free_run, nmse
     from linkwise.wells import barrier, wells
 
@@ -93,6 +102,7 @@ __all__ = [
     "IdentificationError",
     "Impulse",
     "Knowledge",
+    "Known",
     "Law",
     "LawError",
     "LawStep",
@@ -142,8 +152,10 @@ __all__ = [
     "nmse",
     "noisy_states",
     "parse_structure",
+    "parse_terms",
     "profile_interval",
     "read_knowledge",
+    "read_known",
     "read_record",
     "read_rows",
     "read_structure",
@@ -154,6 +166,7 @@ __all__ = [
     "stored_study",
     "study_summary",
     "term_score",
+    "to_si",
     "truth_beside",
     "wells",
     "write_absorption",
@@ -183,6 +196,7 @@ _HOMES = {
     "discover": ("discover", "foreseen"),
     "discovered": ("discovery_of", "write_discovery"),
     "discovery.found": ("Discovery",),
+    "discovery.terms": ("parse_terms",),
     "discovery.truth": ("TermScore", "term_score", "truth_beside"),
     "equilibria": ("Equilibrium", "equilibria"),
     "errors": (
@@ -213,7 +227,7 @@ _HOMES = {
     "sparse.least_squares": ("LeastSquares",),
     "sparse.stlsq": ("Stlsq",),
     "structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
-    "structure_file": ("format_structure", "parse_structure", "read_structure", "write_structure"),
+    "structure_file": ("Known", "format_structure", "parse_structure", "read_known", "read_structure", "write_structure"),
     "study.campaign": ("run_study",),
     "study.definition": ("Study",),
     "study.export": ("export_study",),
@@ -221,6 +235,7 @@ _HOMES = {
     "study.store": ("read_rows", "stored_study"),
     "study.study_file": ("read_study",),
     "study.summary": ("StudySummary", "study_summary"),
+    "units": ("to_si",),
     "validate": ("FreeRun", "free_run", "nmse"),
     "wells": ("barrier", "wells"),
 }

@@ -27,6 +27,7 @@ from linkwise.link import Mass
 from linkwise.motion import SeenMotion, read_motion
 from linkwise.record import Record
 from linkwise.structure import Structure
+from linkwise.structure_file import Known
 from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
 from linkwise.weak import weak_equations
@@ -36,22 +37,26 @@ Floats = NDArray[np.float64]
 Tell = Callable[[float, str], None]
 
 _SCREENED = 0.1  # of the bar, when the screen is done
+_SUMMED = (
+    "Some displacements were summed up from velocities or accelerations, which lose their constants: links or terms may be "
+    "false. Measure displacements, or check the structure with identify on a second record."
+)
 _TIGHT = 1e-4  # q from which a fit is as good as exact
 
 
 def discover(
     record: Record | Sequence[Record],
-    masses: Mapping[str, float | str] | Structure,
+    masses: Mapping[str, float | str] | Structure | Known,
     *,
     terms: str | Sequence[str] = DEFAULT,
     progress: Tell = lambda fraction, now: None,
 ) -> Discovery:
     """The structure behind `record`, or behind several records of it, with no prior but the masses (METHODS section 6).
 
-    `masses` are their values by name, in kg or with a unit ("10 g"); a Structure in their place also says which links and
-    terms are known to be there (they stay) and which are not (a law or a coefficient of 0). `terms` are what any link may
-    have, as text: functions of d and v, or families of them ("cubic, friction(0.01)"). `progress` is told the fraction done
-    and the stage.
+    `masses` are their values by name, in kg or with a unit ("10 g"); a Structure or a Known in their place also says which
+    links and terms are known to be there (they stay) and which are not (a law or a coefficient of 0). `terms` are what any
+    link may have, as text: functions of d and v, or families of them ("cubic, friction(0.01)"). `progress` is told the
+    fraction done and the stage.
 
     Raises IdentificationError where the records cannot tell: a mass without a sensor, no motion above the noise, too few
     samples, a mass that nothing seems to hold.
@@ -59,7 +64,8 @@ def discover(
     started = perf_counter()
     records = [record] if isinstance(record, Record) else list(record)
     pool = pool_of(records, masses, terms)
-    remarks = outlook(records, pool)
+    ahead = outlook(records, pool)
+    pool, remarks = pool.without(ahead.resting), ahead.told
     progress(0.0, f"screening {len(pool.entries)} candidates")
     with one_blas_thread():
         shown = [placed(each, pool.masses) for each in records]
@@ -84,16 +90,20 @@ def discover(
     estimate = estimate_of(fit, found.structure, records)
     if not found.settled:
         remarks = ("The search for the structure did not settle: the links are the best so far.", *remarks)
+    seen = all(each is other for each, other in zip(shown, records, strict=True))
+    if not seen:
+        remarks = (_SUMMED, *remarks)
     if estimate.status == CONVERGED and found.settled:
         remarks = (*remarks, *confusions(found))
     seconds = perf_counter() - started
     return Discovery(
         estimate=replace(estimate, seconds=seconds),
-        terms=evidence(found, pool),
+        terms=evidence(found, pool, ahead.alike),
         path=path(found),
         runners_up=runners_up(found),
         remarks=remarks,
         settled=found.settled,
+        seen=seen,
         rounds=found.rounds,
         seconds=seconds,
     )
@@ -101,7 +111,7 @@ def discover(
 
 def foreseen(
     record: Record | Sequence[Record],
-    masses: Mapping[str, float | str] | Structure,
+    masses: Mapping[str, float | str] | Structure | Known,
     *,
     terms: str | Sequence[str] = DEFAULT,
 ) -> tuple[str, ...]:
@@ -110,26 +120,26 @@ def foreseen(
     Raises what `discover` would raise at once.
     """
     records = [record] if isinstance(record, Record) else list(record)
-    return outlook(records, pool_of(records, masses, terms))
+    return outlook(records, pool_of(records, masses, terms)).told
 
 
 def pool_of(
     records: Sequence[Record],
-    masses: Mapping[str, float | str] | Structure,
+    masses: Mapping[str, float | str] | Structure | Known,
     terms: str | Sequence[str],
 ) -> Candidates:
     """All candidates between the masses of the records."""
     if not records:
         raise IdentificationError("there is no record to discover from")
-    if not isinstance(masses, Structure):
-        if not masses:
-            raise IdentificationError(
-                'there is no mass to link: give them by name, as in {"m1": 1.0, "m2": "10 g"}'
-            )
-        given = tuple(Mass(name, Coefficient.number(to_si(value, "kg"))) for name, value in masses.items())
-        stated = None
+    if isinstance(masses, Structure | Known):
+        given, stated = masses.masses, masses.links
     else:
-        given, stated = masses.masses, masses
+        given = tuple(Mass(name, Coefficient.number(to_si(value, "kg"))) for name, value in masses.items())
+        stated = ()
+    if not given:
+        raise IdentificationError(
+            'there is no mass to link: give them by name, as in {"m1": 1.0, "m2": "10 g"}'
+        )
     moved = any("x:base" in record.channels for record in records)
     return candidates(given, parse_terms(terms), stated=stated, base=moved)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -53,10 +54,32 @@ class _Document(msgspec.Struct, forbid_unknown_fields=True):
     name: str = ""
 
 
+class _Known(_Document, forbid_unknown_fields=True):
+    link: list[_Link] = []
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a structure: its masses, and some of its links, which need not hold them all."""
+
+    masses: tuple[Mass, ...]
+    links: tuple[Link, ...]
+
+
 def read_structure(path: str | Path) -> Structure:
     """The structure in a TOML file. Raises StructureError with file, and line or key, for whatever is wrong in it."""
+    return parse_structure(_text(path), str(path))
+
+
+def read_known(path: str | Path) -> Known:
+    """What a TOML file states of a structure that is to be discovered: as `read_structure`, but links may be missing."""
+    document = _document(_text(path), _Known, str(path))
+    return Known(*_parts(document, str(path)))
+
+
+def _text(path: str | Path) -> str:
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        return Path(path).read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise StructureError("there is no such file", str(path)) from None
     except UnicodeDecodeError as error:
@@ -65,7 +88,6 @@ def read_structure(path: str | Path) -> Structure:
         ) from None
     except OSError as error:
         raise StructureError(f"it cannot be read: {error.strerror}", str(path)) from None
-    return parse_structure(text, str(path))
 
 
 def write_structure(structure: Structure, path: str | Path) -> None:
@@ -75,19 +97,28 @@ def write_structure(structure: Structure, path: str | Path) -> None:
 
 def parse_structure(text: str, source: str = "structure") -> Structure:
     """The structure in a TOML text; `source` is what errors call it."""
+    document = _document(text, _Document, source)
+    masses, links = _parts(document, source)
+    try:
+        return Structure(document.name, masses, links)
+    except StructureError as error:
+        raise StructureError(error.message, _join(source, error.where)) from None
+
+
+def _document(text: str, kind: type[_Document], source: str) -> Any:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         reason, _, place = str(error).partition(" (at ")
         where = f"{source}, {place.rstrip(')')}" if place else source
         raise StructureError(f"this is no TOML: {reason[:1].lower()}{reason[1:]}", where) from None
-    document = _decode(data, _Document, source, "")
+    return _decode(data, kind, source, "")
+
+
+def _parts(document: _Document, source: str) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
     masses = tuple(_mass(entry, index, source) for index, entry in enumerate(document.mass))
     links = tuple(_link(entry, index, source) for index, entry in enumerate(document.link))
-    try:
-        return Structure(document.name, masses, links)
-    except StructureError as error:
-        raise StructureError(error.message, _join(source, error.where)) from None
+    return masses, links
 
 
 def format_structure(structure: Structure) -> str:

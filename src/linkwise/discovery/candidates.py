@@ -8,7 +8,7 @@ from functools import cached_property
 
 from linkwise.coefficient import Coefficient
 from linkwise.discovery.terms import Term
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, StructureError
 from linkwise.expression import Number
 from linkwise.law import Law
 from linkwise.link import BASE, GROUND, Link, Mass
@@ -83,6 +83,18 @@ class Candidates:
             )
         return Structure(name, self.masses, tuple(links))
 
+    def without(self, masses: Collection[str]) -> Candidates:
+        """The same without some masses, except those that a stated link ends at."""
+        held = {end for pair in self.pairs for link in pair.stated for end in link.between}
+        gone = set(masses) - held
+        if not gone:
+            return self
+        return Candidates(
+            tuple(mass for mass in self.masses if mass.name not in gone),
+            tuple(pair for pair in self.pairs if gone.isdisjoint(pair.between)),
+            self.terms,
+        )
+
     @cached_property
     def everything(self) -> Structure:
         """All entries chosen."""
@@ -90,19 +102,25 @@ class Candidates:
 
 
 def candidates(
-    masses: Sequence[Mass], terms: Sequence[Term], *, stated: Structure | None = None, base: bool = False
+    masses: Sequence[Mass], terms: Sequence[Term], *, stated: Sequence[Link] = (), base: bool = False
 ) -> Candidates:
     """Every pair of `masses` and every mass with the ground, and with the base where that moves.
 
     The links of `stated` are known to be there with their laws; other terms may join them, except those whose coefficient is
-    a number there, 0 for a term that is known not to be. A link whose law is 0 is known not to be there.
+    a number there, 0 for a term that is known not to be. A link whose law is 0 is known not to be there. Raises StructureError
+    for a stated link to something that is no mass.
     """
-    index = {mass.name: number for number, mass in enumerate(masses)}
-    index |= {GROUND: -1, BASE: -2}
+    names = {mass.name for mass in masses}
     known: dict[frozenset[str], list[Link]] = {}
-    for link in () if stated is None else stated.links:
+    for link in stated:
+        strange = [end for end in link.between if end not in names and end not in (GROUND, BASE)]
+        if strange:
+            raise StructureError(
+                f'"{strange[0]}" is neither a mass nor "ground" nor "base"; the masses are {", ".join(sorted(names))}',
+                f'link "{link.name}"',
+            )
         known.setdefault(frozenset(link.between), []).append(link)
-    held = (BASE, GROUND) if base else (GROUND,)
+    held = (BASE, GROUND) if base or any(BASE in link.between for link in stated) else (GROUND,)
     taken = {link.name for links in known.values() for link in links}
     pairs = []
     for number, mass in enumerate(masses):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
-from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.candidates import Candidate, Candidates
 from linkwise.discovery.decide import Decided
 from linkwise.discovery.found import CERTAIN, Choice, RunnerUp, TermEvidence
 from linkwise.discovery.price import Price
@@ -16,8 +18,13 @@ _RUNNERS_UP = 10
 _NAMED = 6  # confusions that are told
 
 
-def evidence(decided: Decided, candidates: Candidates) -> tuple[TermEvidence, ...]:
-    """Every candidate that was tested: those kept, the most certain first, then the dropped, the most doubtful first."""
+def evidence(
+    decided: Decided, candidates: Candidates, alike: Collection[str] = ()
+) -> tuple[TermEvidence, ...]:
+    """Every candidate that was tested: those kept, the most certain first, then the dropped, the most doubtful first.
+
+    `alike` are masses that moved so much like another one that their links may be the other's.
+    """
     quadratic, price = decided.quadratic, decided.price
     inside = list(range(len(decided.structure.parameters)))
     solved = quadratic.solve(inside)
@@ -26,15 +33,24 @@ def evidence(decided: Decided, candidates: Candidates) -> tuple[TermEvidence, ..
         (move.in_ if move.kind is Kind.ADD else move.out): -move.gain
         for move in moves(quadratic, price, inside, swaps=False)
     }
-    found = [
-        _evidence(quadratic.names[k], candidates, float(value), float(each), margins.get(k, np.inf), kept=True)
-        for k, value, each in zip(inside, solved.values, solved.z, strict=True)
+    told = [
+        *zip(inside, solved.values, solved.z, strict=True),
+        *zip(numbers.tolist(), values, z, strict=True),
+    ]
+    terms = [
+        _evidence(
+            candidates.by_name[quadratic.names[k]],
+            candidates,
+            (float(value), float(each)),
+            margin=margins.get(k, np.inf),
+            kept=k < len(inside),
+            alike=alike,
+        )
+        for k, value, each in told
         if quadratic.names[k] in candidates.by_name
     ]
-    dropped = [
-        _evidence(quadratic.names[k], candidates, float(value), float(each), margins.get(k, np.inf), kept=False)
-        for k, value, each in zip(numbers.tolist(), values, z, strict=True)
-    ]
+    found = [term for term in terms if term.kept]
+    dropped = [term for term in terms if not term.kept]
     return (
         *sorted(found, key=lambda term: -term.margin),
         *sorted(dropped, key=lambda term: term.margin),
@@ -42,19 +58,26 @@ def evidence(decided: Decided, candidates: Candidates) -> tuple[TermEvidence, ..
 
 
 def _evidence(
-    name: str, candidates: Candidates, value: float, z: float, margin: float, *, kept: bool
+    entry: Candidate,
+    candidates: Candidates,
+    told: tuple[float, float],
+    *,
+    margin: float,
+    kept: bool,
+    alike: Collection[str],
 ) -> TermEvidence:
-    entry = candidates.by_name[name]
+    """Of one candidate with its value and z."""
+    value, z = told
     pair = candidates.pairs[entry.pair]
     return TermEvidence(
-        name=name,
+        name=entry.name,
         link=pair.name,
         between=pair.between,
         term=entry.term.text,
         unit=entry.term.unit,
         kept=kept,
-        stated=False,
         told=bool(np.isfinite(value)),
+        alike=not set(alike).isdisjoint(pair.between),
         value=value,
         standard_error=abs(value / z) if z else np.inf,
         z=z,

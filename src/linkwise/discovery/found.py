@@ -19,7 +19,8 @@ class TermEvidence:
 
     `value` and `standard_error` in `unit` are what was found, or what would be if it were added. `z` is their ratio. `margin`
     is by how much the criterion rises if the decision is turned round: more than `CERTAIN` is very strong. `told` is False
-    where the record cannot tell it beside the terms that were kept; `stated` terms were known to be there.
+    where the record cannot tell it beside the terms that were kept, `alike` where an end of its link moved so much like
+    another mass that the link may be the other's.
     """
 
     name: str
@@ -28,8 +29,8 @@ class TermEvidence:
     term: str
     unit: str
     kept: bool
-    stated: bool
     told: bool
+    alike: bool
     value: float
     standard_error: float
     z: float
@@ -38,7 +39,7 @@ class TermEvidence:
     @property
     def certain(self) -> bool:
         """Whether the decision is beyond doubt by this record."""
-        return self.stated or (self.told and self.margin > CERTAIN)
+        return self.told and not self.alike and self.margin > CERTAIN
 
     @property
     def price(self) -> float:
@@ -77,7 +78,8 @@ class Discovery:
     `estimate` holds the discovered structure with all intervals, as `identify` gives them. `terms` lists every candidate,
     the most certain of those kept first; `path` the cost against the number of terms; `runners_up` the next best models,
     best first. `remarks` say what this record cannot tell. `settled` is False where the search ran out of rounds, and then
-    nothing is to be trusted.
+    nothing is to be trusted; `seen` is False where displacements had to be summed up from velocities or accelerations, from
+    which a wrong structure may follow.
     """
 
     estimate: Estimate
@@ -86,6 +88,7 @@ class Discovery:
     runners_up: tuple[RunnerUp, ...]
     remarks: tuple[str, ...]
     settled: bool
+    seen: bool
     rounds: int
     seconds: float
 
@@ -96,8 +99,8 @@ class Discovery:
 
     @property
     def trusted(self) -> bool:
-        """Whether the search settled and the fit can be trusted."""
-        return self.settled and self.estimate.trusted
+        """Whether the search settled on displacements that were seen and the fit can be trusted."""
+        return self.settled and self.seen and self.estimate.trusted
 
     @cached_property
     def kept(self) -> tuple[TermEvidence, ...]:
@@ -111,7 +114,7 @@ class Discovery:
 
     def certainty(self, link: str) -> float:
         """By how much the criterion rises without the most certain term of a link; infinite for stated ones."""
-        margins = {term.name: float("inf") if term.stated else term.margin for term in self.kept}
+        margins = {term.name: term.margin for term in self.kept}
         return max(
             (margins.get(f"{link}.{name}", float("inf")) for name in self.structure.link(link).coefficients),
             default=float("inf"),
@@ -142,7 +145,7 @@ def _as_dict(term: TermEvidence) -> dict[str, Any]:
         "between": list(term.between),
         "term": term.term,
         "kept": term.kept,
-        "stated": term.stated,
+        "alike": term.alike,
         "certain": term.certain,
         "told": term.told,
         "value": term.value,

@@ -1,30 +1,46 @@
-"""What can be foreseen of a discovery before any time is spent: masses at rest, records too short, motion that is none."""
+"""What can be foreseen of a discovery before any time is spent: masses at rest or alike, short records, no motion at all."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.start import channel_noise
 from linkwise.record import Record
 
+Floats = NDArray[np.float64]
+
 _REST = 0.1  # of the noise's power: less motion than this is not seen (-10 dB)
 _FAINT = 3.0  # (5 dB): less tells little
+_APART = 30.0  # times the noise's power (15 dB) that the difference of two motions should have
+_ALIKE = 0.05  # of the smaller motion's power: a difference below it is what a stiff link leaves
 _FEWEST = 4  # samples a candidate, over all masses: below it a regression on all of them fits noise
 _FEW = 20
 
 
-def outlook(records: Sequence[Record], candidates: Candidates) -> tuple[str, ...]:
-    """Sentences on what these records will not tell.
+@dataclass(frozen=True)
+class Outlook:
+    """`told` in sentences; `resting` masses did not move, `alike` ones so much like another that links may be exchanged."""
+
+    told: tuple[str, ...]
+    resting: tuple[str, ...]
+    alike: tuple[str, ...]
+
+
+def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
+    """What these records will not tell.
 
     Raises IdentificationError where they can tell nothing: a mass without a sensor, no motion above the noise, fewer samples
     than a regression on all candidates needs.
     """
-    _require_sensors(records, candidates)
     names = [mass.name for mass in candidates.masses]
+    _require_sensors(records, names)
     ratio = np.max([_motion(record, names) for record in records], axis=0)
     resting = [name for name, each in zip(names, ratio, strict=True) if each < _REST]
     if len(resting) == len(names):
@@ -42,8 +58,8 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> tuple[str, ...
     told = []
     if resting:
         told.append(
-            f"{_listed(resting)} did not move above the noise: no link to {_them(resting)} can be told; hit nearer to "
-            f"{_them(resting)}."
+            f"{_listed(resting)} did not move above the noise and {'is' if len(resting) == 1 else 'are'} left out: a link to "
+            f"{_them(resting)} looks like one to the ground. Hit nearer to {_them(resting)}."
         )
     faint = [name for name, each in zip(names, ratio, strict=True) if _REST <= each < _FAINT]
     if faint:
@@ -52,15 +68,20 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> tuple[str, ...
         told.append(
             f"{samples} samples for {needed} candidates are few: weak terms will be missed; record for longer."
         )
-    return tuple(told)
+    alike: list[str] = []
+    for group, apart in _alike(records, [name for name in names if name not in resting]):
+        told.append(
+            f"{_listed(group)} moved alike, with differences down to {10.0 * np.log10(max(apart, 1e-3)):.0f} dB above the "
+            "noise: a link to one of them may be told as a link to another. Hit them one by one."
+        )
+        alike += group
+    return Outlook(tuple(told), tuple(resting), tuple(alike))
 
 
-def _require_sensors(records: Sequence[Record], candidates: Candidates) -> None:
+def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
     for record in records:
         blind = [
-            mass.name
-            for mass in candidates.masses
-            if not any(f"{kind}:{mass.name}" in record.channels for kind in "xva")
+            name for name in names if not any(f"{kind}:{name}" in record.channels for kind in "xva")
         ]
         if blind:
             raise IdentificationError(
@@ -74,13 +95,43 @@ def _motion(record: Record, names: Sequence[str]) -> list[float]:
     noise = channel_noise(record)
     found = []
     for name in names:
+        channels = [f"{kind}:{name}" for kind in "xva" if f"{kind}:{name}" in record.channels]
         ratios = [
-            float(np.nanmean((record.channel(channel) - np.nanmean(record.channel(channel))) ** 2)) / noise[channel] ** 2 - 1.0
-            for channel in (f"{kind}:{name}" for kind in "xva")
-            if channel in record.channels and noise[channel] > 0.0
+            _power(record.channel(channel)) / noise[channel] ** 2 - 1.0 if noise[channel] > 0.0 else 0.0
+            for channel in channels
         ]
         found.append(max(ratios, default=0.0))
     return found
+
+
+def _alike(records: Sequence[Record], names: Sequence[str]) -> list[tuple[list[str], float]]:
+    """Groups of masses whose displacements differ by little more than noise in all records, and the least ratio of powers."""
+    apart = np.full((len(names), len(names)), np.inf)
+    for number, one in enumerate(names):
+        for place, other in enumerate(names[:number]):
+            apart[number, place] = max(_apart(record, f"x:{one}", f"x:{other}") for record in records)
+    count, group = connected_components(apart < _APART, directed=False)
+    members = [np.flatnonzero(group == each).tolist() for each in range(count)]
+    return [
+        ([names[place] for place in each], float(apart[np.ix_(each, each)].min()))
+        for each in members
+        if len(each) > 1
+    ]
+
+
+def _apart(record: Record, one: str, other: str) -> float:
+    """Power of the difference over that of its noise; infinite where the motions are not alike."""
+    if one not in record.channels or other not in record.channels:
+        return np.inf
+    noise = channel_noise(record.select((one, other)))
+    variance = noise[one] ** 2 + noise[other] ** 2
+    difference = _power(record.channel(one) - record.channel(other)) - variance
+    least = min(_power(record.channel(name)) - noise[name] ** 2 for name in (one, other))
+    return float(difference / variance) if difference < _ALIKE * least and variance > 0.0 else np.inf
+
+
+def _power(values: Floats) -> float:
+    return float(np.nanmean((values - np.nanmean(values)) ** 2))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -41,7 +41,8 @@ def text_table(found: Discovery, certain: float) -> str:
         more = len(found.doubtful) - _DOUBTS
         rows = columns(doubt_rows(found)[: _DOUBTS + 1])
         tail = [f"  ... and {more} more"] if more > 0 else []
-        blocks.append("\n".join([f"in doubt: the margin is {certain:g} or less", *rows, *tail]))
+        alike = ", or a mass moved like another" if any(term.alike for term in found.doubtful) else ""
+        blocks.append("\n".join([f"in doubt: the margin is {certain:g} or less{alike}", *rows, *tail]))
     if found.runners_up:
         blocks.append("\n".join(["the next best models", *columns(next_rows(found)[: _NEXT + 1])]))
     remarks = all_remarks(found)
@@ -58,6 +59,7 @@ def headline(found: Discovery) -> tuple[str, ...]:
     chi = "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     rounds = f"{found.rounds} round{'' if found.rounds == 1 else 's'}"
     settled = "" if found.settled else "The search did not settle: this is the best so far. "
+    settled += "" if found.seen else "Not every displacement was measured: links or terms may be false. "
     return (
         f"{_counted(len(estimate.masses), 'mass', 'masses')}, {_counted(len(estimate.links), 'link')} with "
         f"{_counted(terms, 'term')}: {trust}",
@@ -108,7 +110,7 @@ def _term_row(each: CoefficientEstimate, term: TermEvidence | None) -> tuple[str
         number(each.value, each.standard_error),
         error,
         "" if term is None else rough(term.z),
-        "stated" if term is None or term.stated else rough(term.margin),
+        "stated" if term is None else rough(term.margin),
         f"{each.unit}{mark}",
     )
 

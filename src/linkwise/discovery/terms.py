@@ -6,6 +6,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, symbols
 from linkwise.law import Law
@@ -29,6 +32,8 @@ _NEEDED = {
     "contact": "the elongation in m at which it closes",
     "gap": "the elongation in m at which either side closes",
 }
+_PLACES = 200  # at which terms are compared, more than anybody has terms
+_DEPENDENT = 1e-9
 _POWER = re.compile(r"([dv])\*\*(\d+)")
 _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2"}
 
@@ -75,12 +80,31 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
             found.setdefault(Law.parse(one).expression, Term(one, _name(one, len(found))))
     if not found:
         raise IdentificationError(f'no terms are given; write a list such as "{DEFAULT}"')
+    _require_independent(list(found.values()))
     names = [term.coefficient for term in found.values()]
     twice = {name for name in names if names.count(name) > 1}
     return tuple(
         Term(term.text, f"{term.coefficient}_{number}") if term.coefficient in twice else term
         for number, term in enumerate(found.values(), start=1)
     )
+
+
+def _require_independent(terms: Sequence[Term]) -> None:
+    """IdentificationError where one term is a sum of multiples of others, as 2*d is of d."""
+    d, v = np.random.default_rng(0).uniform(-1.0, 1.0, (2, _PLACES))
+    columns: list[NDArray[np.float64]] = []
+    for number, term in enumerate(terms):
+        column = np.broadcast_to(term.law.force(d, v, {}), d.shape)
+        left = column
+        for _ in range(2):  # the second time takes off what rounding left
+            left = left - sum((each * (each @ left) for each in columns), start=np.zeros(_PLACES))
+        if np.linalg.norm(left) <= _DEPENDENT * np.linalg.norm(column):
+            before = ", ".join(each.text for each in terms[:number])
+            raise IdentificationError(
+                f"the term {term.text!r} says nothing beside {before or 'nothing'}: it is a sum of multiples of them; "
+                "leave it out"
+            )
+        columns.append(left / np.linalg.norm(left))
 
 
 def _split(text: str) -> list[str]:

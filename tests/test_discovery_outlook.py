@@ -1,0 +1,119 @@
+"""What is said before any time is spent: masses without a sensor, at rest, records too short, motion that is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judged import masses
+
+import linkwise as lw
+
+NOISE = 1e-4  # m
+
+
+@pytest.fixture(scope="module")
+def chain() -> lw.Structure:
+    return lw.bnes_chain(4)
+
+
+@pytest.fixture(scope="module")
+def clean(chain: lw.Structure) -> lw.Record:
+    """Displacements of all four masses, six seconds at 1 kHz."""
+    return lw.simulate(chain, release={"v:m1": 3.0}, duration=6.0, rate=1000.0)
+
+
+@pytest.fixture(scope="module")
+def record(clean: lw.Record) -> lw.Record:
+    return clean.with_noise(20.0, seed=1000)
+
+
+def quieted(record: lw.Record, **share: float) -> lw.Record:
+    """The motion of some masses scaled down, white noise of `NOISE` on all."""
+    factors = np.array([share.get(channel.removeprefix("x:"), 1.0) for channel in record.channels])
+    noise = NOISE * np.random.default_rng(1000).normal(size=record.values.shape)
+    stated = dict.fromkeys(record.channels, NOISE)
+    return replace(record, values=record.values * factors + noise, noise=stated, simulated=None)
+
+
+def test_a_good_record_needs_no_warning(record, chain):
+    assert lw.foreseen(record, masses(chain)) == ()
+
+
+def test_a_mass_without_a_sensor_is_refused_by_name(record, chain):
+    seen = record.select(("x:m1", "x:m3"))
+    with pytest.raises(lw.IdentificationError, match=r"no sensor shows m2 and m4: .* channel x:m2, map .* or identify"):
+        lw.foreseen(seen, masses(chain))
+    with pytest.raises(lw.IdentificationError, match="no sensor shows m2 and m4"):
+        lw.discover(seen, masses(chain))
+    with pytest.raises(lw.IdentificationError, match="no sensor shows m2: links cannot be discovered"):
+        lw.foreseen([record, record.select(("x:m1", "x:m3", "x:m4"))], masses(chain))  # in one of two records
+
+
+def test_any_kind_of_sensor_shows_a_mass(chain):
+    every = lw.simulate(chain, release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
+    mixed = every.with_noise(20.0, seed=1000).select(("x:m1", "v:m2", "a:m3", "x:m4"))
+    assert lw.foreseen(mixed, masses(chain)) == ()
+
+
+def test_motion_that_is_none_is_refused(record, chain):
+    still = quieted(record, m1=0.0, m2=0.0, m3=0.0, m4=0.0)
+    with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel, so no structure"):
+        lw.foreseen(still, masses(chain))
+    offset = replace(still, values=still.values + 0.1)  # a sensor's offset is no motion
+    with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel"):
+        lw.foreseen(offset, masses(chain))
+
+
+def test_masses_at_rest_are_named(record, chain):
+    (one,) = lw.foreseen(quieted(record, m4=0.0), masses(chain))
+    assert one.startswith("m4 did not move above the noise and is left out") and one.endswith("Hit nearer to it.")
+    (two,) = lw.foreseen(quieted(record, m2=0.0, m4=0.0), masses(chain))
+    assert two.startswith("m2 and m4 did not move above the noise and are left out") and two.endswith("nearer to them.")
+    # another record in which they move makes up for it
+    assert lw.foreseen([quieted(record, m4=0.0), quieted(record)], masses(chain)) == ()
+
+
+def test_masses_that_hardly_move_are_named(record, chain):
+    rms = float(np.std(record.channel("x:m2")))
+    faint = quieted(record, m2=NOISE / rms)  # 0 dB
+    assert lw.foreseen(faint, masses(chain)) == (
+        "m2 hardly moved above the noise: weak terms of links there will be missed.",
+    )
+
+
+def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(record, chain):
+    """40 candidates, four samples each over four masses: 40 samples are the least."""
+    with pytest.raises(lw.IdentificationError, match=r"156 samples over 4 masses for 40 candidates.*record 40 samples"):
+        lw.foreseen(record[:39], masses(chain))
+    told = lw.foreseen(record[:40], masses(chain))
+    assert told[-1] == "160 samples for 40 candidates are few: weak terms will be missed; record for longer."
+    fewer = lw.foreseen(record[:39], masses(chain), terms="linear")  # or allow fewer terms
+    assert len(fewer) >= 1
+    assert lw.foreseen(record[:300], masses(chain)) == ()
+
+
+def test_two_short_records_count_together(record, chain):
+    half = record[:120]
+    assert any("are few" in each for each in lw.foreseen(half, masses(chain)))
+    assert not any("are few" in each for each in lw.foreseen([half, half], masses(chain)))
+
+
+def test_masses_that_move_alike_are_named(clean, chain):
+    """A mass that copies another: a link to the one looks like a link to the other."""
+    assert lw.foreseen(quieted(clean), masses(chain)) == ()
+    values = clean.values.copy()
+    values[:, 3] = values[:, 2]
+    (told,) = lw.foreseen(quieted(replace(clean, values=values)), masses(chain))
+    assert told.startswith("m3 and m4 moved alike, with differences down to ")
+    assert told.endswith("A link to the one may be told as a link to the other; hit one of the two alone.")
+
+
+def test_what_was_foreseen_stands_with_the_answer(chain):
+    two = lw.bnes_chain(2)
+    clean = lw.simulate(two, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
+    record = clean.with_noise(5.0, seed=1000)
+    told = lw.foreseen(record, masses(two))
+    assert told
+    assert set(told) <= set(lw.discover(record, masses(two)).remarks)
