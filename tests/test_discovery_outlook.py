@@ -107,7 +107,7 @@ def test_masses_that_move_alike_are_named(clean, chain):
     values[:, 3] = values[:, 2]
     (told,) = lw.foreseen(quieted(replace(clean, values=values)), masses(chain))
     assert told.startswith("m3 and m4 moved alike, with differences down to ")
-    assert told.endswith("A link to the one may be told as a link to the other; hit one of the two alone.")
+    assert told.endswith("a link to one of them may be told as a link to another. Hit them one by one.")
 
 
 def test_what_was_foreseen_stands_with_the_answer(chain):

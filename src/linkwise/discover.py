@@ -98,7 +98,7 @@ def discover(
     seconds = perf_counter() - started
     return Discovery(
         estimate=replace(estimate, seconds=seconds),
-        terms=evidence(found, pool, ahead.alike),
+        terms=evidence(found, pool, trusted=found.settled and seen and estimate.trusted, alike=ahead.alike),
         path=path(found),
         runners_up=runners_up(found),
         remarks=remarks,

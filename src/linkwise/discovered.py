@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from linkwise.answer import result_of, write_links, write_page
-from linkwise.discovery.found import Discovery
+from linkwise.discovery.found import Discovery, TermEvidence
 from linkwise.discovery.truth import term_score, truth_beside
 from linkwise.estimate import Estimate
 from linkwise.output import whole_folder
@@ -20,12 +20,6 @@ from linkwise.plot.choice import evidence_figure, path_figure
 from linkwise.plot.graph import graph_figure
 from linkwise.report.discovery import discovery_page
 from linkwise.structure import Structure
-
-_COLUMNS = (
-    "name", "link", "first", "second", "term", "kept", "stated", "certain", "told", "value", "standard_error", "unit", "z",
-    "margin", "price",
-)  # fmt: skip
-
 
 def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:
     """What result.json says, as plain data.
@@ -93,13 +87,14 @@ def _by_names_found(estimate: Estimate) -> Estimate:
 
 def _write_terms(found: Discovery, path: Path) -> None:
     """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
+    names = [field.name for field in fields(TermEvidence) if field.name != "between"]
+    rows = [
+        [*term.between, term.certain, term.price, *(getattr(term, name) for name in names)] for term in found.terms
+    ]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for term in found.terms:
-            first, second = term.between
-            row = {**vars(term), "first": first, "second": second, "certain": term.certain, "price": term.price}
-            writer.writerow([_cell(row[name]) for name in _COLUMNS])
+        writer.writerow(["first", "second", "certain", "price", *names])
+        writer.writerows([_cell(value) for value in row] for row in rows)
 
 
 def _cell(value: object) -> str:

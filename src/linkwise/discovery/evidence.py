@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from linkwise.discovery.candidates import Candidate, Candidates
+from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.decide import Decided
 from linkwise.discovery.found import CERTAIN, Choice, RunnerUp, TermEvidence
 from linkwise.discovery.price import Price
@@ -19,11 +19,12 @@ _NAMED = 6  # confusions that are told
 
 
 def evidence(
-    decided: Decided, candidates: Candidates, alike: Collection[str] = ()
+    decided: Decided, candidates: Candidates, *, trusted: bool, alike: Collection[str] = ()
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: those kept, the most certain first, then the dropped, the most doubtful first.
 
-    `alike` are masses that moved so much like another one that their links may be the other's.
+    `alike` are masses that moved so much like another one that their links may be the other's; where the fit is not `trusted`
+    nothing is reliable.
     """
     quadratic, price = decided.quadratic, decided.price
     inside = list(range(len(decided.structure.parameters)))
@@ -37,51 +38,30 @@ def evidence(
         *zip(inside, solved.values, solved.z, strict=True),
         *zip(numbers.tolist(), values, z, strict=True),
     ]
-    terms = [
-        _evidence(
-            candidates.by_name[quadratic.names[k]],
-            candidates,
-            (float(value), float(each)),
-            margin=margins.get(k, np.inf),
-            kept=k < len(inside),
-            alike=alike,
-        )
-        for k, value, each in told
-        if quadratic.names[k] in candidates.by_name
-    ]
+    terms = []
+    for k, value, each in told:
+        if (entry := candidates.by_name.get(quadratic.names[k])) is not None:
+            pair = candidates.pairs[entry.pair]
+            term = TermEvidence(
+                name=entry.name,
+                link=pair.name,
+                between=pair.between,
+                term=entry.term.text,
+                unit=entry.term.unit,
+                kept=k < len(inside),
+                told=bool(np.isfinite(value)),
+                reliable=trusted and set(alike).isdisjoint(pair.between),
+                value=float(value),
+                standard_error=abs(float(value / each)) if each else np.inf,
+                z=float(each),
+                margin=margins.get(k, np.inf),
+            )
+            terms.append(term)
     found = [term for term in terms if term.kept]
     dropped = [term for term in terms if not term.kept]
     return (
         *sorted(found, key=lambda term: -term.margin),
         *sorted(dropped, key=lambda term: term.margin),
-    )
-
-
-def _evidence(
-    entry: Candidate,
-    candidates: Candidates,
-    told: tuple[float, float],
-    *,
-    margin: float,
-    kept: bool,
-    alike: Collection[str],
-) -> TermEvidence:
-    """Of one candidate with its value and z."""
-    value, z = told
-    pair = candidates.pairs[entry.pair]
-    return TermEvidence(
-        name=entry.name,
-        link=pair.name,
-        between=pair.between,
-        term=entry.term.text,
-        unit=entry.term.unit,
-        kept=kept,
-        told=bool(np.isfinite(value)),
-        alike=not set(alike).isdisjoint(pair.between),
-        value=value,
-        standard_error=abs(value / z) if z else np.inf,
-        z=z,
-        margin=margin,
     )
 
 

@@ -19,8 +19,8 @@ class TermEvidence:
 
     `value` and `standard_error` in `unit` are what was found, or what would be if it were added. `z` is their ratio. `margin`
     is by how much the criterion rises if the decision is turned round: more than `CERTAIN` is very strong. `told` is False
-    where the record cannot tell it beside the terms that were kept, `alike` where an end of its link moved so much like
-    another mass that the link may be the other's.
+    where the record cannot tell it beside the terms that were kept, `reliable` is False where the fit is not to be trusted, or
+    an end of its link moved so much like another mass that the link may be the other's.
     """
 
     name: str
@@ -30,7 +30,7 @@ class TermEvidence:
     unit: str
     kept: bool
     told: bool
-    alike: bool
+    reliable: bool
     value: float
     standard_error: float
     z: float
@@ -39,7 +39,7 @@ class TermEvidence:
     @property
     def certain(self) -> bool:
         """Whether the decision is beyond doubt by this record."""
-        return self.told and not self.alike and self.margin > CERTAIN
+        return self.told and self.reliable and self.margin > CERTAIN
 
     @property
     def price(self) -> float:
@@ -145,7 +145,7 @@ def _as_dict(term: TermEvidence) -> dict[str, Any]:
         "between": list(term.between),
         "term": term.term,
         "kept": term.kept,
-        "alike": term.alike,
+        "reliable": term.reliable,
         "certain": term.certain,
         "told": term.told,
         "value": term.value,

@@ -41,8 +41,8 @@ def text_table(found: Discovery, certain: float) -> str:
         more = len(found.doubtful) - _DOUBTS
         rows = columns(doubt_rows(found)[: _DOUBTS + 1])
         tail = [f"  ... and {more} more"] if more > 0 else []
-        alike = ", or a mass moved like another" if any(term.alike for term in found.doubtful) else ""
-        blocks.append("\n".join([f"in doubt: the margin is {certain:g} or less{alike}", *rows, *tail]))
+        unsure = ", or nothing is reliable here" if any(not term.reliable for term in found.doubtful) else ""
+        blocks.append("\n".join([f"in doubt: the margin is {certain:g} or less{unsure}", *rows, *tail]))
     if found.runners_up:
         blocks.append("\n".join(["the next best models", *columns(next_rows(found)[: _NEXT + 1])]))
     remarks = all_remarks(found)
