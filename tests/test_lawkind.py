@@ -13,6 +13,7 @@ from linkwise.lawkind import law_kind
     [
         ("c*v", 1.0, "damper only"),
         ("k*d + c*v", 1.0, "linear"),
+        ("k*d + 0*d**3", 1.0, "linear"),
         ("k*d + F*tanh(v/0.01)", 1.0, "linear"),
         ("k*d + k3*d**3", 1.0, "hardening"),
         ("k*d - k3*d**3", 0.5, "softening"),
@@ -34,3 +35,9 @@ def test_kind_of_a_law(law: str, reach: float, kind: str) -> None:
 
 def test_estimates_know_the_kinds_of_their_links(fitted: lw.Estimate) -> None:
     assert {each.link.name: each.kind for each in fitted.links} == {"spring1": "linear", "nes1": "bistable"}
+
+
+def test_a_term_with_a_coefficient_of_zero_does_not_bend() -> None:
+    law = lw.Law.parse("k*d + q*d**2")
+    numbers = {"k": lw.Coefficient.number(30000.1), "q": lw.Coefficient.number(0.0)}
+    assert law_kind(lw.Link("link", ("m1", "ground"), law, numbers), 0.0123) == "linear"

@@ -21,6 +21,7 @@ from linkwise.plot.graph import graph_figure
 from linkwise.report.discovery import discovery_page
 from linkwise.structure import Structure
 
+
 def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:
     """What result.json says, as plain data.
 
@@ -89,11 +90,11 @@ def _write_terms(found: Discovery, path: Path) -> None:
     """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
     names = [field.name for field in fields(TermEvidence) if field.name != "between"]
     rows = [
-        [*term.between, term.certain, term.price, *(getattr(term, name) for name in names)] for term in found.terms
+        [*(getattr(term, name) for name in names), *term.between, term.certain, term.price] for term in found.terms
     ]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["first", "second", "certain", "price", *names])
+        writer.writerow([*names, "first", "second", "certain", "price"])
         writer.writerows([_cell(value) for value in row] for row in rows)
 
 

@@ -19,7 +19,7 @@ UNEVEN = "uneven"
 NEGATIVE = "negative stiffness"
 
 _GRID = 65
-_NOTHING = 1e-9  # of the largest force: a side that pulls less does not pull
+_NOTHING = 1e-9  # of the largest force: a side that pulls less does not pull, a line that bends less is straight
 
 
 def law_kind(link: Link, reach: float) -> str:
@@ -36,11 +36,12 @@ def law_kind(link: Link, reach: float) -> str:
     if found >= 2:
         return BISTABLE if found == 2 else f"{found} wells"
     at_rest = float(link.stiffness(0.0))
-    if "d" not in symbols(slope):
-        return LINEAR if at_rest >= 0.0 else NEGATIVE
     d = np.linspace(0.0, reach, _GRID)[1:]
     right, left = link.force(d), -link.force(-d)
     sizes = float(np.abs(right).max()), float(np.abs(left).max())
+    bent = max(float(np.abs(side - at_rest * d).max()) for side in (right, left))
+    if "d" not in symbols(slope) or bent <= _NOTHING * max(sizes):
+        return LINEAR if at_rest >= 0.0 else NEGATIVE
     if min(sizes) <= _NOTHING * max(sizes):
         return ONE_SIDED
     harder = [float(side[-1]) / reach > at_rest for side in (right, left)]

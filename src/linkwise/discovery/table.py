@@ -54,7 +54,7 @@ def text_table(found: Discovery, certain: float) -> str:
 def headline(found: Discovery) -> tuple[str, ...]:
     """The answer in a line, whether to trust it, and what it took."""
     estimate = found.estimate
-    terms = sum(len(link.coefficients) for link in estimate.links)
+    terms = sum(each.value != 0.0 for link in estimate.links for each in link.coefficients)
     trust = "can be trusted" if found.trusted else "NOT to be trusted"
     chi = "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     rounds = f"{found.rounds} round{'' if found.rounds == 1 else 's'}"

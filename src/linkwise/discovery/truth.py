@@ -58,14 +58,15 @@ class _Part:
 
 
 def term_score(found: Structure, truth: Structure) -> TermScore:
-    """Compare `found` with `truth` term by term; a true coefficient of 0 counts as no term.
+    """Compare `found` with `truth` term by term; a coefficient of 0 counts as no term.
 
     Raises StructureError where the masses have other names, or a coefficient is unknown.
     """
     _require_masses(found, truth)
     first = {frozenset(link.between): link.between for link in found.links}
-    ours = [part for link in found.links for part in _parts(link, first)]
-    theirs = [part for link in truth.links for part in _parts(link, first) if part.value != 0.0]
+    ours, theirs = (
+        [part for link in each.links for part in _parts(link, first) if part.value != 0.0] for each in (found, truth)
+    )
     right = [part for part in ours if any(_factor(part, other) is not None for other in theirs)]
     missing = [other for other in theirs if all(_factor(part, other) is None for part in ours)]
     extra = [part for part in ours if part not in right]

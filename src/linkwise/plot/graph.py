@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from linkwise.discovery.found import Discovery
+from linkwise.discovery.found import CERTAIN, Discovery
 from linkwise.discovery.table import headline, is_certain
 from linkwise.lawkind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.plot.palette import SEEN, SERIES, TRUE, scale
@@ -104,7 +104,7 @@ def _edges(found: Discovery, names: Sequence[str]) -> tuple[list[Edge], list[str
     faint: list[tuple[str, str]] = []
     for term in found.doubtful:
         pair = frozenset(term.between)
-        if not term.kept and term.told and pair not in linked and len(faint) < _FAINT:
+        if not term.kept and term.told and term.margin <= CERTAIN and pair not in linked and len(faint) < _FAINT:
             linked.add(pair)
             faint.append(term.between)
     edges += [Edge(*ends(between), "", 0.0, False, False, True) for between in faint]
