@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -155,3 +156,13 @@ def test_names_that_are_not_there() -> None:
         study.subject("bnes3")
     with pytest.raises(lw.StudyError, match='there is no method "mll"; did you mean "ml"'):
         study.method("mll")
+
+
+def test_the_documented_study_is_one() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "STUDIES.md").read_text(encoding="utf-8")
+    study = parse_study(page.partition("```toml\n")[2].partition("```")[0], "STUDIES.md", Path())
+    assert study.first_seed == 1 and study.cycles == 50 and study.quick == 3
+    assert [method.name for method in study.methods] == ["ml", "physics-informed", "all monomials"]
+    assert study.subjects[0].judged == ("nes1", "nes2")
+    for name in re.findall(r"\blw\.(\w+)", page):
+        assert hasattr(lw, name)

@@ -204,6 +204,13 @@ class Gone(Crew):
         pass
 
 
+def test_a_worker_with_another_version_says_so(folder: Path) -> None:
+    with pytest.raises(
+        lw.StudyError, match=r"it has version .*, and the study is run by 99\.0; install that"
+    ):
+        run_batch(Batch(lw.stored_study(folder).text(), (), linkwise="99.0"))
+
+
 def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = lw.stored_study(folder)
     case = Case("bnes2", 20.0, "weak", 1000)

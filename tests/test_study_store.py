@@ -146,6 +146,19 @@ def test_a_changed_definition_is_noticed(tmp_path: Path, study: lw.Study) -> Non
         assert len(store.done()) == len(study)
 
 
+def test_rows_of_two_versions_do_not_mix(
+    tmp_path: Path, study: lw.Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with opened(tmp_path / "out", study):
+        pass
+    monkeypatch.setattr("linkwise.study.store.version", lambda package: "99.0")
+    with (
+        pytest.raises(lw.StudyError, match=r'another definition: linkwise was "0\.\d+\.\d+", now "99\.0"'),
+        opened(tmp_path / "out", study),
+    ):
+        pass
+
+
 def test_differences_name_the_key() -> None:
     assert differences({"a": 1}, {"a": 1}) == []
     assert differences({"a": 1}, {"a": 1, "b": [2]}) == ["b was not given, now [2]"]

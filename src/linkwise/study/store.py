@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -144,12 +145,13 @@ def _prepare(folder: Path, database: sqlite3.Connection, study: Study) -> None:
         if _empty(database):
             with database:
                 database.executescript(f"BEGIN; {_SCHEMA}")
-                database.execute("INSERT INTO study VALUES ('definition', ?)", (study.text(),))
+                about = {"definition": study.text(), "linkwise": version("linkwise")}
+                database.executemany("INSERT INTO study VALUES (?, ?)", about.items())
             return
-        before = _definition(database)
+        before = {"linkwise": _stated(database, "linkwise"), **_definition(database)}
     except sqlite3.DatabaseError as error:
         raise _unreadable(folder, error) from error
-    changes = differences(before, study.document())
+    changes = differences(before, {"linkwise": version("linkwise"), **study.document()})
     if changes:
         shown = "; ".join(changes[:_SHOWN]) + ("; ..." if len(changes) > _SHOWN else "")
         raise StudyError(
@@ -165,11 +167,15 @@ def _empty(database: sqlite3.Connection) -> bool:
 
 
 def _definition(database: sqlite3.Connection) -> dict[str, Any]:
-    found = database.execute("SELECT value FROM study WHERE key = 'definition'").fetchone()
-    if found is None:
-        raise sqlite3.DatabaseError("it has no definition")
-    document: dict[str, Any] = json.loads(found[0])
+    document: dict[str, Any] = json.loads(_stated(database, "definition"))
     return document
+
+
+def _stated(database: sqlite3.Connection, key: str) -> str:
+    found = database.execute("SELECT value FROM study WHERE key = ?", (key,)).fetchone()
+    if found is None:
+        raise sqlite3.DatabaseError(f"it has no {key}")
+    return str(found[0])
 
 
 def _stored(folder: Path, database: sqlite3.Connection) -> Study:

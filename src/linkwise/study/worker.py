@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from threading import Lock
 from time import perf_counter
 
-from linkwise.errors import LinkwiseError
+from linkwise.errors import LinkwiseError, StudyError
 from linkwise.record import Record
 from linkwise.study.definition import Study
 from linkwise.study.method import Answer
@@ -27,10 +28,11 @@ _ALONE = (
 
 @dataclass(frozen=True)
 class Batch:
-    """Cases to run in one go. `study` is the text of the study that they belong to."""
+    """Cases to run in one go. `study` is the text of the study that they belong to, `linkwise` the version that runs it."""
 
     study: str
     cases: tuple[Case, ...]
+    linkwise: str = field(default_factory=lambda: version("linkwise"))
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,14 @@ class Done:
 
 
 def run_batch(batch: Batch) -> list[Done]:
-    """Run every case of a batch. Nothing that goes wrong in a case is raised: it is a row that failed, with the reason."""
+    """Run every case of a batch. Nothing that goes wrong in a case is raised: it is a row that failed, with the reason.
+
+    Raises StudyError where this process has another version of linkwise.
+    """
+    if batch.linkwise != version("linkwise"):
+        raise StudyError(
+            f"it has version {version('linkwise')}, and the study is run by {batch.linkwise}; install that"
+        )
     with _ALONE:
         _pin()
         study = _study(batch.study)
