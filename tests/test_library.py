@@ -191,8 +191,8 @@ def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
     with pytest.raises(
         IdentificationError,
         match=r"order 3 in the 100 states of 50 masses are 176851 columns; their Gram matrix alone takes 250 GB, a fit "
-        r"1501 GB, and 16 GB are free\. Smaller are mixing=2 \(15151 columns, 11 GB\), mixing=1 \(301 columns, 0\.04 GB\), "
-        r"order=2 \(5151 columns, 1\.31 GB\), columns_of=.* \(link_columns\)",
+        r"1751 GB, and 16 GB are free\. Smaller are mixing=2 \(15151 columns, 13 GB\), mixing=1 \(301 columns, 0\.04 GB\), "
+        r"order=2 \(5151 columns, 1\.52 GB\), columns_of=.* \(link_columns\)",
     ):
         monomial_equations(states, 3)
     monkeypatch.setattr(library, "available_memory", lambda: 10**9)
@@ -216,7 +216,7 @@ def test_the_memory_predicted_is_what_a_fit_takes(regressor: Regressor) -> None:
     regressor.fit(equations)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert equations.fit_bytes / 2.5 < peak < equations.fit_bytes
+    assert equations.fit_bytes / 3 < peak < equations.fit_bytes
 
 
 def test_memory_is_what_the_system_tells(tmp_path: Path) -> None:
