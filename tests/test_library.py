@@ -191,7 +191,7 @@ def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
     with pytest.raises(
         IdentificationError,
         match=r"order 3 in the 100 states of 50 masses are 176851 columns; their Gram matrix alone takes 250 GB, a fit "
-        r"1751 GB, and 16 GB are free\. Smaller are mixing=2 \(15151 columns, 13 GB\), mixing=1 \(301 columns, 0\.04 GB\), "
+        r"1752 GB, and 16 GB are free\. Smaller are mixing=2 \(15151 columns, 13 GB\), mixing=1 \(301 columns, 0\.04 GB\), "
         r"order=2 \(5151 columns, 1\.52 GB\), columns_of=.* \(link_columns\)",
     ):
         monomial_equations(states, 3)

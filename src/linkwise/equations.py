@@ -21,7 +21,6 @@ Rows = slice | NDArray[np.intp]  # a piece of the rows, or their numbers
 
 _BLOCK_BYTES = 8 * 2**20  # large enough to fill the pipelines of one BLAS call, small enough to stay in cache
 
-
 # p x p: of all rows, of those held out and of the others, two factors, an inverse, and one in the making
 _MATRICES = 7
 _BLOCKS = 4  # as they come, split in two, and what they leave
