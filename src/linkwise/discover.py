@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.channel import BASE, Channel
 from linkwise.coefficient import Coefficient
 from linkwise.discovery.candidates import Candidates, candidates
 from linkwise.discovery.decide import Decided, decided
@@ -66,6 +67,7 @@ def discover(
     pool = pool_of(records, masses, terms)
     ahead = outlook(records, pool)
     pool, remarks = pool.without(ahead.resting), ahead.told
+    records = [_of(each, pool.masses) for each in records]
     progress(0.0, f"screening {len(pool.entries)} candidates")
     with one_blas_thread():
         shown = [placed(each, pool.masses) for each in records]
@@ -142,6 +144,13 @@ def pool_of(
         )
     moved = any("x:base" in record.channels for record in records)
     return candidates(given, parse_terms(terms), stated=stated, base=moved)
+
+
+def _of(record: Record, masses: Sequence[Mass]) -> Record:
+    """`record` without the channels of other masses; itself where it has none."""
+    names = {BASE, *(mass.name for mass in masses)}
+    kept = [channel for channel in record.channels if Channel.parse(channel).mass in names]
+    return record if len(kept) == len(record.channels) else record.select(kept)
 
 
 def _start(
