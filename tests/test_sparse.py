@@ -360,6 +360,12 @@ def test_more_columns_than_rows_do_not_explain_by_number() -> None:
     fit = L1().fit(Equations(matrix, target, tuple(f"c{j}" for j in range(100))))
     assert {"c5", "c40"} <= set(fit.terms("b"))
     assert fit.support.sum() <= 30
+    system = Equations(matrix, target, tuple(f"c{j}" for j in range(100)))
+    assert set(Stlsq().fit(system).terms("b")) >= {"c5", "c40"}
+    with pytest.raises(
+        IdentificationError, match="100 terms cannot be told apart by 60 equations; take a longer"
+    ):
+        LeastSquares().fit(system)
 
 
 def test_settings_outside_their_range_are_refused() -> None:

@@ -320,6 +320,11 @@ class Gram:
         return scaled, float(self.norms[target] ** 2 - solved @ moments)
 
     def _dependent(self, kept: Indices, block: Array) -> IdentificationError:
+        if kept.size > self.rows:
+            return IdentificationError(
+                f"{kept.size} terms cannot be told apart by {self.rows} equations; take a longer record, a smaller library "
+                "(a lower order, mixing=2, the states of a mass and its neighbours), or let a threshold drop terms"
+            )
         shown = kept[np.flatnonzero(np.abs(vanishing(block)) > 0.1)]
         named = ", ".join(self.names[column] for column in shown[:8])
         return IdentificationError(

@@ -22,7 +22,8 @@ def candidate(training: Gram, target: int, scaled: Array, squares: float, settin
     the rows held out.
 
     The criterion is BIC = R log(rss / R) + k log R over the R rows held out. To the sum of squares is added (1e-11 ||b||)^2:
-    noise-free data leave rounding as their residual, and no term is worth having for explaining that.
+    noise-free data leave rounding as their residual, and no term is worth having for explaining that. A support of more than
+    half as many terms as rows were fitted scores infinity: such a fit follows its rows, whatever they are.
     """
     held = training.held
     assert held is not None  # `Gram.training` has refused systems without
@@ -32,6 +33,8 @@ def candidate(training: Gram, target: int, scaled: Array, squares: float, settin
     terms = int(np.count_nonzero(support))
     tiny = np.finfo(np.float64).tiny
     bic = held.rows * np.log(max(missed, tiny) / held.rows) + terms * np.log(held.rows)
+    if terms > training.rows / 2:
+        bic = np.inf
     return Candidate(
         support=support,
         setting=setting,
