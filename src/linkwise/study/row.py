@@ -24,8 +24,8 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """What came of one case; equal whoever ran it, and in whatever order, but for its `seconds`, on processors of one kind (two
-    kinds round differently, and follow different orbits of a chaotic motion past its horizon).
+    """What came of one case; equal whoever ran it, and in whatever order, but for its `seconds`, on processors of one kind
+    (two kinds round differently, and follow different orbits of a chaotic motion past its horizon).
 
     `links` holds the NMSE in % (paper Eq. 8) of every judged link; `coefficients` and `standard_errors` what was found, by
     full name, in SI units, where the method has such. `status` is that of the estimate ("converged", "not converged",
