@@ -16,6 +16,7 @@ import click
 
 from linkwise.cli.absorb import absorb
 from linkwise.cli.console import fail
+from linkwise.cli.discover import discover
 from linkwise.cli.identify import identify
 from linkwise.cli.limit import limit
 from linkwise.cli.simulate import simulate
@@ -41,7 +42,7 @@ def linkwise(debug: bool) -> None:
     """
 
 
-for command in (structure, limit, simulate, identify, absorb, study):
+for command in (structure, limit, simulate, identify, discover, absorb, study):
     linkwise.add_command(command)
 
 

@@ -37,12 +37,11 @@ def text_table(found: Discovery, certain: float) -> str:
     if len(links) > _LINKS:
         lines.append(f"... and {len(links) - _LINKS} less certain links; every one stands in the result folder")
     blocks.append("\n".join(lines))
-    if found.doubtful:
-        more = len(found.doubtful) - _DOUBTS
-        rows = columns(doubt_rows(found)[: _DOUBTS + 1])
+    doubted = doubt_rows(found, certain)
+    if len(doubted) > 1:
+        more = len(doubted) - 1 - _DOUBTS
         tail = [f"  ... and {more} more"] if more > 0 else []
-        unsure = ", or nothing is reliable here" if any(not term.reliable for term in found.doubtful) else ""
-        blocks.append("\n".join([f"in doubt: the margin is {certain:g} or less{unsure}", *rows, *tail]))
+        blocks.append("\n".join([doubt_title(found, certain), *columns(doubted[: _DOUBTS + 1]), *tail]))
     if found.runners_up:
         blocks.append("\n".join(["the next best models", *columns(next_rows(found)[: _NEXT + 1])]))
     remarks = all_remarks(found)
@@ -70,6 +69,8 @@ def headline(found: Discovery) -> tuple[str, ...]:
 
 def doubts(found: Discovery) -> str:
     """How many decisions are not beyond doubt, in a sentence."""
+    if not found.trusted:
+        return "No decision is beyond doubt."
     kept = sum(term.kept for term in found.doubtful)
     dropped = len(found.doubtful) - kept
     if not found.doubtful:
@@ -85,7 +86,7 @@ def by_certainty(found: Discovery) -> list[LinkEstimate]:
 
 def link_title(found: Discovery, each: LinkEstimate) -> str:
     """Name, kind, law and ends of a link."""
-    mark = "" if is_certain(found, each.link.name) else " (in doubt)"
+    mark = "" if is_certain(found, each.link.name) or not found.trusted else " (in doubt)"
     return f"{each.link.name}{mark}, {each.kind}: {each.link.law.text}"
 
 
@@ -99,11 +100,13 @@ def is_certain(found: Discovery, link: str) -> bool:
 def term_rows(found: Discovery, each: LinkEstimate) -> Rows:
     """A row for every coefficient of a link."""
     evidence = {term.name: term for term in found.kept}
-    return [_term_row(coefficient, evidence.get(coefficient.name)) for coefficient in each.coefficients]
+    return [
+        _term_row(coefficient, evidence.get(coefficient.name), marked=found.trusted) for coefficient in each.coefficients
+    ]
 
 
-def _term_row(each: CoefficientEstimate, term: TermEvidence | None) -> tuple[str, ...]:
-    mark = "" if term is None or term.certain else "  in doubt"
+def _term_row(each: CoefficientEstimate, term: TermEvidence | None, *, marked: bool) -> tuple[str, ...]:
+    mark = "" if term is None or term.certain or not marked else "  in doubt"
     error = "given" if each.known else "none" if each.standard_error is None else error_number(each.standard_error)
     return (
         each.name.rpartition(".")[2],
@@ -115,10 +118,18 @@ def _term_row(each: CoefficientEstimate, term: TermEvidence | None) -> tuple[str
     )
 
 
-def doubt_rows(found: Discovery) -> Rows:
-    """What is not beyond doubt, the most doubtful first."""
+def doubt_title(found: Discovery, certain: float) -> str:
+    """What stands above the doubts."""
+    alike = found.trusted and any(not term.reliable for term in found.doubtful)
+    return f"in doubt: the margin is {certain:g} or less{', or masses moved alike' if alike else ''}"
+
+
+def doubt_rows(found: Discovery, certain: float) -> Rows:
+    """What is not beyond doubt, the most doubtful first; of an answer that is not to be trusted, what is close besides."""
     rows: Rows = [DOUBT_HEAD]
     for term in found.doubtful:
+        if not found.trusted and term.told and term.margin > certain:
+            continue
         size = abs(term.standard_error) if isfinite(term.standard_error) else None
         value = f"{number(term.value, size)} {term.unit}" if term.told else "not told beside what was kept"
         rows.append(

@@ -11,6 +11,7 @@ from linkwise.discovery.table import (
     all_remarks,
     by_certainty,
     doubt_rows,
+    doubt_title,
     headline,
     is_certain,
     next_rows,
@@ -45,7 +46,8 @@ def discovery_page(
             "remarks": all_remarks(found),
             "certain": CERTAIN,
             "links": [_HEAD, *_rows(found)],
-            "doubts": doubt_rows(found),
+            "doubts": doubt_rows(found, CERTAIN),
+            "doubt_title": doubt_title(found, CERTAIN),
             "runners": next_rows(found),
             "score": score,
             **{name: embedded(figures / f"{name}.svg") for name in ("graph", "path", "evidence")},
@@ -57,7 +59,7 @@ def _rows(found: Discovery) -> list[tuple[str, ...]]:
     """A row for every term, links and their laws named once."""
     rows = []
     for each in by_certainty(found):
-        name = each.link.name + ("" if is_certain(found, each.link.name) else " (in doubt)")
+        name = each.link.name + ("" if is_certain(found, each.link.name) or not found.trusted else " (in doubt)")
         title = (name, " – ".join(each.link.between), each.kind)
         for number, row in enumerate(term_rows(found, each)):
             rows.append((*(title if number == 0 else ("", "", "")), *row))

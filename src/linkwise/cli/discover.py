@@ -1,0 +1,202 @@
+"""`linkwise discover`: records and the masses, to who is linked to whom and by which law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+import linkwise as lw
+from linkwise.cli.console import progress, tell
+from linkwise.cli.options import FILE, FOLDER, RecordSource, grouped, pairs, record_options
+from linkwise.output import check_result_folder, to_json
+
+UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
+EXAMPLE = "m1=1.0"
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known before, as typed."""
+
+    mass: tuple[str, ...]
+    structure: Path | None
+    terms: str | None
+    more: tuple[Path, ...]
+
+    def masses(self) -> lw.Known | dict[str, float]:
+        """The masses by name, or what a file knows of the structure; UsageError for neither and for both."""
+        if self.structure is not None and self.mass:
+            raise click.UsageError("The masses stand in the file of --structure: leave --mass out, or the file.")
+        if self.structure is not None:
+            return lw.read_known(self.structure)
+        if not self.mass:
+            raise click.UsageError(
+                f'Give every mass by name, as in --mass {EXAMPLE} --mass "m2=10 g" (ratios will do for forces in '
+                "those units), or a file with --structure."
+            )
+        return {name: _kilograms(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()}
+
+    def keywords(self) -> Mapping[str, str]:
+        """Keyword arguments of `linkwise.discover` and `linkwise.foreseen`; terms that are none are wrong usage."""
+        if self.terms is None:
+            return {}
+        try:
+            lw.parse_terms(self.terms)
+        except lw.IdentificationError as error:
+            raise click.UsageError(f"--terms: {error}") from error
+        return {"terms": self.terms}
+
+
+def _kilograms(name: str, text: str) -> float:
+    """A plain number, or one with a unit of mass; UsageError for what is neither."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return lw.to_si(text, "kg")
+    except lw.LinkwiseError as error:
+        raise click.UsageError(f"--mass {name}: {error}") from error
+
+
+prior_options = grouped(
+    Prior,
+    "prior",
+    click.option(
+        "--mass",
+        metavar="NAME=KG",
+        multiple=True,
+        help='A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g"; with ratios of masses forces come out in those '
+        "units. Repeatable, once for every mass.",
+    ),
+    click.option(
+        "--structure",
+        metavar="FILE",
+        type=FILE,
+        help="A structure file that states the masses and what is known of the links, in place of --mass.",
+    ),
+    click.option(
+        "--terms",
+        metavar="LIST",
+        help='What any link may have: functions of d and v, or families of them. Default "v, d, d**2, d**3".',
+    ),
+    click.option(
+        "--with",
+        "more",
+        metavar="RECORD",
+        multiple=True,
+        type=FILE,
+        help="Another record of the same structure, read as RECORD is and taken together with it. Repeatable.",
+    ),
+)
+
+
+@click.command()
+@record_options
+@prior_options
+@click.option(
+    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
+)
+@click.option(
+    "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print result.json on standard output and nothing else."
+)
+def discover(
+    source: RecordSource,
+    prior: Prior,
+    output: Path | None,
+    truth: Path | None,
+    as_json: bool,
+) -> int:
+    """Discover who is linked to whom, and by which law, from RECORD and the masses alone.
+
+    Every mass needs a sensor. Candidates are all pairs of masses, every mass with the ground and, where x:base is recorded,
+    with the base, each with all --terms. Families that --terms knows beside functions of d and v:
+
+    \b
+      linear             v, d
+      cubic              v, d, d**2, d**3
+      bistable           v, d, d**3
+      quintic            v, d, d**2, ... d**5
+      quadratic-damping  v*abs(v)
+      friction(S)        tanh(v/S), dry friction that saturates at S m/s
+      contact(G)         max(d - G, 0), a one-sided stop at G m
+      gap(G)             a stop at G m on either side
+
+    With --structure, links in the file stay with their terms, others may join them; a link whose law is "0" is known not to be
+    there, and a coefficient of 0 says that of a term. What the record will not tell is said on standard error before time is
+    spent. Exit code 3 means that the search did not settle or the fit is not to be trusted; Ctrl-C ends with the best so far.
+
+    \b
+    Examples:
+      linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
+      linkwise discover run.csv --structure known.toml --with run2.csv --json
+    """
+    if output is not None:
+        check_result_folder(output)  # before the work, so that nobody waits for a refusal
+    masses, asked = prior.masses(), prior.keywords()
+    names = tuple(masses) if isinstance(masses, dict) else tuple(mass.name for mass in masses.masses)
+    true = None if truth is None else _true(truth, names)
+    with progress("reading") as step:
+        records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
+        step(0.0, "looking at the record")
+        for remark in lw.foreseen(records, masses, **asked):
+            tell(f"note: {remark}")
+        found = lw.discover(records, masses, progress=step, **asked)
+        if output is not None:
+            lw.write_discovery(found, output, truth=true, progress=step)
+    result = lw.discovery_of(found, true)
+    click.echo(to_json(result) if as_json else str(found))
+    if not as_json:
+        _compare(result)
+    if output is not None and not as_json:
+        tell(f"written to {output}; open {output / 'report.html'}")
+    return 0 if found.trusted else UNTRUSTED
+
+
+def _read(source: RecordSource, names: tuple[str, ...]) -> lw.Record:
+    """The record; a channel of a mass that was not given is an error that says how to give it."""
+    try:
+        record = source.read(names)
+    except lw.RecordError as error:
+        mass = (error.channel or "").partition(":")[2]
+        if error.channel is None or mass in (*names, lw.BASE) or "has no mass" not in error.message:
+            raise
+        raise lw.RecordError(
+            f"{error.message}. Add --mass {mass}=... for it, or take the column out of the record",
+            error.file, error.line, error.channel,
+        ) from error  # fmt: skip
+    for note in record.notes:
+        tell(f"note: {note}")
+    return record
+
+
+def _true(path: Path, names: tuple[str, ...]) -> lw.Structure:
+    """The true structure; refused before the work where it has other masses."""
+    structure = lw.read_structure(path)
+    try:
+        for name in names:
+            structure.mass(name)
+    except lw.StructureError as error:
+        raise lw.StructureError(error.message, str(path)) from error
+    return structure
+
+
+def _compare(result: dict[str, Any]) -> None:
+    """Print which terms are right and how far each force is from the true one, where a truth was given."""
+    if "truth" not in result:
+        return
+    truth = result["truth"]
+    click.echo(f"\nagainst the truth: {len(truth['right'])} terms right")
+    for what, label in (("missing", "missing"), ("extra", "false")):
+        click.echo(f"  {label:8} {', '.join(truth[what]) or 'none'}")
+    click.echo("  NMSE of the force (paper Eq. 8)")
+    for name, error in result["nmse_percent"].items():
+        click.echo(f"    {name:12} {'cannot be told' if error is None else f'{error:.3g} %'}")
