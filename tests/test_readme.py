@@ -54,7 +54,7 @@ def test_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.chdir(tmp_path)
     lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("linkwise ")]
     assert [run(shlex.split(line)[1:]) for line in lines] == [0] * len(lines) and lines
-    assert (tmp_path / "answer" / "report.html").exists()
+    assert (tmp_path / "answer" / "report.html").exists() and (tmp_path / "found" / "graph.png").exists()
 
 
 @pytest.mark.parametrize(

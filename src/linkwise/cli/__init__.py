@@ -39,6 +39,7 @@ def linkwise(debug: bool) -> None:
       linkwise structure bnes --dof 2 --unknown nes -o unknown.toml
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
       linkwise identify run.csv unknown.toml -o answer
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 -o found
     """
 
 
