@@ -103,7 +103,7 @@ def killed(study: Path, folder: Path, kills: int, most: int) -> str:
     for kill in range(kills):
         if kill not in AT_START:  # they must not all hit workers that have just begun
             wait_for_rows(coordinator, folder, len(kept) + chance.randint(1, most))
-        time.sleep(chance.uniform(0.0, 1.0 if kill in AT_START else 0.2))
+        time.sleep(chance.uniform(0.0, 1.0 if kill in AT_START else 0.1))
         assert coordinator.poll() is None, coordinator.communicate()
         team = workers(coordinator.pid)
         if kill % 2:

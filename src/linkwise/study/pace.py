@@ -21,6 +21,7 @@ class Pace:
         self._counts: Counter[Cell] = Counter()
         self._left: Counter[Cell] = Counter(map(_cell, pending))
         self._masses = masses
+        self._guesses: dict[str, float] = {}
         self._began = perf_counter()
         self._worked = 0.0
         self.done = 0
@@ -63,17 +64,24 @@ class Pace:
         count = self._counts[cell]
         self._seconds[cell] = (self._seconds.get(cell, 0.0) * count + seconds) / (count + 1)
         self._counts[cell] = count + 1
+        if not count:
+            self._guesses.clear()
 
     def _expected(self, cell: Cell) -> float:
         if cell in self._seconds:
             return self._seconds[cell]
-        known = {other: other[2] == cell[2] for other in self._seconds}
-        alike = [other for other, same in known.items() if same or not any(known.values())]
+        if cell[2] not in self._guesses:
+            self._guesses[cell[2]] = self._guess(cell[2])
+        return self._guesses[cell[2]] * self._masses[cell[0]] ** 2
+
+    def _guess(self, method: str) -> float:
+        """Seconds over the square of the masses, of the largest structure seen; 0 before any."""
+        alike = [cell for cell in self._seconds if cell[2] == method] or list(self._seconds)
         if not alike:
             return 0.0
         largest = max(self._masses[structure] for structure, _, _ in alike)
-        seconds = [self._seconds[other] for other in alike if self._masses[other[0]] == largest]
-        return sum(seconds) / len(seconds) * (self._masses[cell[0]] / largest) ** 2
+        seconds = [self._seconds[cell] for cell in alike if self._masses[cell[0]] == largest]
+        return sum(seconds) / len(seconds) / largest**2
 
 
 def next_batch(pending: deque[Case], pace: Pace, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
