@@ -130,6 +130,18 @@ def test_absorption_page_renders_with_its_figures(
     assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400
 
 
+def test_discovery_page_renders_with_its_figures(
+    fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    found = lw.discover(fitted.record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
+    folder = lw.write_discovery(found, tmp_path_factory.mktemp("discovered") / "answer", truth=chain)
+    shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
+    assert shown.console == () and shown.shades > 50
+    assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400
+    for name in ("force-m1-ground", "force-m2-m1", "histories"):
+        assert 'class="main-svg"' in shown.body.partition(f'id="{name}"')[2][:3000], name
+
+
 def test_a_broken_picture_would_be_seen(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     broken = '<img src="data:image/svg+xml;base64,AAAA" alt="broken">'
