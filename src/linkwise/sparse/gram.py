@@ -244,7 +244,8 @@ class Gram:
                 pulls = inverse[:, dropped]
                 gone = dtrsm(1.0, ridged(pulls[dropped])[0], pulls, side=1, lower=1, trans_a=1, overwrite_b=1)
                 answer[kept] -= np.einsum("ij,ij->i", gone, gone)[kept]
-            answer[kept] /= self.scale[kept] ** 2
+            least = 1.0 / np.diagonal(self.matrix)[kept]  # of a column that is orthogonal to all others
+            answer[kept] = np.maximum(answer[kept], least) / self.scale[kept] ** 2
         elif kept.size:
             block = self.matrix[np.ix_(kept, kept)]
             factor = cholesky(block)
