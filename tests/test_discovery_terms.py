@@ -100,3 +100,14 @@ def test_what_no_law_can_be_is_refused_at_its_place(text: str, told: str):
     with pytest.raises(lw.LawError, match=told) as error:
         parse_terms(f"linear, {text}")
     assert f"  {text}\n" in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["d, 2*d", "cubic, d + d**3", "max(d, 0), min(d, 0), d"])
+def test_a_term_that_others_make_up_is_refused(text: str):
+    last = text.split(", ")[-1]
+    with pytest.raises(lw.IdentificationError, match=re.escape(f"the term {last!r} says nothing beside ")):
+        parse_terms(text)
+
+
+def test_terms_that_are_nearly_alike_are_taken():
+    assert len(parse_terms("d, sin(d), tanh(d), friction(1), friction(1.001), v")) == 6
