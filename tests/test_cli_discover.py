@@ -223,6 +223,25 @@ def test_wrong_usage_is_one_paragraph_and_exit_code_2(
     assert err.startswith("linkwise: ") and "Traceback" not in err and "\n\n" not in err
 
 
+@pytest.mark.parametrize(
+    ("masses", "message"),
+    [
+        ("m1=1 m1=1 m2=0.01", 'mass "m1": the name is used 2 times; each mass needs its own'),
+        ('m1=1 m2="unknown"', 'mass "m2": it is unknown, and links are discovered between masses that are known'),
+        ("m1=1", "it has m1. Add --mass m2=... for it"),
+        ("", "known.toml: the key `mass` is missing"),
+    ],
+)
+def test_a_file_that_does_not_say_the_masses(
+    masses: str, message: str, files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries = [each.split("=") for each in masses.split()]
+    text = "".join(f'[[mass]]\nname = "{name}"\nmass = {value}\n' for name, value in entries)
+    (tmp_path / "known.toml").write_text(text)
+    assert run(["discover", str(files / "run.csv"), "--structure", str(tmp_path / "known.toml")]) == 2
+    assert message in capsys.readouterr().err
+
+
 def changed(files: Path, name: str, change: Callable[[np.ndarray], object]) -> str:
     """The path of a copy of the record with changed samples."""
     record = lw.read_record(files / "run.csv")

@@ -108,8 +108,9 @@ def candidates(
 
     The links of `stated` are known to be there with their laws; other terms may join them, except those whose coefficient is
     a number there, 0 for a term that is known not to be. A link whose law is 0 is known not to be there. Raises StructureError
-    for a stated link to something that is no mass.
+    for a stated link to something that is no mass, and for a mass that stands twice or is unknown.
     """
+    _require_numbers(masses)
     names = {mass.name for mass in masses}
     known: dict[frozenset[str], list[Link]] = {}
     for link in stated:
@@ -137,6 +138,23 @@ def candidates(
                 taken.add(name)
                 pairs.append(Pair(name, (mass.name, other)))
     return Candidates(tuple(masses), tuple(pairs), tuple(terms))
+
+
+def _require_numbers(masses: Sequence[Mass]) -> None:
+    """StructureError for a mass that stands twice, or whose number is not known."""
+    names = [mass.name for mass in masses]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise StructureError(
+            f"the name is used {names.count(twice[0])} times; each mass needs its own", f'mass "{twice[0]}"'
+        )
+    unknown = [mass.name for mass in masses if not mass.mass.known]
+    if unknown:
+        raise StructureError(
+            "it is unknown, and links are discovered between masses that are known, in their ratios at least; weigh it, or "
+            "identify it in a structure that you write down",
+            f'mass "{unknown[0]}"',
+        )
 
 
 def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
