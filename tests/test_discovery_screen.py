@@ -1,0 +1,105 @@
+"""The weak screen: what stands above the noise before the likelihood decides, and displacements where none was measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judged import masses
+
+import linkwise as lw
+from linkwise.discover import pool_of
+from linkwise.discovery import screen as module
+from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.placed import placed
+from linkwise.discovery.screen import Screened, screened
+from linkwise.motion import read_motion
+
+#: The elastic terms of the chain of four masses under the names of the candidates.
+ELASTIC = {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m2-m1.k3", "m4-m3.k", "m4-m3.k3"}
+
+
+def chain_record(decibel: float, seed: int) -> lw.Record:
+    clean = lw.simulate(lw.bnes_chain(4), release={"v:m1": 3.0}, duration=6.0, rate=1000.0)
+    return clean.with_noise(decibel, seed=seed)
+
+
+def run(record: lw.Record, structure: lw.Structure) -> tuple[Screened, Candidates]:
+    pool = pool_of([record], masses(structure), "cubic")
+    seen = placed(record, pool.masses)
+    return screened([seen], [read_motion(seen, pool.everything)], pool), pool
+
+
+def elastic(names: frozenset[str], pool: Candidates) -> set[str]:
+    return {name for name in names if pool.by_name[name].term.elastic}
+
+
+@pytest.mark.parametrize(("decibel", "seed"), [(40.0, 1000), (30.0, 1001), (20.0, 1002)])
+def test_every_spring_and_cubic_term_of_the_chain_stands(decibel: float, seed: int):
+    found, pool = run(chain_record(decibel, seed), lw.bnes_chain(4))
+    assert elastic(found.kept, pool) == ELASTIC
+    assert found.looked_at == frozenset(pool.by_name)
+
+
+def test_where_a_spring_stands_its_damper_goes_along():
+    """The weak form can hardly see dampers, so every link that stands takes one to the likelihood."""
+    found, pool = run(chain_record(20.0, 1000), lw.bnes_chain(4))
+    for name in elastic(found.kept, pool):
+        assert f"{name.split('.')[0]}.c" in found.kept
+
+
+def test_a_linear_chain_shows_no_cubic_term():
+    chain = lw.bnes_chain(4)
+    law, number = lw.Law.parse("k*d + c*v"), lw.Coefficient.number
+    links = [
+        replace(link, law=law, coefficients={"k": number(400.0), "c": number(0.02)})
+        if link.name.startswith("nes")
+        else link
+        for link in chain.links
+    ]
+    linear = replace(chain, links=tuple(links))
+    record = lw.simulate(linear, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1000)
+    found, pool = run(record, linear)
+    assert elastic(found.kept, pool) == {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m4-m3.k"}
+
+
+def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch):
+    """For many masses a first sieve looks at one equation at a time."""
+    record = chain_record(30.0, 1000)
+    together, pool = run(record, lw.bnes_chain(4))
+    monkeypatch.setattr(module, "_TOGETHER", 2)
+    found, _ = run(record, lw.bnes_chain(4))
+    true = ELASTIC | {"m1-ground.c", "m3-m1.c", "m2-m1.c", "m4-m3.c"}
+    assert true <= found.looked_at < frozenset(pool.by_name)
+    assert elastic(found.kept, pool) == elastic(together.kept, pool)
+
+
+def test_measured_displacements_stay_as_they_are():
+    record = chain_record(30.0, 1000)
+    assert placed(record, lw.bnes_chain(4).masses) is record
+
+
+@pytest.mark.parametrize("kind", ["v", "a"])
+def test_displacements_are_summed_up_where_none_was_measured(kind: str):
+    """What swings is found to a few parts in a hundred; where the mass stands is not."""
+    chain = lw.bnes_chain(2)
+    whole = lw.simulate(
+        chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
+    ).with_noise(40.0, seed=1000)
+    seen = whole.select(("x:m2", f"{kind}:m1"))
+    found = placed(seen, chain.masses)
+    assert found.channels == ("x:m2", f"{kind}:m1", "x:m1")
+    np.testing.assert_array_equal(found.values[:, :2], seen.values)
+    x, true = found.channel("x:m1"), whole.channel("x:m1")
+    middle = slice(1000, 3000)
+    swing = true[middle] - true[middle].mean()
+    error = x[middle] - x[middle].mean() - swing
+    # white noise of 1 % of a velocity sums up to a random walk; of an acceleration it would to far more, but for the high-pass
+    omega = np.sqrt(chain.coefficient("spring1.k").value / chain.mass_values[0])
+    speed = 0.01 * omega * np.std(true)
+    walk = speed * 1e-3 * np.sqrt(len(error))
+    assert np.sqrt(np.mean(error**2)) < walk
+    assert np.sqrt(np.mean(swing**2)) > 5.0 * walk
+    assert found.noise["x:m1"] == pytest.approx(0.01 * np.std(x), rel=0.05)  # the share of the channel that it came from
+    assert "x:m1" not in seen.noise
