@@ -19,9 +19,10 @@ Array = NDArray[np.float64]
 class Monomials:
     """All monomials in `variables` (q names) up to `order`, the constant "1" included, degree by degree.
 
-    With `mixing` only those that mix at most so many different variables: at 1 the powers x1**3 alone, at 2 also x1**2*v1, but not
-    x1*v1*x2. `len` counts them without building any: sum over k of C(q, k) C(order, k), k up to `mixing`, which is
-    C(q + order, order) without a limit. Raises IdentificationError for an order below 0, a limit below 1 or a name given twice.
+    With `mixing` only those that mix at most so many different variables: at 1 powers such as x1**3 alone, at 2 also
+    x1**2*v1, but not x1*v1*x2. `len` counts them without building any: sum over k of C(q, k) C(order, k), k up to
+    `mixing`, which is C(q + order, order) without a limit. Raises IdentificationError for an order below 0, a limit below 1
+    or a name given twice.
     """
 
     variables: tuple[str, ...]
