@@ -18,6 +18,7 @@ from linkwise.discovery.found import Discovery
 from linkwise.discovery.outlook import outlook
 from linkwise.discovery.placed import placed
 from linkwise.discovery.screen import screened
+from linkwise.discovery.silent import silence_told, silent_terms
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError
 from linkwise.estimate import CONVERGED
@@ -72,6 +73,8 @@ def discover(
     with one_blas_thread():
         shown = [placed(each, pool.masses) for each in records]
         motions = [read_motion(each, pool.everything) for each in shown]
+        silent = silent_terms(motions, [each.rate for each in shown], pool)
+        pool, remarks = replace(pool, silent=frozenset(silent)), (*remarks, *silence_told(silent))
         sieve = screened(shown, motions, pool)
     found = decided(
         records,

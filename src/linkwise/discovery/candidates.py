@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from linkwise.coefficient import Coefficient
@@ -40,19 +40,24 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All `entries` to choose from among `masses`, between `pairs`, with `terms` each; what is stated stays."""
+    """All `entries` to choose from among `masses`, between `pairs`, with `terms` each less the `silent` ones, by name.
+
+    What is stated stays.
+    """
 
     masses: tuple[Mass, ...]
     pairs: tuple[Pair, ...]
     terms: tuple[Term, ...]
+    silent: frozenset[str] = frozenset()
 
     @cached_property
     def entries(self) -> tuple[Candidate, ...]:
         """Those of one pair stand together, in the order of `terms`."""
         return tuple(
-            Candidate(f"{pair.name}.{term.coefficient}", number, term)
+            Candidate(name, number, term)
             for number, pair in enumerate(self.pairs)
             for term in _open_terms(pair, self.terms)
+            if (name := f"{pair.name}.{term.coefficient}") not in self.silent
         )
 
     @cached_property
@@ -89,10 +94,10 @@ class Candidates:
         gone = set(masses) - held
         if not gone:
             return self
-        return Candidates(
-            tuple(mass for mass in self.masses if mass.name not in gone),
-            tuple(pair for pair in self.pairs if gone.isdisjoint(pair.between)),
-            self.terms,
+        return replace(
+            self,
+            masses=tuple(mass for mass in self.masses if mass.name not in gone),
+            pairs=tuple(pair for pair in self.pairs if gone.isdisjoint(pair.between)),
         )
 
     @cached_property

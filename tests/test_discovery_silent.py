@@ -1,0 +1,91 @@
+"""Terms that never acted: a stop that was not reached is left out and named, one that was reached is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.discover import pool_of
+from linkwise.discovery.silent import silence_told, silent_terms
+from linkwise.motion import read_motion
+
+TERMS = "v, d, contact(0.004), friction(0.01)"
+MASSES = {"m1": 1.0, "m2": 0.3}
+TRUTH = lw.parse_structure("""
+    [[mass]]
+    name = "m1"
+    mass = 1.0
+    [[mass]]
+    name = "m2"
+    mass = 0.3
+    [[link]]
+    name = "stop"
+    between = ["m1", "ground"]
+    law = "k*d + c*v + kc*max(d - 0.004, 0)"
+    coefficients = { k = 3000.0, c = 1.0, kc = 2e4 }
+    [[link]]
+    name = "slide"
+    between = ["m2", "m1"]
+    law = "k*d + c*v + F*tanh(v/0.01)"
+    coefficients = { k = 1500.0, c = 0.3, F = 0.5 }
+""")
+
+
+def struck(velocity: float) -> lw.Record:
+    """Three seconds after a hit on the first mass, at 30 dB."""
+    record = lw.simulate(TRUTH, release={"v:m1": velocity}, duration=3.0, rate=1000.0)
+    return record.with_noise(30.0, seed=1021)
+
+
+@pytest.fixture(scope="module")
+def hard() -> lw.Record:
+    return struck(1.0)
+
+
+@pytest.fixture(scope="module")
+def soft() -> lw.Record:
+    """Its masses stay within 3 mm."""
+    return struck(0.1)
+
+
+def silent(*records: lw.Record) -> set[str]:
+    pool = pool_of(records, MASSES, TERMS)
+    motions = [read_motion(record, pool.everything) for record in records]
+    return set(silent_terms(motions, [record.rate for record in records], pool))
+
+
+def test_a_stop_that_was_reached_is_found_with_friction_beside(hard: lw.Record) -> None:
+    found = lw.discover(hard, MASSES, terms=TERMS)
+    assert silent(hard) == set() and found.trusted
+    assert lw.term_score(found.structure, TRUTH).exact
+
+
+def test_a_stop_that_was_not_reached_is_left_out_and_named(soft: lw.Record) -> None:
+    stops = {"m1-ground.kc", "m2-ground.kc", "m2-m1.kc"}
+    assert silent(soft) == stops
+    found = lw.discover(soft, MASSES, terms=TERMS)
+    assert lw.term_score(found.structure, TRUTH).missing == ("stop.kc",)
+    assert lw.term_score(found.structure, TRUTH).extra == ()
+    assert not stops & {term.name for term in found.terms}
+    assert any(each.startswith("m1-ground.kc, m2-ground.kc, m2-m1.kc never acted") for each in found.remarks)
+
+
+def test_another_record_may_reach_it(hard: lw.Record, soft: lw.Record) -> None:
+    assert silent(soft, hard) == set()
+
+
+def test_smooth_terms_and_gaps_are_not_taken_for_silence(hard: lw.Record) -> None:
+    values = hard.values.copy()
+    values[500:700, 0] = np.nan
+    assert silent(replace(hard, values=values)) == set()
+    pool = pool_of([hard], MASSES, "v, d**3, v*abs(v)")
+    assert silent_terms([read_motion(hard, pool.everything)], [hard.rate], pool) == ()
+
+
+def test_few_are_named_and_the_rest_counted() -> None:
+    assert silence_told(()) == ()
+    [told] = silence_told([f"m{k}-ground.kc" for k in range(9)])
+    assert told.startswith("m0-ground.kc, m1-ground.kc") and "m5-ground.kc and 3 more never acted" in told
