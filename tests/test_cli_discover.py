@@ -258,6 +258,13 @@ def test_a_record_of_noise_gives_no_structure(files: Path, capsys: pytest.Captur
     assert "no motion above the noise in any channel, so no structure to be found" in capsys.readouterr().err
 
 
+def test_a_unit_that_is_wrong_is_not_trusted(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With one channel a thousand times too large no structure explains both, and false links would mend it."""
+    assert run(arguments(files, "--channel", "x:m1[km]=x:m1")) == 3
+    out = capsys.readouterr().out
+    assert "NOT to be trusted" in out and "No decision is beyond doubt." in out and "check the units" in " ".join(out.split())
+
+
 def test_gaps_are_told_and_do_not_hinder(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gaps = changed(files, "gaps", lambda x: x.__setitem__((slice(300, 360), 0), np.nan))
     assert run(["discover", gaps, *MASSES, "--truth", str(files / "chain.toml")]) == 0

@@ -43,6 +43,10 @@ _SUMMED = (
     "Some displacements were summed up from velocities or accelerations, which lose their constants: links or terms may be "
     "false. Measure displacements, or check the structure with identify on a second record."
 )
+_INEXACT = (
+    "No choice among the terms on offer leaves only noise, so those found may stand in for others: offer more terms, and "
+    "check the units of the channels and the masses."
+)
 _TIGHT = 1e-4  # q from which a fit is as good as exact
 
 
@@ -98,17 +102,21 @@ def discover(
     seen = all(each is other for each, other in zip(shown, records, strict=True))
     if not seen:
         remarks = (_SUMMED, *remarks)
+    exact = fit.model_error == 0.0
+    if not exact:
+        remarks = (_INEXACT, *remarks)
     if estimate.status == CONVERGED and found.settled:
         remarks = (*remarks, *confusions(found))
     seconds = perf_counter() - started
     return Discovery(
         estimate=replace(estimate, seconds=seconds),
-        terms=evidence(found, pool, trusted=found.settled and seen and estimate.trusted, alike=ahead.alike),
+        terms=evidence(found, pool, trusted=found.settled and seen and exact and estimate.trusted, alike=ahead.alike),
         path=path(found),
         runners_up=runners_up(found),
         remarks=remarks,
         settled=found.settled,
         seen=seen,
+        exact=exact,
         rounds=found.rounds,
         seconds=seconds,
     )

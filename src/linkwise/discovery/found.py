@@ -79,7 +79,8 @@ class Discovery:
     the most certain of those kept first; `path` the cost against the number of terms; `runners_up` the next best models,
     best first. `remarks` say what this record cannot tell. `settled` is False where the search ran out of rounds, and then
     nothing is to be trusted; `seen` is False where displacements had to be summed up from velocities or accelerations, from
-    which a wrong structure may follow.
+    which a wrong structure may follow; `exact` is False where the laws explain the record only with a model error, since the
+    terms found may then stand in for others that were not on offer.
     """
 
     estimate: Estimate
@@ -89,6 +90,7 @@ class Discovery:
     remarks: tuple[str, ...]
     settled: bool
     seen: bool
+    exact: bool
     rounds: int
     seconds: float
 
@@ -99,8 +101,8 @@ class Discovery:
 
     @property
     def trusted(self) -> bool:
-        """Whether the search settled on displacements that were seen and the fit can be trusted."""
-        return self.settled and self.seen and self.estimate.trusted
+        """Whether the search settled, on displacements that were seen, and the fit can be trusted without a model error."""
+        return self.settled and self.seen and self.exact and self.estimate.trusted
 
     @cached_property
     def kept(self) -> tuple[TermEvidence, ...]:
@@ -130,6 +132,8 @@ class Discovery:
             "seconds": self.seconds,
             "remarks": list(self.remarks),
             "settled": self.settled,
+            "seen": self.seen,
+            "exact": self.exact,
             "terms": [_as_dict(term) for term in self.terms],
             "path": [
                 {"terms": c.terms, "cost": c.cost, "criterion": c.criterion, "step": c.step, "chosen": c.chosen}
