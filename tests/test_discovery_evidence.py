@@ -109,7 +109,8 @@ def test_the_path_is_lowest_at_the_choice(case: Case):
     path = case.found.path
     assert [point.terms for point in path] == list(range(path[0].terms, path[0].terms + len(path)))
     costs = np.array([point.cost for point in path])
-    assert np.all(np.diff(costs) <= 1e-6) and costs[-1] == 0.0
+    rounding = 1e-9 * costs[0]  # the path takes differences of whole costs
+    assert np.all(np.diff(costs) <= rounding) and costs.min() == 0.0 and costs[-1] <= rounding
     (chosen,) = [point for point in path if point.chosen]
     assert chosen.terms == 6 and chosen.criterion == 0.0 and chosen.step == ""
     assert all(point.criterion > 0.0 for point in path if not point.chosen)

@@ -17,7 +17,7 @@ from linkwise.discovery.evidence import confusions, evidence, path, runners_up
 from linkwise.discovery.found import Discovery
 from linkwise.discovery.outlook import outlook
 from linkwise.discovery.placed import placed
-from linkwise.discovery.screen import screened
+from linkwise.discovery.screen import screened, started
 from linkwise.discovery.silent import silence_told, silent_terms
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError
@@ -25,15 +25,14 @@ from linkwise.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.answer import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
-from linkwise.link import Mass
+from linkwise.link import Link, Mass
 from linkwise.motion import SeenMotion, read_motion
 from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.structure_file import Known
 from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
-from linkwise.weak import weak_equations
-from linkwise.weakfit import weak_fit
+from linkwise.weakestimate import weak_search
 
 Floats = NDArray[np.float64]
 Tell = Callable[[float, str], None]
@@ -57,7 +56,7 @@ def discover(
     terms: str | Sequence[str] = DEFAULT,
     progress: Tell = lambda fraction, now: None,
 ) -> Discovery:
-    """The structure behind `record`, or behind several records of it, with no prior but the masses (METHODS section 6).
+    """The structure behind `record`, or behind several records of it, with no prior but the masses (METHODS section 9).
 
     `masses` are their values by name, in kg or with a unit ("10 g"); a Structure or a Known in their place also says which
     links and terms are known to be there (they stay) and which are not (a law or a coefficient of 0). `terms` are what any
@@ -84,12 +83,12 @@ def discover(
         records,
         pool,
         sieve.kept,
-        tested=sieve.looked_at,
+        tested=sieve.tested,
         start=lambda structure: _start(shown, motions, structure),
         report=lambda number, done: progress(*_stage(number, done)),
     )
     fit = _finished(records, found)
-    untested = len(pool.entries) - len(sieve.looked_at)
+    untested = len(pool.entries) - len(sieve.tested)
     if untested:
         remarks = (
             *remarks,
@@ -167,15 +166,17 @@ def _of(record: Record, masses: Sequence[Mass]) -> Record:
 def _start(
     records: Sequence[Record], motions: Sequence[SeenMotion], structure: Structure
 ) -> tuple[Floats, Floats]:
-    """theta and deviations (p,) from the record that tells most, by the weak form."""
+    """theta and deviations (p,) by the weak form: by its search where a stated law is not linear in an unknown."""
+    curved = any(set(link.law.nonlinear) & set(_unknown(link)) for link in structure.links)
     with one_blas_thread():
-        fits = [
-            weak_fit(weak_equations(record, structure, motion), structure)
-            for record, motion in zip(records, motions, strict=True)
-        ]
-    tiny = np.finfo(float).tiny
-    told = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
-    return told.values, np.sqrt(np.maximum(told.covariance.diagonal(), 0.0))
+        if not curved:
+            return started(records, motions, structure)
+        fit = weak_search(records[0], structure, motions[0])[1]
+    return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+
+
+def _unknown(link: Link) -> list[str]:
+    return [name for name, coefficient in link.coefficients.items() if not coefficient.known]
 
 
 def _finished(records: Sequence[Record], found: Decided) -> LikelihoodFit:

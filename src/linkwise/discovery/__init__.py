@@ -1,1 +1,1 @@
-"""Who is linked to whom, and by which law: choosing among all links and terms that could be (METHODS section 6)."""
+"""Who is linked to whom, and by which law: choosing among all links and terms that could be (METHODS section 9)."""

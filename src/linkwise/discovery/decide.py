@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.price import Price
 from linkwise.discovery.quadratic import Quadratic
-from linkwise.discovery.stepwise import best
+from linkwise.discovery.stepwise import best, improved
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.parabola import Force, parabola
@@ -22,6 +22,8 @@ from linkwise.structure import Structure
 Floats = NDArray[np.float64]
 
 _ROUNDS = 12
+_STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
+_EXACT = 1e-4  # q up to which a parabola tells the whole truth; a looser one serves for the next best terms only
 _CEILING = 1.05  # chi-square at which a fit stops tightening: something is missing, and may be told already
 
 
@@ -66,12 +68,20 @@ def decided(
             structure,
             theta,
             spread=spread,
-            options=Options(report=partial(report, number), nodes=nodes, model_error=False, ceiling=_CEILING),
+            options=Options(
+                report=partial(report, number),
+                nodes=nodes,
+                model_error=False,
+                ceiling=_CEILING,
+                steps=_STEPS,
+            ),
         )
         quadratic = _quadratic(fit, structure, candidates, frozenset(tested) - now)
         price = Price.of(candidates, quadratic.names, samples)
         inside = list(range(len(structure.parameters)))
-        after = best(quadratic, price, inside)
+        after = improved(quadratic, price, inside) if fit.optimum.q > _EXACT else inside
+        if after == inside:
+            after = best(quadratic, price, inside)
         names = frozenset(quadratic.names[k] for k in after if quadratic.names[k] in candidates.by_name)
         seen.add(now)
         if names == now or names in seen or fit.status is Status.INTERRUPTED or number == _ROUNDS:

@@ -1,4 +1,4 @@
-"""The weak screen: what stands above the noise when all candidates are regressed at once (METHODS section 6).
+"""The weak screen: what stands above the noise when all candidates are regressed at once (METHODS section 9).
 
 The equations of all masses are regressed together, where a link has one set of coefficients. For many masses a first sieve
 comes before: every mass by itself, its own equation with all links that could end at it, which keeps the work linear in
@@ -7,41 +7,37 @@ the pairs. What stands there at either end of a link goes on.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.quadratic import Quadratic
-from linkwise.discovery.stepwise import pruned
+from linkwise.discovery.price import Price
+from linkwise.discovery.regression import Regression
+from linkwise.discovery.stepwise import best, pruned
+from linkwise.errors import IdentificationError
 from linkwise.motion import SeenMotion
-from linkwise.patch import Patch
 from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.weak import WeakEquations, weak_equations
-from linkwise.weakfit import assembled, normal_equations, residual_power
-from linkwise.weaknoise import Slopes, score_blocks
 
 Floats = NDArray[np.float64]
 
 _TOGETHER = 12  # masses whose candidates are regressed at once without the first sieve
 _SIEVE = 2.5  # deviations that a term needs in the equation of one mass to be looked at again
 _LIMIT = 4.0  # and in all equations together
-_ROUNDS = 2  # of weighting the masses by what they leave
 _LONE = 8.0  # and a damper without a spring, which the weak form takes for another's easily
-_RIDGE = 1e-10
 _BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)  # shares of the noise bias to leave in until the sums of products are positive
 
 
 @dataclass(frozen=True)
 class Screened:
-    """The names of the candidates that `kept` their place, and of those that stood in the first sieve."""
+    """The names of the candidates that `kept` their place, and of all that the likelihood should `test`."""
 
     kept: frozenset[str]
-    looked_at: frozenset[str]
+    tested: frozenset[str]
 
 
 def screened(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> Screened:
@@ -49,29 +45,32 @@ def screened(records: Sequence[Record], motions: Sequence[SeenMotion], candidate
 
     Raises IdentificationError where a mass is held by nothing that stands above the noise.
     """
-    few = candidates.everything
-    looked_at = set(candidates.by_name)
-    if len(candidates.masses) > _TOGETHER:
-        looked_at = _one_by_one(records, motions, candidates)
-        few = candidates.structure(looked_at)
-    seen = _equations(records, motions, few)
-    regression = _Regression([(each.patches, each) for each in seen])
-    standing = regression.standing(candidates, _LIMIT)
-    kept = regression.with_dampers(candidates, standing)
-    return Screened(frozenset(regression.names_of(kept)), frozenset(looked_at))
+    many = len(candidates.masses) > _TOGETHER
+    tested = _one_by_one(records, motions, candidates) if many else frozenset(candidates.by_name)
+    seen = _equations(records, motions, candidates.structure(_with_their_links(tested, candidates)))
+    regression = Regression.of([(each.patches, each) for each in seen])
+    names = regression.names
+    springs = _relocated(regression, candidates, _standing(regression, candidates, _LIMIT))
+    kept = frozenset(names[k] for k in _with_dampers(regression, candidates, springs))
+    return Screened(kept, tested | _with_their_links(kept, candidates))
 
 
 def _one_by_one(
     records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates
-) -> set[str]:
-    """What stands in the equation of one mass or another, and dampers on all links of which something does."""
+) -> frozenset[str]:
+    """What stands in the equation of one mass or another."""
     seen = _equations(records, motions, candidates.everything, together=1)
     found: set[str] = set()
     for patches in zip(*(equations.patches for equations in seen), strict=True):
-        regression = _Regression([([patch], each) for patch, each in zip(patches, seen, strict=True)])
-        found |= regression.names_of(regression.standing(candidates, _SIEVE))
-    linked = {candidates.by_name[name].pair for name in found if name in candidates.by_name}
-    return found | {entry.name for entry in candidates.entries if entry.pair in linked and entry.is_damper}
+        regression = Regression.of([([patch], each) for patch, each in zip(patches, seen, strict=True)])
+        found |= {regression.names[k] for k in _standing(regression, candidates, _SIEVE)}
+    return frozenset(found & candidates.by_name.keys())
+
+
+def _with_their_links(names: Iterable[str], candidates: Candidates) -> frozenset[str]:
+    """All candidates of the links that some are of."""
+    linked = {candidates.by_name[name].pair for name in names if name in candidates.by_name}
+    return frozenset(entry.name for entry in candidates.entries if entry.pair in linked)
 
 
 def _equations(
@@ -83,110 +82,77 @@ def _equations(
     ]
 
 
-class _Regression:
-    """Weak equations of some masses in all records, weighted by what they leave, and the choices that they support."""
+def _standing(regression: Regression, candidates: Candidates, limit: float) -> list[int]:
+    """What stays above `limit` deviations when everything else is pruned, by number among the regression's names.
 
-    def __init__(self, pieces: Sequence[tuple[Sequence[Patch], WeakEquations]]) -> None:
-        self.pieces = pieces
-        self.parameters = pieces[0][1].parameters
-        involved = [patch.layout.parameter for patches, _ in pieces for patch in patches]
-        self.numbers = np.unique(np.concatenate(involved))
-        self.weights = [[1.0 / patch.largest() for patch in patches] for patches, _ in pieces]
-        for _ in range(_ROUNDS):
-            values = np.zeros(len(self.parameters))
-            h, g = self._normal(1.0)
-            values[self.numbers] = _ridged(h, g)
-            self.weights = [
-                [1.0 / residual_power(patch, values) for patch in patches] for patches, _ in pieces
-            ]
-        self.scatter = self._scatter(values)
-
-    def names_of(self, chosen: Sequence[int]) -> set[str]:
-        """The names of the parameters at places among `numbers`."""
-        return {self.parameters[self.numbers[place]] for place in chosen}
-
-    def standing(self, candidates: Candidates, limit: float) -> list[int]:
-        """What stays above `limit` deviations when everything else is pruned, by places among `numbers`."""
-        always = frozenset(
-            place
-            for place, number in enumerate(self.numbers)
-            if self.parameters[number] not in candidates.by_name
-        )
-        chosen = list(range(len(self.numbers)))
-        for bias in _BIAS:
-            try:
-                chosen = pruned(self.quadratic(bias), chosen, always, limit)
-            except np.linalg.LinAlgError:
-                continue
-            return chosen if bias == 0.0 else self._without_bias(chosen, always, limit)
-        return chosen
-
-    def _without_bias(self, chosen: list[int], always: frozenset[int], limit: float) -> list[int]:
-        """Pruned once more with less and less of the bias left in, as far as that goes."""
-        for bias in reversed(_BIAS):
-            try:
-                chosen = pruned(self.quadratic(bias), chosen, always, limit)
-            except np.linalg.LinAlgError:
-                break
-        return chosen
-
-    def with_dampers(self, candidates: Candidates, standing: Sequence[int]) -> list[int]:
-        """`standing` with a damper on every link, which the weak form cannot judge, and without what these make needless."""
-        names = [self.parameters[number] for number in self.numbers]
-        linked = {candidates.by_name[names[k]].pair for k in standing if names[k] in candidates.by_name}
-        dampers = {
-            place
-            for place, name in enumerate(names)
-            if (entry := candidates.by_name.get(name)) and entry.pair in linked and entry.is_damper
-        }
-        held = dampers | {place for place in standing if names[place] not in candidates.by_name}
-        lone = {
-            place
-            for place, name in enumerate(names)
-            if place in dampers and not any(
-                candidates.by_name[names[k]].pair == candidates.by_name[name].pair
-                for k in standing if names[k] in candidates.by_name and not candidates.by_name[names[k]].is_damper
-            )
-        }
-        quadratic = self.quadratic(0.0)
+    Where the sums without bias are not positive some bias stays in until the weakest are gone, then it is taken out again.
+    """
+    always = frozenset(k for k, name in enumerate(regression.names) if name not in candidates.by_name)
+    chosen = list(range(len(regression.names)))
+    for share in _BIAS:
         try:
-            kept = pruned(quadratic, sorted({*standing, *dampers}), frozenset(held), _LIMIT)
-            return pruned(quadratic, kept, frozenset(set(kept) - lone), _LONE)
+            chosen = pruned(regression.quadratic(share), chosen, always, limit)
         except np.linalg.LinAlgError:
-            return list(standing)
-
-    def quadratic(self, bias: float) -> Quadratic:
-        """The sums of products with this share of the noise bias left in."""
-        h, g = self._normal(bias)
-        return Quadratic(tuple(self.parameters[number] for number in self.numbers), h, g, self.scatter)
-
-    def _normal(self, bias: float) -> tuple[Floats, Floats]:
-        count, here = len(self.parameters), self.numbers
-        h, g = np.zeros((len(here), len(here))), np.zeros(len(here))
-        for (patches, _), weights in zip(self.pieces, self.weights, strict=True):
-            one, right = normal_equations(patches, weights, count, bias=bias)
-            h += _dense(one, here)
-            g += right[here]
-        return h, g
-
-    def _scatter(self, values: Floats) -> Floats:
-        count, here = len(self.parameters), self.numbers
-        total = np.zeros((len(here), len(here)))
-        for (patches, equations), weights in zip(self.pieces, self.weights, strict=True):
-            noisy = [(patch, Slopes.along(patch, equations, values)) for patch in patches]
-            total += _dense(assembled(score_blocks(noisy, weights, equations), count), here)
-        return total
+            continue
+        break
+    for less in sorted((each for each in _BIAS if each < share), reverse=True):
+        try:
+            chosen = pruned(regression.quadratic(less), chosen, always, limit)
+        except np.linalg.LinAlgError:
+            break
+    return chosen
 
 
-def _dense(matrix: Floats | csc_array, here: NDArray[np.intp]) -> Floats:
-    """The rows and columns `here`."""
-    if isinstance(matrix, np.ndarray):
-        return np.asarray(matrix[np.ix_(here, here)])
-    return np.asarray(matrix[here][:, here].toarray())
+def _relocated(regression: Regression, candidates: Candidates, standing: list[int]) -> list[int]:
+    """`standing` with terms exchanged while the sum of squares says so: a link for several that together do as it does.
+
+    Only exchanges count that need no more links than there are. What fell with them but is on a link that stays, stays.
+    """
+    price = Price.of(candidates, regression.names, regression.rows)
+    try:
+        after = best(regression.squares(), price, standing)
+    except np.linalg.LinAlgError:
+        return standing
+    pairs, before = _pairs(price, after), _pairs(price, standing)
+    if len(pairs) > len(before):
+        return standing
+    return sorted({*after, *(k for k in standing if int(price.pair[k]) in {-1, *pairs})})
 
 
-def _ridged(h: Floats, g: Floats) -> Floats:
-    """Least squares with the smallest ridge that rounding asks for."""
-    scale = 1.0 / np.sqrt(np.maximum(h.diagonal(), np.finfo(float).tiny))
-    scaled = h * np.outer(scale, scale)
-    return np.asarray(scale * np.linalg.solve(scaled + _RIDGE * np.eye(len(g)), scale * g))
+def _with_dampers(regression: Regression, candidates: Candidates, standing: Sequence[int]) -> list[int]:
+    """`standing` with a damper on every link, which the weak form cannot judge, and without what these make needless."""
+    price = Price.of(candidates, regression.names, regression.rows)
+    entries = [candidates.by_name.get(name) for name in regression.names]
+    is_damper = np.array([entry is not None and entry.is_damper for entry in entries])
+    sprung = _pairs(price, [k for k in standing if not is_damper[k]])
+    dampers = {k for k in np.flatnonzero(is_damper).tolist() if int(price.pair[k]) in sprung}
+    held = dampers | {k for k in standing if price.pair[k] < 0}
+    quadratic = regression.quadratic(0.0)
+    try:
+        kept = pruned(quadratic, sorted({*standing, *dampers}), frozenset(held), _LIMIT)
+        lone = {k for k in kept if is_damper[k]} - dampers
+        return pruned(quadratic, kept, frozenset(set(kept) - lone), _LONE)
+    except np.linalg.LinAlgError:
+        return sorted({*standing, *dampers})
+
+
+def started(
+    records: Sequence[Record], motions: Sequence[SeenMotion], structure: Structure
+) -> tuple[Floats, Floats]:
+    """The parameters (p,) of `structure` and their deviations by the weak form, with as little noise bias as can be."""
+    regression = Regression.of([(each.patches, each) for each in _equations(records, motions, structure)])
+    for share in _BIAS:
+        try:
+            solved = regression.quadratic(share).solve(range(len(regression.names)))
+        except np.linalg.LinAlgError:
+            continue
+        found = dict(zip(regression.names, zip(solved.values, solved.z, strict=True), strict=True))
+        told = [found[parameter.name] for parameter in structure.parameters]
+        return np.array([value for value, _ in told]), np.array([abs(value / z) for value, z in told])
+    raise IdentificationError(
+        "the record cannot tell the terms of the structure apart: they move together; record a motion that sets them apart"
+    )
+
+
+def _pairs(price: Price, chosen: Iterable[int]) -> set[int]:
+    return {int(price.pair[k]) for k in chosen} - {-1}

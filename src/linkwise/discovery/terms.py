@@ -91,7 +91,8 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
 
 def _require_independent(terms: Sequence[Term]) -> None:
     """IdentificationError where one term is a sum of multiples of others, as 2*d is of d."""
-    d, v = np.random.default_rng(0).uniform(-1.0, 1.0, (2, _PLACES))
+    rng = np.random.default_rng(0)
+    d, v = rng.choice([-1.0, 1.0], (2, _PLACES)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, _PLACES))
     columns: list[NDArray[np.float64]] = []
     for number, term in enumerate(terms):
         column = np.broadcast_to(term.law.force(d, v, {}), d.shape)

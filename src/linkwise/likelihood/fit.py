@@ -72,7 +72,7 @@ class Options:
 
     Where the laws leave what is no noise, the flow is relaxed by the model error that is most likely, unless `model_error` is
     False. `report` is told every step. `nodes` (2, n, K) are the states of another fit to the same records to start from, else
-    the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends.
+    the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends, `steps` the most that are taken.
     """
 
     offsets: Sequence[str] = ()
@@ -82,6 +82,7 @@ class Options:
     report: Callable[[Progress], None] | None = None
     nodes: Array | None = None
     ceiling: float = np.inf
+    steps: int = Schedule.steps
 
 
 def _workers() -> int:
@@ -124,7 +125,7 @@ def _fitted(
         point, schedule = carried(segments, point), Schedule() if spread is None else _NEAR
     else:
         point, schedule = replace(point, nodes=options.nodes), _WARM
-    fit = annealer(segments, point, scales, replace(schedule, ceiling=options.ceiling))
+    fit = annealer(segments, point, scales, replace(schedule, ceiling=options.ceiling, steps=options.steps))
     limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
     joined = _joined(whole, fit, limit, annealer) if whole.chains < segments.chains else None
     if joined is not None:
