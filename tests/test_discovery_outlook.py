@@ -57,6 +57,17 @@ def test_any_kind_of_sensor_shows_a_mass(chain):
     assert lw.foreseen(mixed, masses(chain)) == ()
 
 
+@pytest.mark.parametrize("kind", ["v", "a"])
+def test_a_base_whose_displacement_is_not_there_is_refused(record, chain, kind: str):
+    """It would be left out without a word, and its links found elsewhere."""
+    moved = np.column_stack([record.values, np.sin(150.0 * np.arange(len(record)) / record.rate)])
+    based = replace(record, channels=(*record.channels, "x:base"), values=moved, simulated=None)
+    assert lw.foreseen(based, masses(chain)) == ()
+    lost = replace(based, channels=(*record.channels, f"{kind}:base"))
+    with pytest.raises(lw.IdentificationError, match=f"{kind}:base but not the displacement .* give a channel x:base"):
+        lw.foreseen(lost, masses(chain))
+
+
 def test_motion_that_is_none_is_refused(record, chain):
     still = quieted(record, m1=0.0, m2=0.0, m3=0.0, m4=0.0)
     with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel, so no structure"):

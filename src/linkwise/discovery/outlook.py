@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
@@ -26,11 +26,15 @@ _FEW = 20
 
 @dataclass(frozen=True)
 class Outlook:
-    """`told` in sentences; `resting` masses did not move, `alike` ones so much like another that links may be exchanged."""
+    """`told` in sentences; `resting` masses did not move, `alike` ones so much like another that links may be exchanged.
+
+    `twins` are pairs of those, the nearest ones, that join each group: between them a stiff link may hide in the noise.
+    """
 
     told: tuple[str, ...]
     resting: tuple[str, ...]
     alike: tuple[str, ...]
+    twins: tuple[tuple[str, str], ...]
 
 
 def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
@@ -41,6 +45,7 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
     """
     names = [mass.name for mass in candidates.masses]
     _require_sensors(records, names)
+    _require_base(records)
     ratio = np.max([_motion(record, names) for record in records], axis=0)
     resting = [name for name, each in zip(names, ratio, strict=True) if each < _REST]
     if len(resting) == len(names):
@@ -68,14 +73,16 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
         told.append(
             f"{samples} samples for {needed} candidates are few: weak terms will be missed; record for longer."
         )
+    moving = [name for name in names if name not in resting]
+    apart = _apart_all(records, moving)
     alike: list[str] = []
-    for group, apart in _alike(records, [name for name in names if name not in resting]):
+    for group, least in _groups(moving, apart):
         told.append(
-            f"{_listed(group)} moved alike, with differences down to {10.0 * np.log10(max(apart, 1e-3)):.0f} dB above the "
+            f"{_listed(group)} moved alike, with differences down to {10.0 * np.log10(max(least, 1e-3)):.0f} dB above the "
             "noise: a link to one of them may be told as a link to another. Hit them one by one."
         )
         alike += group
-    return Outlook(tuple(told), tuple(resting), tuple(alike))
+    return Outlook(tuple(told), tuple(resting), tuple(alike), _twins(moving, apart))
 
 
 def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
@@ -87,6 +94,17 @@ def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
             raise IdentificationError(
                 f"no sensor shows {_listed(blind)}: links cannot be discovered around a motion that nobody saw. Add a channel "
                 f"x:{blind[0]}, map a column to it with --channel, or identify a structure that you write down"
+            )
+
+
+def _require_base(records: Sequence[Record]) -> None:
+    """What moves the base is no input without its displacement, and links to a base that is left out are found elsewhere."""
+    for record in records:
+        moving = [name for name in ("v:base", "a:base") if name in record.channels]
+        if moving and "x:base" not in record.channels:
+            raise IdentificationError(
+                f"the record has {' and '.join(moving)} but not the displacement of the base, which links to it need: give a "
+                "channel x:base, or leave the base out where nothing hangs on it"
             )
 
 
@@ -104,12 +122,24 @@ def _motion(record: Record, names: Sequence[str]) -> list[float]:
     return found
 
 
-def _alike(records: Sequence[Record], names: Sequence[str]) -> list[tuple[list[str], float]]:
-    """Groups of masses whose displacements differ by little more than noise in all records, and the least ratio of powers."""
+def _apart_all(records: Sequence[Record], names: Sequence[str]) -> Floats:
+    """(n, n) below the diagonal: the most that two masses' difference stands above its noise in any record, in power."""
     apart = np.full((len(names), len(names)), np.inf)
     for number, one in enumerate(names):
         for place, other in enumerate(names[:number]):
             apart[number, place] = max(_apart(record, f"x:{one}", f"x:{other}") for record in records)
+    return apart
+
+
+def _twins(names: Sequence[str], apart: Floats) -> tuple[tuple[str, str], ...]:
+    """The pairs that join each group of masses which move alike by its smallest differences."""
+    near = np.where(apart < _APART, np.maximum(apart, 0.0) + 1e-3, 0.0)  # an entry of 0 is none
+    tree = minimum_spanning_tree(near).tocoo()
+    return tuple((names[one], names[other]) for one, other in zip(tree.row, tree.col, strict=True))
+
+
+def _groups(names: Sequence[str], apart: Floats) -> list[tuple[list[str], float]]:
+    """Groups of masses whose displacements differ by little more than noise in all records, and the least ratio of powers."""
     count, group = connected_components(apart < _APART, directed=False)
     members = [np.flatnonzero(group == each).tolist() for each in range(count)]
     return [
