@@ -222,8 +222,7 @@ def test_beside_pysindy(n: int) -> None:
 
     What is easier for the peer is left to it: its threshold is the one of many with the fewest wrong monomials.
     """
-    pytest.importorskip("pysindy", reason="install the extra [peers] to compare with PySINDy")
-    peers = __import__("peers_discovery")
+    peers = pytest.importorskip("peers_discovery", reason="install the extra [peers] to compare with PySINDy")
     print()
     found = {}
     for method in (peers.by_linkwise, peers.by_sindy, peers.by_weak_sindy):
