@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,10 +16,13 @@ from linkwise.discovery.stepwise import best, improved
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.parabola import Force, parabola
+from linkwise.link import BASE, GROUND
 from linkwise.record import Record
 from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]
+Start = Callable[[Structure], tuple[Floats, Floats]]
+Report = Callable[[int, Progress], None]
 
 _ROUNDS = 12
 _STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
@@ -39,8 +42,33 @@ class Decided:
     settled: bool
     rounds: int
 
+    @property
+    def exact(self) -> bool:
+        """Whether the fit converged with a flow as tight as it should be."""
+        return self.fit.status is Status.CONVERGED and self.fit.optimum.q <= _EXACT
 
-Start = Callable[[Structure], tuple[Floats, Floats | None]]
+    @property
+    def criterion(self) -> float:
+        """Misfit plus price; infinite where the laws did not allow an exact fit."""
+        if not self.exact:
+            return np.inf
+        cost = self.fit.misfit.cost(self.fit.optimum.q) / self.fit.optimum.noise**2
+        return cost + self.price.total(list(range(len(self.structure.parameters))))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What all rounds share: the records, what may be chosen and is `tested`, where a structure's fit starts."""
+
+    records: Sequence[Record]
+    candidates: Candidates
+    tested: frozenset[str]
+    start: Start
+    report: Report
+
+    def within(self, names: Collection[str]) -> _Search:
+        """The same among the candidates of these names only."""
+        return replace(self, tested=self.tested & frozenset(names))
 
 
 def decided(
@@ -50,60 +78,75 @@ def decided(
     *,
     tested: Collection[str],
     start: Start,
-    report: Callable[[int, Progress], None] = lambda number, done: None,
+    report: Report = lambda number, done: None,
 ) -> Decided:
     """The choice, from `chosen` on, that no candidate in `tested` improves; `start` tells theta and deviations.
 
-    `settled` is False where the rounds ran out, or where the choice came back to one it had left. `report` is told the round
-    and its steps.
+    Where that has links which `chosen` had not, the best choice on the links of `chosen` alone is looked for as well, and the
+    better of both is taken: terms on false links may stand in for a term that the parabola did not show. `settled` is False
+    where the rounds ran out, or where the choice came back to one it had left; then it is the best that was visited. `report`
+    is told the round and its steps.
     """
-    samples = sum(int(np.isfinite(record.select(record.responses).values).sum()) for record in records)
-    now, seen = frozenset(chosen), set[frozenset[str]]()
-    structure = candidates.structure(now)
-    theta, spread = start(structure)
+    search = _Search(records, candidates, frozenset(tested), start, report)
+    first = _descent(search, frozenset(chosen), 1)
+    own = _terms_of_links(candidates, chosen)
+    if first.fit.status is Status.INTERRUPTED or first.chosen <= own:
+        return first
+    second = _descent(search.within(own), own & search.tested, first.rounds + 1)
+    if second.fit.status is Status.INTERRUPTED or second.criterion >= first.criterion:
+        return replace(first, rounds=second.rounds)
+    seen = _seen(search, second.fit, second.structure, second.chosen)
+    return replace(second, quadratic=seen, price=_price(search, seen))
+
+
+def _descent(search: _Search, now: frozenset[str], number: int) -> Decided:
+    """Rounds of fit and change, from the round `number` on, until nothing changes."""
+    visited: dict[frozenset[str], Decided] = {}
+    structure = search.candidates.structure(now)
+    theta, spread = search.start(structure)
     nodes = None
-    for number in range(1, _ROUNDS + 1):
+    last = number + _ROUNDS - 1
+    while True:
         fit = likelihood_fit(
-            records,
+            search.records,
             structure,
             theta,
             spread=spread,
             options=Options(
-                report=partial(report, number),
+                report=partial(search.report, number),
                 nodes=nodes,
                 model_error=False,
                 ceiling=_CEILING,
                 steps=_STEPS,
             ),
         )
-        quadratic = _quadratic(fit, structure, candidates, frozenset(tested) - now)
-        price = Price.of(candidates, quadratic.names, samples)
+        quadratic = _seen(search, fit, structure, now)
+        price = _price(search, quadratic)
         inside = list(range(len(structure.parameters)))
         after = improved(quadratic, price, inside) if fit.optimum.q > _EXACT else inside
         if after == inside:
             after = best(quadratic, price, inside)
-        names = frozenset(quadratic.names[k] for k in after if quadratic.names[k] in candidates.by_name)
-        seen.add(now)
-        if names == now or names in seen or fit.status is Status.INTERRUPTED or number == _ROUNDS:
-            return Decided(now, structure, fit, quadratic, price, names == now, number)
+        names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
+        here = Decided(now, structure, fit, quadratic, price, names == now, number)
+        if here.settled or fit.status is Status.INTERRUPTED:
+            return here
+        visited[now] = here
+        if names in visited or number == last:
+            return replace(min(visited.values(), key=lambda each: each.criterion), rounds=number)
         solved = quadratic.solve(after)
-        found = {quadratic.names[k]: value for k, value in zip(after, solved.values, strict=True)}
-        error = {quadratic.names[k]: abs(value / z) for k, value, z in zip(after, solved.values, solved.z, strict=True)}
-        now, structure = names, candidates.structure(names)
-        theta = np.array([found[p.name] for p in structure.parameters])
-        spread = np.array([error[p.name] for p in structure.parameters])
-        nodes = fit.optimum.point.nodes
-    raise AssertionError("the last round returns")
+        errors = np.abs(solved.values / solved.z)
+        told = dict(zip([quadratic.names[k] for k in after], zip(solved.values, errors, strict=True), strict=True))
+        now, structure = names, search.candidates.structure(names)
+        theta, spread = np.array([told[p.name] for p in structure.parameters]).T
+        nodes, number = fit.optimum.point.nodes, number + 1
 
 
-def _quadratic(
-    fit: LikelihoodFit, structure: Structure, candidates: Candidates, outside: Collection[str]
-) -> Quadratic:
-    """The cost about the fit, in its parameters and, behind them, the candidates `outside`."""
+def _seen(search: _Search, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]) -> Quadratic:
+    """The cost about the fit, in its parameters and, behind them, the other candidates that are tested."""
     index = {name: number for number, name in enumerate(structure.mass_names)}
-    index |= {"ground": -1, "base": -2}
-    added = [entry for entry in candidates.entries if entry.name in outside]
-    ends = [candidates.pairs[entry.pair].between for entry in added]
+    index |= {GROUND: -1, BASE: -2}
+    added = [entry for entry in search.candidates.entries if entry.name in search.tested - chosen]
+    ends = [search.candidates.pairs[entry.pair].between for entry in added]
     forces = [
         Force(index[first], index[second], entry.term.law)
         for entry, (first, second) in zip(added, ends, strict=True)
@@ -111,3 +154,16 @@ def _quadratic(
     found = parabola(fit.optimum, forces)
     names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
     return Quadratic(names, found.curvature, found.slope)
+
+
+def _price(search: _Search, quadratic: Quadratic) -> Price:
+    samples = sum(
+        int(np.isfinite(record.select(record.responses).values).sum()) for record in search.records
+    )
+    return Price.of(search.candidates, quadratic.names, samples)
+
+
+def _terms_of_links(candidates: Candidates, chosen: Collection[str]) -> frozenset[str]:
+    """All candidates of the links that the chosen ones are of."""
+    linked = {entry.pair for entry in candidates.entries if entry.name in chosen}
+    return frozenset(entry.name for entry in candidates.entries if entry.pair in linked)

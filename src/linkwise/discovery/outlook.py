@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.sparse.csgraph import connected_components
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
@@ -26,15 +26,11 @@ _FEW = 20
 
 @dataclass(frozen=True)
 class Outlook:
-    """`told` in sentences; `resting` masses did not move, `alike` ones so much like another that links may be exchanged.
-
-    `twins` are pairs of those, the nearest ones, that join each group: between them a stiff link may hide in the noise.
-    """
+    """`told` in sentences; `resting` masses did not move, `alike` ones so much like another that links may be exchanged."""
 
     told: tuple[str, ...]
     resting: tuple[str, ...]
     alike: tuple[str, ...]
-    twins: tuple[tuple[str, str], ...]
 
 
 def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
@@ -82,7 +78,7 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
             "noise: a link to one of them may be told as a link to another. Hit them one by one."
         )
         alike += group
-    return Outlook(tuple(told), tuple(resting), tuple(alike), _twins(moving, apart))
+    return Outlook(tuple(told), tuple(resting), tuple(alike))
 
 
 def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
@@ -129,13 +125,6 @@ def _apart_all(records: Sequence[Record], names: Sequence[str]) -> Floats:
         for place, other in enumerate(names[:number]):
             apart[number, place] = max(_apart(record, f"x:{one}", f"x:{other}") for record in records)
     return apart
-
-
-def _twins(names: Sequence[str], apart: Floats) -> tuple[tuple[str, str], ...]:
-    """The pairs that join each group of masses which move alike by its smallest differences."""
-    near = np.where(apart < _APART, np.maximum(apart, 0.0) + 1e-3, 0.0)  # an entry of 0 is none
-    tree = minimum_spanning_tree(near).tocoo()
-    return tuple((names[one], names[other]) for one, other in zip(tree.row, tree.col, strict=True))
 
 
 def _groups(names: Sequence[str], apart: Floats) -> list[tuple[list[str], float]]:

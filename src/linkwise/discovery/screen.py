@@ -51,7 +51,8 @@ def screened(records: Sequence[Record], motions: Sequence[SeenMotion], candidate
     regression = Regression.of([(each.patches, each) for each in seen])
     names = regression.names
     springs = _relocated(regression, candidates, _standing(regression, candidates, _LIMIT))
-    kept = frozenset(names[k] for k in _with_dampers(regression, candidates, springs))
+    standing = _with_dampers(regression, candidates, springs)
+    kept = frozenset(names[k] for k in _held(regression, candidates, standing))
     return Screened(kept, tested | _with_their_links(kept, candidates))
 
 
@@ -134,6 +135,33 @@ def _with_dampers(regression: Regression, candidates: Candidates, standing: Sequ
         return pruned(quadratic, kept, frozenset(set(kept) - lone), _LONE)
     except np.linalg.LinAlgError:
         return sorted({*standing, *dampers})
+
+
+def _held(regression: Regression, candidates: Candidates, standing: list[int]) -> list[int]:
+    """`standing` with a spring and a damper for every mass that nothing holds, where they explain most.
+
+    Between masses that move as one a stiff link does not stand above the noise, and yet there is none without it.
+    """
+    price = Price.of(candidates, regression.names, regression.rows)
+    squares = regression.quadratic(1.0)  # all bias left in: even what is mostly noise has a positive sum of squares
+    found = list(standing)
+    for mass in candidates.masses:
+        around = [number for number, pair in enumerate(candidates.pairs) if mass.name in pair.between]
+        held = any(candidates.pairs[number].stated for number in around) or not _pairs(price, found).isdisjoint(around)
+        if held:
+            continue
+        others, _, z, _ = squares.outside(found)
+        springs = [
+            (abs(float(each)), int(number))
+            for number, each in zip(others, z, strict=True)
+            if price.pair[number] in around and candidates.by_name[regression.names[number]].term.text == "d"
+        ]
+        if springs:
+            pair = int(price.pair[max(springs)[1]])
+            here = np.flatnonzero(price.pair == pair).tolist()
+            plain = [k for k in here if candidates.by_name[regression.names[k]].term.text in ("d", "v")]
+            found = sorted({*found, *plain})
+    return found
 
 
 def started(
