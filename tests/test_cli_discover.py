@@ -203,6 +203,7 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
         ([*MASSES, "--mass", "m1=2"], "--mass is given twice for 'm1': 1.0 and 2"),
         (["--mass", "m1=1", "--mass", "m2=ten"], "--mass m2: 'ten' cannot be read as a quantity: expected a number in kg"),
         (["--mass", "m1=1", "--mass", "m2=10 nm"], "--mass m2: '10 nm' is in nm: expected a number in kg"),
+        (["--mass", "m1=1", "--mass", "m2=nan"], "--mass m2: nan is no finite value."),
         (["--mass", "m1=1", "--mass", "m2=-1"], 'mass "m2": the mass is -1.0 kg; it must be positive'),
         ([*MASSES, "--structure", "chain.toml"], "The masses stand in the file of --structure"),
         (["--structure", "nowhere.toml"], "nowhere.toml: there is no such file"),

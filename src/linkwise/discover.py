@@ -20,7 +20,7 @@ from linkwise.discovery.placed import placed
 from linkwise.discovery.screen import screened, started
 from linkwise.discovery.silent import silence_told, silent_terms
 from linkwise.discovery.terms import DEFAULT, parse_terms
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.answer import estimate_of
@@ -146,7 +146,7 @@ def pool_of(
     if isinstance(masses, Structure | Known):
         given, stated = masses.masses, masses.links
     else:
-        given = tuple(Mass(name, Coefficient.number(to_si(value, "kg"))) for name, value in masses.items())
+        given = tuple(Mass(name, Coefficient.number(_kilograms(name, value))) for name, value in masses.items())
         stated = ()
     if not given:
         raise IdentificationError(
@@ -154,6 +154,13 @@ def pool_of(
         )
     moved = any("x:base" in record.channels for record in records)
     return candidates(given, parse_terms(terms), stated=stated, base=moved)
+
+
+def _kilograms(name: str, value: float | str) -> float:
+    try:
+        return to_si(value, "kg")
+    except LinkwiseError as error:
+        raise StructureError(str(error), f'mass "{name}"') from error
 
 
 def _of(record: Record, masses: Sequence[Mass]) -> Record:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -53,12 +54,11 @@ class Prior:
 
 def _kilograms(name: str, text: str) -> float:
     """A plain number, or one with a unit of mass; UsageError for what is neither."""
+    given: float | str = text
+    with suppress(ValueError):  # of a text with a unit
+        given = float(text)
     try:
-        return float(text)
-    except ValueError:
-        pass
-    try:
-        return lw.to_si(text, "kg")
+        return lw.to_si(given, "kg")
     except lw.LinkwiseError as error:
         raise click.UsageError(f"--mass {name}: {error}") from error
 
