@@ -280,7 +280,7 @@ def test_a_mass_without_a_sensor_and_a_record_that_is_too_short(files: Path, cap
     assert "the record is too short: 72 samples over 2 masses for 27 candidates" in capsys.readouterr().err
 
 
-def test_a_truth_of_other_masses_is_refused_before_the_work(
+def test_a_truth_of_other_masses_or_without_numbers_is_refused_before_the_work(
     files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(lw, "discover", lambda *_, **__: pytest.fail("the work was begun"))
@@ -288,3 +288,6 @@ def test_a_truth_of_other_masses_is_refused_before_the_work(
     (tmp_path / "other.toml").write_text(text)
     assert run(arguments(files, "--truth", str(tmp_path / "other.toml"))) == 2
     assert 'other.toml: there is no mass "m2"' in capsys.readouterr().err
+    lw.write_structure(lw.bnes_chain(2).unknown("nes"), tmp_path / "other.toml")
+    assert run(arguments(files, "--truth", str(tmp_path / "other.toml"))) == 2
+    assert "other.toml: nes1.alpha is unknown, and the truth" in capsys.readouterr().err

@@ -179,8 +179,14 @@ def _read(source: RecordSource, names: tuple[str, ...]) -> lw.Record:
 
 
 def _true(path: Path, names: tuple[str, ...]) -> lw.Structure:
-    """The true structure; refused before the work where it has other masses."""
+    """The true structure; refused before the work where it has other masses or says nothing of a coefficient."""
     structure = lw.read_structure(path)
+    unknown = [parameter.name for parameter in structure.parameters]
+    if unknown:
+        raise lw.StructureError(
+            f"{unknown[0]} is unknown, and the truth that the answer is compared with knows every coefficient: give a number",
+            str(path),
+        )
     try:
         for name in names:
             structure.mass(name)
