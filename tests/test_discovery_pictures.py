@@ -14,6 +14,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import linkwise as lw
+from linkwise.discovery.table import term_rows
 from linkwise.plot import save
 from linkwise.plot.choice import evidence_figure, path_figure
 from linkwise.plot.graph import graph_figure
@@ -50,6 +51,15 @@ def test_one_doubt_is_marked_and_the_others_are_not(found: lw.Discovery) -> None
     assert "In doubt: 1 of the terms found." in text and "N/m^3  in doubt" in text
     assert "(in doubt)" not in text  # the link itself stands by its other terms
     assert "(in doubt)" in str(in_doubt(in_doubt(sure, "m1-ground.k"), "m1-ground.c"))
+
+
+def test_z_is_that_of_the_numbers_beside_it(found: lw.Discovery) -> None:
+    """A model error widens the standard errors after the terms were judged."""
+    sink = next(each for each in found.estimate.links if each.link.name == "m2-m1")
+    wide = replace(sink, coefficients=tuple(replace(each, standard_error=abs(each.value)) for each in sink.coefficients))
+    assert {row[3] for row in term_rows(found, wide)} == {"1", "-1"}  # the stiffness of a bistable law is negative
+    blind = replace(sink, coefficients=tuple(replace(each, standard_error=None) for each in sink.coefficients))
+    assert {row[2:4] for row in term_rows(found, blind)} == {("none", "")}
 
 
 def test_what_cannot_be_told_says_so(found: lw.Discovery) -> None:

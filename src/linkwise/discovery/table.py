@@ -106,13 +106,14 @@ def term_rows(found: Discovery, each: LinkEstimate) -> Rows:
 
 
 def _term_row(each: CoefficientEstimate, term: TermEvidence | None, *, marked: bool) -> tuple[str, ...]:
+    """`z` is that of the numbers beside it: a model error widens them after the term was judged."""
     mark = "" if term is None or term.certain or not marked else "  in doubt"
     error = "given" if each.known else "none" if each.standard_error is None else error_number(each.standard_error)
     return (
         each.name.rpartition(".")[2],
         number(each.value, each.standard_error),
         error,
-        "" if term is None else rough(term.z),
+        rough(each.value / each.standard_error) if each.standard_error else "",
         "stated" if term is None else rough(term.margin),
         f"{each.unit}{mark}",
     )
