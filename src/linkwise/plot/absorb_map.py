@@ -63,7 +63,8 @@ def _draw_map(figure: Figure, axes: Axes, found: AbsorptionMap, values: Floats, 
         axes.pcolormesh(*edges, lost.T, cmap=ListedColormap([_LOST]), rasterized=True)
     _scale(axes, across, up)
     axes.grid(False)
-    figure.colorbar(mesh, ax=axes, label=unit or None)
+    if finite.size:  # a bar would show numbers that nothing has
+        figure.colorbar(mesh, ax=axes, label=unit or None)
 
 
 def _draw_curve(axes: Axes, found: AbsorptionMap, values: Floats, unit: str) -> None:
