@@ -73,9 +73,10 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
     apart = _apart_all(records, moving)
     alike: list[str] = []
     for group, least in _groups(moving, apart):
+        apart_by = f"down to {10.0 * np.log10(least):.0f} dB above the noise" if least > 1.0 else "lost in the noise"
         told.append(
-            f"{_listed(group)} moved alike, with differences down to {10.0 * np.log10(max(least, 1e-3)):.0f} dB above the "
-            "noise: a link to one of them may be told as a link to another. Hit them one by one."
+            f"{_listed(group)} moved alike, with differences {apart_by}: a link to one of them may be told as a link to "
+            "another. Hit them one by one."
         )
         alike += group
     return Outlook(tuple(told), tuple(resting), tuple(alike))
