@@ -200,9 +200,7 @@ def test_axes_know_their_scale() -> None:
 
 def test_what_no_run_reached_has_no_bar_of_numbers() -> None:
     over = {"nes1.alpha": [-150.0, -50.0], "nes1.beta": [2e5, 2e6]}
-    found = lw.absorption_map(
-        lw.bnes_chain(2), over, duration=0.5, rate=1000.0, settle=0.05, release=RELEASE
-    )
+    found = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=1000.0, settle=0.05, release=RELEASE)
     assert np.isnan(found["settled"]).all() and np.isfinite(found["sinks_share"]).all()
     bars = [axes.get_ylabel() for axes in map_figure(found).axes if axes.get_label() == "<colorbar>"]
     assert bars == ["%", "%", ""]  # of settling none
