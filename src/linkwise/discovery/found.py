@@ -75,12 +75,13 @@ class RunnerUp:
 class Discovery:
     """The answer of `discover`.
 
-    `estimate` holds the discovered structure with all intervals, as `identify` gives them. `terms` lists every candidate,
-    the most certain of those kept first; `path` the cost against the number of terms; `runners_up` the next best models,
-    best first. `remarks` say what this record cannot tell. `settled` is False where the search ran out of rounds, and then
-    nothing is to be trusted; `seen` is False where displacements had to be summed up from velocities or accelerations, from
-    which a wrong structure may follow; `exact` is False where the laws explain the record only with a model error, since the
-    terms found may then stand in for others that were not on offer.
+    `estimate` holds the discovered structure with all intervals, as `identify` gives them. `terms` lists every candidate that
+    was tested by likelihood, the most certain of those kept first, with values as they were when the decision was made (a
+    model error then changes those of `estimate`); `path` the cost against the number of terms; `runners_up` the next best
+    models, best first. `remarks` say what this record cannot tell. `settled` is False where the search ran out of rounds or
+    came back to a choice it had left, and then nothing is to be trusted; `seen` is False where displacements had to be summed
+    up from velocities or accelerations, from which a wrong structure may follow; `exact` is False where the laws explain the
+    record only with a model error, since the terms found may then stand in for others that were not on offer.
     """
 
     estimate: Estimate
