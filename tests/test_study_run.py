@@ -222,6 +222,36 @@ def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: p
     assert done.row.reason == "this is a fault of linkwise: ZeroDivisionError: division by zero"
 
 
+def test_what_failed_by_a_fault_of_linkwise_is_run_again(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And nothing else: not what had an answer, not what failed for a reason of its own."""
+    study = lw.stored_study(folder)
+    pushed = Case("bnes2", 20.0, "ml", 1001)
+    with (
+        opened(tmp_path / "out", study) as store,
+        Here(1, {pushed: 3}) as crew,
+        monkeypatch.context() as broken,
+    ):
+        broken.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)  # of weak and ml
+        run(study, store, crew, silent)
+    before = lw.read_rows(tmp_path / "out")
+    faulty = {row.case for row in before if "ZeroDivisionError" in row.reason}
+    assert len(faulty) == len(study) * 2 // 3 - 1 and sum(row.failed for row in before) == len(faulty) + 1
+    told: list[Progress] = []
+    with opened(tmp_path / "out", study) as store, Here() as crew:
+        assert store.done() == set(study.cases()) - faulty
+        run(study, store, crew, told.append)
+        assert store.done() == set(study.cases())
+    assert told[0].done == len(study) - len(faulty) and told[-1].done == len(study)
+    assert {case for batch in crew.batches for case in batch} == faulty
+    after = lw.read_rows(tmp_path / "out")
+    assert [row for row in after if row.case != pushed] == [
+        row for row in lw.read_rows(folder) if row.case != pushed
+    ]
+    assert [row for row in after if row.failed] == [row for row in before if row.case == pushed]
+
+
 def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
     with pytest.raises(lw.StudyError, match="a scheduler has workers of its own; give one of the two"):
         lw.run_study("paper", tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:8786")

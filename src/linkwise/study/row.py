@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from statistics import median
 
 FAILED = "failed"  # the status of a row without an answer
+FAULT = "this is a fault of linkwise: "  # how the reason begins where linkwise, not the case, is to blame
 
 
 @dataclass(frozen=True, order=True)

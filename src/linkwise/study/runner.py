@@ -36,12 +36,12 @@ Report = Callable[[Progress], None]
 
 
 def run(study: Study, store: Store, crew: Crew, report: Report) -> None:
-    """Run every case of `study` that `store` does not hold yet. What is interrupted, by whatever, goes on where it was.
+    """Run every case of `study` that is not done in `store`. What is interrupted, by whatever, goes on where it was.
 
     Raises StudyError where workers cannot run cases at all.
     """
-    rows = store.rows()
-    there = {row.case for row in rows}
+    there = store.done()
+    rows = [row for row in store.rows() if row.case in there]
     pending = [case for case in study.cases() if case not in there]
     pace = Pace(rows, pending, {one.name: one.structure.size for one in study.subjects})
     work = _Work(study, crew, pace, pending)

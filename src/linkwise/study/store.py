@@ -9,14 +9,14 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from linkwise.errors import StudyError
 from linkwise.study.definition import Study
-from linkwise.study.row import Case, Row
+from linkwise.study.row import FAILED, FAULT, Case, Row
 from linkwise.study.study_file import build_study
 
 DATABASE, LOCK = "study.sqlite", "study.lock"
@@ -33,6 +33,7 @@ CREATE TABLE rows (
 _KEY = ("structure", "snr_db", "method", "seed")
 _MAPPINGS = ("links", "coefficients", "standard_errors")
 _FIELDS = (*_KEY, "masses", "status", *_MAPPINGS, "seconds", "reason")
+_FAULTY = f"status = '{FAILED}' AND substr(reason, 1, {len(FAULT)}) = '{FAULT}'"
 _SHOWN = 6  # differences between two definitions that an error lists
 _LONG = 160  # characters of two values that are shown beside each other
 
@@ -45,8 +46,8 @@ class Store:
     database: sqlite3.Connection
 
     def done(self) -> set[Case]:
-        """The cases that have a row."""
-        found = self.database.execute(f"SELECT {', '.join(_KEY)} FROM rows")
+        """The cases that have a row, but for those that failed by a fault of linkwise: it may be mended since."""
+        found = self.database.execute(f"SELECT {', '.join(_KEY)} FROM rows WHERE NOT ({_FAULTY})")
         return {Case(*values) for values in found}
 
     def rows(self) -> list[Row]:
@@ -54,10 +55,16 @@ class Store:
         return _rows(self.database)
 
     def add(self, rows: Iterable[Row]) -> None:
-        """Write finished cases to the disk, all of them or none. A case that is there already raises StudyError."""
-        marks = ", ".join("?" * len(_FIELDS))
+        """Write finished cases to the disk, all of them or none, in place of those that failed by a fault of linkwise. A case
+        that is `done` already raises StudyError.
+        """
+        marks, rows = ", ".join("?" * len(_FIELDS)), list(rows)
+        keys = " AND ".join(f"{name} = ?" for name in _KEY)
         try:
             with self.database:
+                self.database.executemany(
+                    f"DELETE FROM rows WHERE {keys} AND {_FAULTY}", [astuple(row.case) for row in rows]
+                )
                 self.database.executemany(
                     f"INSERT INTO rows ({', '.join(_FIELDS)}) VALUES ({marks})", map(_values, rows)
                 )

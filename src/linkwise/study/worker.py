@@ -16,7 +16,7 @@ from linkwise.errors import LinkwiseError, StudyError
 from linkwise.record import Record
 from linkwise.study.definition import Study
 from linkwise.study.method import Answer
-from linkwise.study.row import FAILED, Case, Row
+from linkwise.study.row import FAILED, FAULT, Case, Row
 from linkwise.study.study_file import build_study
 from linkwise.threads import one_blas_thread
 
@@ -83,7 +83,7 @@ def _run(study: Study, text: str, case: Case) -> Done:
     except LinkwiseError as error:
         row = failure(case, masses, str(error), perf_counter() - started)
     except Exception as error:  # a fault of one case must not end a study of thousands
-        reason = f"this is a fault of linkwise: {type(error).__name__}: {error}"
+        reason = f"{FAULT}{type(error).__name__}: {error}"
         row = failure(case, masses, reason, perf_counter() - started)
     return Done(row, perf_counter() - started)
 
