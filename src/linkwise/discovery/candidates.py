@@ -84,8 +84,8 @@ class Candidates:
         if loose:
             raise IdentificationError(
                 f"nothing in this record shows what holds {', '.join(loose)}: no term of any link to it stands above the "
-                "noise. Hit it harder, record for longer or offer more terms; a mass that is known to be held so is stated in a "
-                "structure file"
+                "noise. Hit it harder, record for longer or offer more terms; a mass that is known to be held so is stated in "
+                "a structure file"
             )
         return Structure(name, self.masses, tuple(links))
 
