@@ -20,11 +20,15 @@ from linkwise.discovery.placed import placed
 from linkwise.discovery.screen import screened, started
 from linkwise.discovery.silent import silence_told, silent_terms
 from linkwise.discovery.terms import DEFAULT, parse_terms
+from linkwise.discovery.tree import tree
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.answer import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
+from linkwise.likelihood.lawstart import law_start
+from linkwise.likelihood.seen import drifts
+from linkwise.likelihood.start import channel_noise
 from linkwise.link import Link, Mass
 from linkwise.motion import SeenMotion, read_motion
 from linkwise.record import Record
@@ -78,13 +82,15 @@ def discover(
         motions = [read_motion(each, pool.everything) for each in shown]
         silent = silent_terms(motions, [each.rate for each in shown], pool)
         pool, remarks = replace(pool, silent=frozenset(silent)), (*remarks, *silence_told(silent))
+        seen = all(each is other for each, other in zip(shown, records, strict=True))
         sieve = screened(shown, motions, pool)
+        first = sieve.kept if seen else tree(shown, motions, pool) or sieve.kept
     found = decided(
         records,
         pool,
-        sieve.kept,
+        first,
         tested=sieve.tested,
-        start=lambda structure: _start(shown, motions, structure),
+        start=lambda structure: _start(records, shown, motions, structure),
         report=lambda number, done: progress(*_stage(number, done)),
     )
     fit = _finished(records, found)
@@ -98,7 +104,6 @@ def discover(
     estimate = estimate_of(fit, found.structure, records)
     if not found.settled:
         remarks = ("The search for the structure did not settle: the links are the best so far.", *remarks)
-    seen = all(each is other for each, other in zip(shown, records, strict=True))
     if not seen:
         remarks = (_SUMMED, *remarks)
     exact = fit.model_error == 0.0
@@ -171,14 +176,22 @@ def _of(record: Record, masses: Sequence[Mass]) -> Record:
 
 
 def _start(
-    records: Sequence[Record], motions: Sequence[SeenMotion], structure: Structure
-) -> tuple[Floats, Floats]:
-    """theta and deviations (p,) by the weak form: by its search where a stated law is not linear in an unknown."""
+    records: Sequence[Record],
+    shown: Sequence[Record],
+    motions: Sequence[SeenMotion],
+    structure: Structure,
+) -> tuple[Floats, Floats | None]:
+    """theta and, where they are known, its deviations (p,): from the forces where `records` without displacements tell those,
+    else by the weak form, by its search where a stated law is not linear in an unknown.
+    """
+    if drifts(records[0], structure):
+        found = law_start(records[0], structure, channel_noise(records[0]), {})
+        return np.array([found[parameter.name] for parameter in structure.parameters]), None
     curved = any(set(link.law.nonlinear) & set(_unknown(link)) for link in structure.links)
     with one_blas_thread():
         if not curved:
-            return started(records, motions, structure)
-        fit = weak_search(records[0], structure, motions[0])[1]
+            return started(shown, motions, structure)
+        fit = weak_search(shown[0], structure, motions[0])[1]
     return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
 
 

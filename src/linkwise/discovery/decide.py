@@ -21,7 +21,7 @@ from linkwise.record import Record
 from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]
-Start = Callable[[Structure], tuple[Floats, Floats]]
+Start = Callable[[Structure], tuple[Floats, Floats | None]]
 Report = Callable[[int, Progress], None]
 
 _ROUNDS = 12

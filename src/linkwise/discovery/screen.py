@@ -56,6 +56,22 @@ def screened(records: Sequence[Record], motions: Sequence[SeenMotion], candidate
     return Screened(kept, tested | _with_their_links(kept, candidates))
 
 
+def heights(
+    records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates
+) -> dict[str, float]:
+    """|z| of what stands when everything is regressed at once, by name; empty where the sums cannot be solved."""
+    seen = _equations(records, motions, candidates.everything)
+    regression = Regression.of([(each.patches, each) for each in seen])
+    standing = _standing(regression, candidates, _LIMIT)
+    for share in _BIAS:
+        try:
+            z = regression.quadratic(share).solve(standing).z
+        except np.linalg.LinAlgError:
+            continue
+        return {regression.names[k]: abs(float(each)) for k, each in zip(standing, z, strict=True)}
+    return {}
+
+
 def _one_by_one(
     records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates
 ) -> frozenset[str]:
