@@ -72,7 +72,8 @@ class Options:
 
     Where the laws leave what is no noise, the flow is relaxed by the model error that is most likely, unless `model_error` is
     False. `report` is told every step. `nodes` (2, n, K) are the states of another fit to the same records to start from, else
-    the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends, `steps` the most that are taken.
+    the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends, `steps` the most that are
+    taken.
     """
 
     offsets: Sequence[str] = ()
