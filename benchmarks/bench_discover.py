@@ -24,19 +24,6 @@ FIRST = 1000  # seeds from here on were never tuned on
 DURATION, RATE = 6.0, 1000.0
 
 
-@pytest.fixture(scope="module")
-def unit() -> float:
-    """U in s, the best of three."""
-    random = np.random.default_rng(0)
-    left, right = random.normal(size=(1771, 6000)), random.normal(size=(6000, 1771))
-    times = []
-    for _ in range(3):
-        started = perf_counter()
-        left @ right
-        times.append(perf_counter() - started)
-    return min(times)
-
-
 @cache
 def clean(n: int) -> lw.Record:
     """The paper's chain after its hit, displacements only."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-import pytest
 
 import linkwise as lw
 
@@ -74,19 +73,6 @@ class Figures:
 
 
 HEAD = "record                 trusted  median %   worst %    z rms   covered   seconds    in U"
-
-
-@pytest.fixture(scope="module")
-def unit() -> float:
-    """U in s, the best of three."""
-    random = np.random.default_rng(0)
-    left, right = random.normal(size=(1771, 6000)), random.normal(size=(6000, 1771))
-    times = []
-    for _ in range(3):
-        started = perf_counter()
-        left @ right
-        times.append(perf_counter() - started)
-    return min(times)
 
 
 def test_all_masses_measured(unit: float) -> None:

@@ -56,19 +56,6 @@ def decay(n: int) -> lw.Record:
     return lw.simulate(lw.bnes_chain(n), release={"v:m1": 1.0 if n == 2 else 3.0}, duration=6.0, rate=1000.0)
 
 
-@pytest.fixture(scope="module")
-def unit() -> float:
-    """U in s, the median of five."""
-    rng = np.random.default_rng(0)
-    one, other = rng.standard_normal((1771, 6000)), rng.standard_normal((6000, 1771))
-    seconds = []
-    for _ in range(6):
-        started = perf_counter()
-        one @ other
-        seconds.append(perf_counter() - started)
-    return float(np.median(seconds[1:]))
-
-
 def test_cost(unit: float) -> None:
     print(f"\nU = {unit:.3f} s")
     for n in PAPER:
