@@ -34,7 +34,7 @@ def test_the_default_is_the_cubic_family():
         ("quintic", ["v", "d", "d**2", "d**3", "d**4", "d**5"]),
         ("quadratic-damping", ["v*abs(v)"]),
         ("friction(0.01)", ["tanh(v/0.01)"]),
-        ("contact(1e-3)", ["max(d - 1e-3, 0)"]),
+        ("contact(1e-3)", ["max(d - 1e-3, 0)", "min(d + 1e-3, 0)"]),
         ("gap(0.002)", ["max(d - 0.002, 0) + min(d + 0.002, 0)"]),
         ("linear, friction(0.01), d*abs(d)", ["v", "d", "tanh(v/0.01)", "d*abs(d)"]),
         (" cubic ,linear,, d ", ["v", "d", "d**2", "d**3"]),
@@ -68,7 +68,8 @@ def test_a_sum_is_multiplied_as_a_whole():
 
 def test_names_that_two_terms_would_share_are_numbered():
     assert names("friction(0.1), d, friction(0.01)") == ["F_1", "k", "F_3"]
-    assert len(set(names("v**2, quadratic-damping, contact(1e-3), gap(1e-3), d*sin(d), sin(d)"))) == 6
+    assert len(set(names("v**2, quadratic-damping, contact(1e-3), gap(2e-3), d*sin(d), sin(d)"))) == 7
+    assert names("contact(1e-3)") == ["kc", "kn"]
 
 
 @pytest.mark.parametrize(
@@ -80,7 +81,8 @@ def test_names_that_two_terms_would_share_are_numbered():
          "friction(0.01); got 'friction'"),
         ("friction(-1)", "needs the rate in m/s at which it saturates, a positive number in brackets, as in friction(0.01); "
          "got 'friction(-1)'"),
-        ("contact(nan)", "the family contact needs the elongation in m at which it closes, a positive number in brackets"),
+        ("contact(nan)", "the family contact needs the elongation in m, either way, at which it closes, a positive number in "
+         "brackets"),
         ("gap(0.1", "the family gap needs the elongation in m at which either side closes, a positive number in brackets"),
         ("cubic(2)", "the family cubic takes no number; got 'cubic(2)'"),
         ("k*d", "the term 'k*d' has the name 'k' in it: a term is a function of d and v alone, its coefficient is added; give "

@@ -126,7 +126,7 @@ def discover(
       quintic            v, d, d**2, ... d**5
       quadratic-damping  v*abs(v)
       friction(S)        tanh(v/S), dry friction that saturates at S m/s
-      contact(G)         max(d - G, 0), a one-sided stop at G m
+      contact(G)         max(d - G, 0), min(d + G, 0), one-sided stops at G m, either way
       gap(G)             a stop at G m on either side
 
     With --structure, links in the file stay with their terms, others may join them; a link whose law is "0" is known not to be

@@ -23,13 +23,13 @@ FAMILIES = {
     "quintic": "v, d, d**2, d**3, d**4, d**5",
     "quadratic-damping": "v*abs(v)",
     "friction": "tanh(v/{})",
-    "contact": "max(d - {}, 0)",
+    "contact": "max(d - {}, 0), min(d + {}, 0)",  # which end comes first is not the user's choice, so both ways round
     "gap": "max(d - {}, 0) + min(d + {}, 0)",
 }
 
 _NEEDED = {
     "friction": "the rate in m/s at which it saturates",
-    "contact": "the elongation in m at which it closes",
+    "contact": "the elongation in m, either way, at which it closes",
     "gap": "the elongation in m at which either side closes",
 }
 _PLACES = 200  # at which terms are compared, more than anybody has terms
@@ -132,7 +132,7 @@ def _expanded(part: str) -> list[str]:
             raise IdentificationError(
                 f"the family {name} needs {_NEEDED[name]}, a positive number in brackets, as in {name}(0.01); got {part!r}"
             )
-        return [family.format(*[number] * family.count("{}"))]
+        return _split(family.format(*[number] * family.count("{}")))
     if bracket:
         raise IdentificationError(f"the family {name} takes no number; got {part!r}")
     return _split(family)
@@ -166,7 +166,7 @@ def _name(text: str, place: int) -> str:
     if bare.startswith("tanh(v"):
         return "F"
     if bare.startswith(("max(d", "min(d")):
-        return "kc"
+        return "kc" if bare.startswith("max") else "kn"
     return _COEFFICIENTS.get(bare, f"a{place + 1}")
 
 
