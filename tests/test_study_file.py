@@ -115,8 +115,8 @@ GOOD = HEAD + STRUCTURE + METHOD
         ("weak", "waek", r"method\[0\]\.kind: expected one of ml, .*; got 'waek'; did you mean \"weak\"\?"),
         ('kind = "weak"', "", r"method\[0\]\.kind: expected one of .* got nothing"),
         (METHOD, METHOD + "order = 3\n", r'method\[0\]: there is no key "order"; the keys are kind, name'),
-        ("weak", "classical", r"method\[0\]: the key `convention` is missing"),
-        ('"weak"', '"classical"\nconvention = "no"', r"method\[0\]\.convention: invalid enum value 'no'"),
+        ("weak", "classical", r"method\[0\]: the key `convention` is missing, one of displacement, states, diff"),
+        ('"weak"', '"classical"\nconvention = "stats"', r"convention: expected one of disp.*; got 'stats'; .*\"states\"\?"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_named_with_its_key(old: str, new: str, message: str) -> None:

@@ -6,7 +6,7 @@ import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 
@@ -228,15 +228,25 @@ def _decode(data: object, kind: type[Any], source: str, path: str) -> Any:
     except msgspec.ValidationError as error:
         reason, _, place = str(error).partition(" - at `$")
         place = f"{path}{place.rstrip('`')}".lstrip(".")
+        owner = _Impulse if ".impulse[" in place else _Structure if place.startswith("structure") else kind
         unexpected = re.search(r"unknown field `(.*)`", reason)
         if unexpected:
-            owner = (
-                _Impulse if ".impulse[" in place else _Structure if place.startswith("structure") else kind
-            )
             fields = owner.__struct_fields__
             reason = f'there is no key "{unexpected[1]}"{near_miss(unexpected[1], fields)}; the keys are {", ".join(fields)}'
+        stranger = re.search(r"[Ii]nvalid enum value '(.*)'", reason)
+        if stranger:
+            choices = get_args(get_type_hints(owner)[place.rpartition(".")[2]])
+            reason = (
+                f"expected one of {', '.join(choices)}; got {stranger[1]!r}{near_miss(stranger[1], choices)}"
+            )
         missing = re.search(r"required field `(.*)`", reason)
         if missing:
-            reason = f"the key `{missing[1]}` is missing"
+            choices = get_args(get_type_hints(owner)[missing[1]])
+            told = (
+                f", one of {', '.join(choices)}"
+                if choices and all(isinstance(one, str) for one in choices)
+                else ""
+            )
+            reason = f"the key `{missing[1]}` is missing{told}"
         where = f"{source}, {place}" if place else source
         raise StudyError(reason[:1].lower() + reason[1:], where) from None
