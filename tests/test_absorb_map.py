@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.absorption import sweep
 from linkwise.absorption.barriers import barriers
 from linkwise.plot.absorb_map import map_figure
 from linkwise.structure import Coefficient, Link, Mass, Structure
@@ -204,3 +206,27 @@ def test_what_no_run_reached_has_no_bar_of_numbers() -> None:
     assert np.isnan(found["settled"]).all() and np.isfinite(found["sinks_share"]).all()
     bars = [axes.get_ylabel() for axes in map_figure(found).axes if axes.get_label() == "<colorbar>"]
     assert bars == ["%", "%", ""]  # of settling none
+
+
+def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep, "available_memory", lambda: 24 * 10**9)
+    alphas, betas = np.linspace(-200.0, -20.0, 100_000), np.linspace(1e5, 2e6, 100_000)
+    over = {"nes1.alpha": alphas, "nes1.beta": betas}
+    with pytest.raises(
+        lw.SimulationError,
+        match=r"a sweep of 10000000000 runs takes 6e\+04 GB, and 24 GB are free; take fewer values of nes1\.alpha and",
+    ):
+        lw.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
+
+
+@pytest.mark.parametrize("masses", [2, 8])
+def test_the_memory_of_a_sweep_is_what_it_takes(masses: int) -> None:
+    trial: dict[str, Any] = {"duration": 0.1, "rate": 500.0, "release": RELEASE, "workers": 1}
+    chain, alphas = lw.bnes_chain(masses), np.linspace(-200.0, -20.0, 400)
+    lw.absorption_map(chain, {"nes1.alpha": alphas[:2]}, **trial)  # loads what a first one does
+    tracemalloc.start()
+    lw.absorption_map(chain, {"nes1.alpha": alphas}, **trial)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    predicted = sweep.map_bytes(len(alphas), masses)
+    assert predicted / 2 < peak < predicted

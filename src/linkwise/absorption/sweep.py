@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,13 @@ from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.excitation import Excitation
+from linkwise.memory import available_memory
 from linkwise.simulate import Motion
 from linkwise.structure import Structure
 
 Floats = NDArray[np.float64]
 
+_RUN_BYTES, _MASS_BYTES = 4000, 1000  # of one run until the last has ended, and of each of its masses
 _GEOMETRIC = 1e-6  # of a ratio: steps that are equal in ratio are drawn on a logarithmic axis
 
 
@@ -135,10 +138,12 @@ def absorption_map(
     `options` are the keywords of `absorb` (rate, sinks, without, settle, harvesters) and of `simulate` (release, ...); runs
     go side by side on `workers` threads (default: one a processor). Where sinks are not named they are those of `structure`; a
     swept coefficient may be unknown in it, then they are those in the middle of the grid. Raises StructureError for a
-    parameter that is not there, SimulationError as `absorb` does, LinkwiseError where no run at all comes to its end.
+    parameter that is not there, SimulationError as `absorb` does and for more runs than there is memory for, LinkwiseError
+    where no run at all comes to its end.
     """
     equipped = with_harvesters(structure, options.get("harvesters") or {})
     axes = _axes(equipped, over)
+    _require_room(axes, structure.size)
     points = list(product(*(axis.values.tolist() for axis in axes)))
     names = [axis.name for axis in axes]
     middle = {axis.name: float(axis.values[len(axis.values) // 2]) for axis in axes}
@@ -187,6 +192,21 @@ def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[Axis, ..
             raise StructureError("the values of a swept parameter are one row of finite numbers", name)
         axes.append(Axis(name, _unit(structure, name), values))
     return tuple(axes)
+
+
+def map_bytes(runs: int, masses: int) -> int:
+    """Bytes that so many runs of a structure with so many masses take, their motion aside."""
+    return runs * (_RUN_BYTES + _MASS_BYTES * masses)
+
+
+def _require_room(axes: tuple[Axis, ...], masses: int) -> None:
+    runs = prod(len(axis.values) for axis in axes)
+    needed, free = map_bytes(runs, masses), available_memory()
+    if needed > free:
+        raise SimulationError(
+            f"a sweep of {runs} runs takes {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; take fewer values of "
+            f"{' and '.join(axis.name for axis in axes)}"
+        )
 
 
 def _unit(structure: Structure, name: str) -> str:
