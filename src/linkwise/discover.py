@@ -50,7 +50,7 @@ _INEXACT = (
     "No choice among the terms on offer leaves only noise, so those found may stand in for others: offer more terms, and "
     "check the units of the channels and the masses."
 )
-_TIGHT = 1e-4  # q from which a fit is as good as exact
+_UNSETTLED = "The search for the structure did not settle: the links are the best so far."
 
 
 def discover(
@@ -67,10 +67,10 @@ def discover(
     link may have, as text: functions of d and v, or families of them ("cubic, friction(0.01)"). `progress` is told the
     fraction done and the stage.
 
-    Raises IdentificationError where the records cannot tell: a mass without a sensor, no motion above the noise, too few
-    samples, a mass that nothing seems to hold.
+    Raises IdentificationError where the records cannot tell: a mass without a sensor, a base that moves without its
+    displacement, no motion above the noise, too few samples, a mass that nothing seems to hold.
     """
-    started = perf_counter()
+    begun = perf_counter()
     records = [record] if isinstance(record, Record) else list(record)
     pool = pool_of(records, masses, terms)
     ahead = outlook(records, pool)
@@ -94,36 +94,24 @@ def discover(
         report=lambda number, done: progress(*_stage(number, done)),
     )
     fit = _finished(records, found)
-    untested = len(pool.entries) - len(sieve.tested)
-    if untested:
-        remarks = (
-            *remarks,
-            f"{untested} candidates that stood out of the noise in the equation of neither of their masses were dropped "
-            "without a test by likelihood.",
-        )
     estimate = estimate_of(fit, found.structure, records)
-    if not found.settled:
-        remarks = ("The search for the structure did not settle: the links are the best so far.", *remarks)
-    if not seen:
-        remarks = (_SUMMED, *remarks)
     exact = fit.model_error == 0.0
-    if not exact:
-        remarks = (_INEXACT, *remarks)
-    if estimate.status == CONVERGED and found.settled:
-        remarks = (*remarks, *confusions(found))
-    seconds = perf_counter() - started
+    whole = [(not exact, _INEXACT), (not seen, _SUMMED), (not found.settled, _UNSETTLED)]
+    remarks = (
+        *(told for holds, told in whole if holds),
+        *remarks,
+        *_dropped_unseen(len(pool.entries) - len(sieve.tested)),
+        *(confusions(found) if estimate.status == CONVERGED and found.settled else ()),
+    )
+    seconds = perf_counter() - begun
     return Discovery(
         estimate=replace(estimate, seconds=seconds),
         terms=evidence(found, pool, trusted=found.settled and seen and exact and estimate.trusted, alike=ahead.alike),
         path=path(found),
         runners_up=runners_up(found),
         remarks=remarks,
-        settled=found.settled,
-        seen=seen,
-        exact=exact,
-        rounds=found.rounds,
-        seconds=seconds,
-    )
+        settled=found.settled, seen=seen, exact=exact, rounds=found.rounds, seconds=seconds,
+    )  # fmt: skip
 
 
 def foreseen(
@@ -168,6 +156,16 @@ def _kilograms(name: str, value: float | str) -> float:
         raise StructureError(str(error), f'mass "{name}"') from error
 
 
+def _dropped_unseen(count: int) -> tuple[str, ...]:
+    """What to say of candidates that the screen left out, if there are any."""
+    if not count:
+        return ()
+    return (
+        f"{count} candidates that stood out of the noise in the equation of neither of their masses were dropped "
+        "without a test by likelihood.",
+    )
+
+
 def _of(record: Record, masses: Sequence[Mass]) -> Record:
     """`record` without the channels of other masses; itself where it has none."""
     names = {BASE, *(mass.name for mass in masses)}
@@ -202,8 +200,7 @@ def _unknown(link: Link) -> list[str]:
 def _finished(records: Sequence[Record], found: Decided) -> LikelihoodFit:
     """The fit of the chosen structure: that of the last round, or one with a model error where the laws need it."""
     last = found.fit
-    exact = last.status is Status.CONVERGED and not last.chi_square_off and last.optimum.q <= _TIGHT
-    if exact or last.status is Status.INTERRUPTED:
+    if (found.exact and not last.chi_square_off) or last.status is Status.INTERRUPTED:
         return last
     spread = np.sqrt(np.maximum(np.nan_to_num(last.covariance.diagonal()), 0.0))
     return likelihood_fit(
