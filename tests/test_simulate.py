@@ -208,6 +208,7 @@ REFUSED = {
     "no duration": ({"duration": 0.0}, "a duration of 0.0 s cannot be simulated; it is a number above 0"),
     "no rate": ({"rate": -1.0}, "a rate of -1.0 Hz cannot be simulated"),
     "one sample": ({"duration": 0.001}, "0.001 s at 100 Hz is less than one sampling interval"),
+    "too many samples": ({"rate": 1e15}, "at 1e+15 Hz are 1e+15 samples, more than memory holds; simulate a sh"),
     "neither": ({"duration": None}, "say how long and how often: duration in s and rate in Hz, or times"),
     "both": ({"times": [0.0, 1.0]}, "times already says when to sample; leave out duration and rate"),
     "uneven": ({"duration": None, "rate": None, "times": [0.0, 1.0, 3.0]}, "times must be evenly spaced"),

@@ -18,12 +18,15 @@ from linkwise.excitation import Drive, Excitation, Impulse, Sampled
 from linkwise.forces import Forces
 from linkwise.horizon import horizon
 from linkwise.link import BASE, near_miss
+from linkwise.memory import available_memory
 from linkwise.record import Record
 from linkwise.simulated import EnergyBalance, Simulated
 from linkwise.structure import Structure
 from linkwise.trajectory import Travelled, travel
 
 Floats = NDArray[np.float64]
+
+_SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
 
 
 class Drives(TypedDict, total=False):
@@ -127,6 +130,11 @@ def output_times(duration: float | None, rate: float | None, times: ArrayLike | 
                 raise SimulationError(
                     f"a {what} of {value!r} {unit} cannot be simulated; it is a number above 0"
                 )
+        if _SAMPLE_BYTES * duration * rate > available_memory():
+            raise SimulationError(
+                f"{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples, more than memory holds; simulate a shorter "
+                "time or sample slower"
+            )
         count = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
         if count < 2:
             raise SimulationError(
