@@ -79,6 +79,12 @@ def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first():
     assert [parameter.name for parameter in found.parameters] == ["a-ground.k", "b-a.k3", "b-a.c"]
 
 
+def test_the_terms_of_a_link_are_told_from_one_of_them():
+    found = stated()
+    assert found.sharing(["frame.k3", "c-a.c"]) == {"frame.k3", "c-a.c", "c-a.k", "c-a.k3"}
+    assert found.sharing(["frame.k"]) == frozenset()  # stated, and no candidate
+
+
 def test_a_link_has_one_set_of_coefficients_that_both_ends_feel():
     found = candidates(masses("a", "b"), TERMS)
     assert not {entry.name for entry in found.entries} & {"a-b.k", "a-b.c", "a-b.k3"}

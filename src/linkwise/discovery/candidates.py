@@ -65,6 +65,11 @@ class Candidates:
         """The entries by their names."""
         return {entry.name: entry for entry in self.entries}
 
+    def sharing(self, names: Collection[str]) -> frozenset[str]:
+        """The names of all entries of the links that some entries are of."""
+        linked = {self.by_name[name].pair for name in names if name in self.by_name}
+        return frozenset(entry.name for entry in self.entries if entry.pair in linked)
+
     def structure(self, chosen: Collection[str], name: str = "discovered structure") -> Structure:
         """What is stated and the `chosen` entries, by name, with unknown coefficients.
 

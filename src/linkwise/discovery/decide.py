@@ -89,7 +89,7 @@ def decided(
     """
     search = _Search(records, candidates, frozenset(tested), start, report)
     first = _descent(search, frozenset(chosen), 1)
-    own = _terms_of_links(candidates, chosen)
+    own = candidates.sharing(chosen)
     if first.fit.status is Status.INTERRUPTED or first.chosen <= own:
         return first
     second = _descent(search.within(own), own & search.tested, first.rounds + 1)
@@ -161,9 +161,3 @@ def _price(search: _Search, quadratic: Quadratic) -> Price:
         int(np.isfinite(record.select(record.responses).values).sum()) for record in search.records
     )
     return Price.of(search.candidates, quadratic.names, samples)
-
-
-def _terms_of_links(candidates: Candidates, chosen: Collection[str]) -> frozenset[str]:
-    """All candidates of the links that the chosen ones are of."""
-    linked = {entry.pair for entry in candidates.entries if entry.name in chosen}
-    return frozenset(entry.name for entry in candidates.entries if entry.pair in linked)

@@ -47,13 +47,13 @@ def screened(records: Sequence[Record], motions: Sequence[SeenMotion], candidate
     """
     many = len(candidates.masses) > _TOGETHER
     tested = _one_by_one(records, motions, candidates) if many else frozenset(candidates.by_name)
-    seen = _equations(records, motions, candidates.structure(_with_their_links(tested, candidates)))
+    seen = _equations(records, motions, candidates.structure(candidates.sharing(tested)))
     regression = Regression.of([(each.patches, each) for each in seen])
     names = regression.names
     springs = _relocated(regression, candidates, _standing(regression, candidates, _LIMIT))
     standing = _with_dampers(regression, candidates, springs)
     kept = frozenset(names[k] for k in _held(regression, candidates, standing))
-    return Screened(kept, tested | _with_their_links(kept, candidates))
+    return Screened(kept, tested | candidates.sharing(kept))
 
 
 def heights(
@@ -82,12 +82,6 @@ def _one_by_one(
         regression = Regression.of([([patch], each) for patch, each in zip(patches, seen, strict=True)])
         found |= {regression.names[k] for k in _standing(regression, candidates, _SIEVE)}
     return frozenset(found & candidates.by_name.keys())
-
-
-def _with_their_links(names: Iterable[str], candidates: Candidates) -> frozenset[str]:
-    """All candidates of the links that some are of."""
-    linked = {candidates.by_name[name].pair for name in names if name in candidates.by_name}
-    return frozenset(entry.name for entry in candidates.entries if entry.pair in linked)
 
 
 def _equations(
