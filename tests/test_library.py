@@ -5,12 +5,11 @@ from __future__ import annotations
 import itertools
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from linkwise import library, memory
+from linkwise import library
 from linkwise.chains import bnes_chain
 from linkwise.coefficient import Coefficient
 from linkwise.derive import States
@@ -217,20 +216,6 @@ def test_the_memory_predicted_is_what_a_fit_takes(regressor: Regressor) -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert equations.fit_bytes / 3 < peak < equations.fit_bytes
-
-
-def test_memory_is_what_the_system_tells(tmp_path: Path) -> None:
-    info = tmp_path / "meminfo"
-    info.write_text("MemTotal: 8000 kB\nMemAvailable:    3000 kB\n")
-    assert memory._free(info) == 3000 * 1024
-    assert memory._free(tmp_path / "absent") is None
-    assert memory._left(tmp_path) is None
-    (tmp_path / "memory.max").write_text("1000\n")
-    (tmp_path / "memory.current").write_text("300\n")
-    assert memory._left(tmp_path) == 700
-    (tmp_path / "memory.max").write_text("max\n")
-    assert memory._left(tmp_path) is None
-    assert 0 < memory.available_memory() < 2**50
 
 
 @pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])

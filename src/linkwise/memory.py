@@ -8,13 +8,14 @@ from pathlib import Path
 _MEMINFO = Path("/proc/meminfo")
 _GROUP = Path("/sys/fs/cgroup")  # limits that a container sets (version 2)
 _ASSUMED = 4 * 2**30  # where the system does not tell
+_ALWAYS = 2**30  # a moment's lack of less is no reason to refuse: systems swap, neighbours finish
 
 
 def available_memory() -> int:
-    """Bytes that are free or can be freed, no more than a container leaves; 4 GB where the system does not tell."""
+    """Bytes that are free or can be freed, no more than a container leaves; 1 GB at least, half of all where nothing is told."""
     found = [_free(_MEMINFO), _left(_GROUP)]
     known = [number for number in found if number is not None]
-    return min(known) if known else _installed()
+    return max(min(known), _ALWAYS) if known else _installed()
 
 
 def _free(meminfo: Path) -> int | None:
@@ -28,13 +29,14 @@ def _free(meminfo: Path) -> int | None:
 
 
 def _left(group: Path) -> int | None:
-    """What the limit of a container leaves."""
+    """What the limit of a container leaves, files that are only kept in memory for speed not counted."""
     try:
         limit = (group / "memory.max").read_text(encoding="ascii").strip()
         used = (group / "memory.current").read_text(encoding="ascii").strip()
+        cached = dict(line.split() for line in (group / "memory.stat").read_text(encoding="ascii").splitlines())
     except OSError:
         return None
-    return max(int(limit) - int(used), 0) if limit != "max" else None
+    return max(int(limit) - int(used) + int(cached.get("inactive_file", 0)), 0) if limit != "max" else None
 
 
 def _installed() -> int:
