@@ -12,7 +12,7 @@ _ALWAYS = 2**30  # a moment's lack of less is no reason to refuse: systems swap,
 
 
 def available_memory() -> int:
-    """Bytes that are free or can be freed, no more than a container leaves; 1 GB at least, half of all where nothing is told."""
+    """Bytes that are free or can be freed, no more than a container leaves: 1 GB at least, half of all if nothing is told."""
     found = [_free(_MEMINFO), _left(_GROUP)]
     known = [number for number in found if number is not None]
     return max(min(known), _ALWAYS) if known else _installed()
