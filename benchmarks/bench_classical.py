@@ -82,7 +82,7 @@ def noisy(record: lw.Record) -> StreamedEquations:
 
 
 @pytest.mark.parametrize(("data", "limit"), [("exact", 2.0), ("noisy", 4.0)])
-def test_one_fit_of_the_full_library_costs_at_most_two_products(
+def test_one_fit_of_the_full_library_costs_two_products_on_exact_data_and_four_on_noisy(
     data: str, limit: float, request: pytest.FixtureRequest
 ) -> None:
     """Of exact data the first pass leaves a few terms; noise leaves 15 000 of 35 420, and passes of many columns."""
