@@ -11,7 +11,7 @@ from judged import masses, terms
 import linkwise as lw
 from linkwise.discover import pool_of
 from linkwise.discovery.decide import Decided
-from linkwise.discovery.evidence import confusions
+from linkwise.discovery.evidence import confusions, evidence
 from linkwise.discovery.found import CERTAIN
 from linkwise.discovery.price import Price
 from linkwise.discovery.quadratic import Quadratic
@@ -154,6 +154,21 @@ def test_what_this_record_hardly_tells_apart_is_said():
     assert told == (
         "This record hardly tells m2-m1.k from m2-ground.k: with the other in its place the criterion is only 5.0 higher."
     )
+
+
+@pytest.mark.parametrize(("lean", "certain"), [(0.999, {"m1-ground.k"}), (0.0, {"m1-ground.k", "m2-m1.k"})])
+def test_what_another_term_could_replace_is_not_certain(lean: float, certain: set[str]):
+    """However much would be lost without it and without the other."""
+    h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, lean], [0.0, lean, 1.0]])
+    made = decided(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
+    pool = pool_of([lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear")
+    told = evidence(made, pool, trusted=True)
+    kept = [term for term in told if term.kept]
+    assert {term.name for term in kept if term.certain} == certain
+    assert len(kept) == 2 and min(term.margin for term in kept) > 1000.0
+    (dropped,) = (term for term in told if not term.kept)
+    assert dropped.margin > CERTAIN and dropped.certain == (lean == 0.0)
+    assert not any(term.certain for term in evidence(made, pool, trusted=False))
 
 
 def test_what_it_tells_apart_is_not():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.price import Price
 from linkwise.discovery.quadratic import Quadratic
-from linkwise.discovery.stepwise import best, improved
+from linkwise.discovery.stepwise import Move, best, improved, moves
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.parabola import Force, parabola
@@ -46,6 +46,12 @@ class Decided:
     def exact(self) -> bool:
         """Whether the fit converged with a flow as tight as it should be."""
         return self.fit.status is Status.CONVERGED and self.fit.optimum.q <= _EXACT
+
+    @cached_property
+    def neighbours(self) -> tuple[Move, ...]:
+        """All steps to other choices, exchanges among them, the best first."""
+        inside = list(range(len(self.structure.parameters)))
+        return tuple(moves(self.quadratic, self.price, inside, swaps=True))
 
     @property
     def criterion(self) -> float:

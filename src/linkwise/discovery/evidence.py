@@ -11,7 +11,7 @@ from linkwise.discovery.decide import Decided
 from linkwise.discovery.found import CERTAIN, Choice, RunnerUp, TermEvidence
 from linkwise.discovery.price import Price
 from linkwise.discovery.quadratic import Quadratic
-from linkwise.discovery.stepwise import Kind, Move, moves
+from linkwise.discovery.stepwise import Kind, Move
 
 _BEYOND = 8  # terms more than were chosen, to show that the criterion rises again
 _RUNNERS_UP = 10
@@ -23,17 +23,19 @@ def evidence(
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: those kept, the most certain first, then the dropped, the most doubtful first.
 
-    `alike` are masses that moved so much like another one that their links may be the other's; where the fit is not `trusted`
-    nothing is reliable.
+    `alike` are masses that moved so much like another one that their links may be the other's; terms that could be exchanged
+    at little cost are not reliable either, and where the fit is not `trusted` nothing is.
     """
-    quadratic, price = decided.quadratic, decided.price
+    quadratic = decided.quadratic
     inside = list(range(len(decided.structure.parameters)))
     solved = quadratic.solve(inside)
     numbers, values, z, _ = quadratic.outside(inside)
     margins = {
         (move.in_ if move.kind is Kind.ADD else move.out): -move.gain
-        for move in moves(quadratic, price, inside, swaps=False)
+        for move in decided.neighbours
+        if move.kind is not Kind.SWAP
     }
+    exchanged = {k for move in _exchanges(decided) for k in (move.in_, move.out)}
     told = [
         *zip(inside, solved.values, solved.z, strict=True),
         *zip(numbers.tolist(), values, z, strict=True),
@@ -50,7 +52,7 @@ def evidence(
                 unit=entry.term.unit,
                 kept=k < len(inside),
                 told=bool(np.isfinite(value)),
-                reliable=trusted and set(alike).isdisjoint(pair.between),
+                reliable=trusted and k not in exchanged and set(alike).isdisjoint(pair.between),
                 value=float(value),
                 standard_error=abs(float(value / each)) if each else np.inf,
                 z=float(each),
@@ -112,19 +114,17 @@ def _grown(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple[
 
 def runners_up(decided: Decided) -> tuple[RunnerUp, ...]:
     """The models one step away that come nearest to the chosen one."""
-    inside = list(range(len(decided.structure.parameters)))
-    near = moves(decided.quadratic, decided.price, inside, swaps=True)[:_RUNNERS_UP]
-    return tuple(RunnerUp(_words(move, decided.quadratic), -move.gain) for move in near)
+    return tuple(RunnerUp(_words(move, decided.quadratic), -move.gain) for move in decided.neighbours[:_RUNNERS_UP])
+
+
+def _exchanges(decided: Decided) -> list[Move]:
+    """A term kept for one that was dropped, where the record hardly tells them apart."""
+    return [move for move in decided.neighbours if move.kind is Kind.SWAP and -move.gain < CERTAIN]
 
 
 def confusions(decided: Decided) -> tuple[str, ...]:
     """Sentences on terms for which another would do nearly as well."""
-    inside = list(range(len(decided.structure.parameters)))
-    near = [
-        move
-        for move in moves(decided.quadratic, decided.price, inside, swaps=True)
-        if move.kind is Kind.SWAP and -move.gain < CERTAIN
-    ]
+    near = _exchanges(decided)
     names = decided.quadratic.names
     told = [
         f"This record hardly tells {names[move.out or 0]} from {names[move.in_ or 0]}: with the other in its place the "

@@ -19,8 +19,9 @@ class TermEvidence:
 
     `value` and `standard_error` in `unit` are what was found, or what would be if it were added. `z` is their ratio. `margin`
     is by how much the criterion rises if the decision is turned round: more than `CERTAIN` is very strong. `told` is False
-    where the record cannot tell it beside the terms that were kept, `reliable` is False where the fit is not to be trusted, or
-    an end of its link moved so much like another mass that the link may be the other's.
+    where the record cannot tell it beside the terms that were kept, `reliable` is False where the fit is not to be trusted,
+    where an exchange of this term for or with another costs less than `CERTAIN`, or where an end of its link moved so much
+    like another mass that the link may be the other's.
     """
 
     name: str

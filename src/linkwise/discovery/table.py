@@ -121,8 +121,8 @@ def _term_row(each: CoefficientEstimate, term: TermEvidence | None, *, marked: b
 
 def doubt_title(found: Discovery, certain: float) -> str:
     """What stands above the doubts."""
-    alike = found.trusted and any(not term.reliable for term in found.doubtful)
-    return f"in doubt: the margin is {certain:g} or less{', or masses moved alike' if alike else ''}"
+    more = found.trusted and any(not term.reliable for term in found.doubtful)
+    return f"in doubt: the margin is {certain:g} or less{', masses moved alike, or another term would do' if more else ''}"
 
 
 def doubt_rows(found: Discovery, certain: float) -> Rows:
