@@ -40,7 +40,7 @@ def _draw_path(axes: Axes, found: Discovery) -> None:
         axes.plot(terms, values, "o-", color=color, markersize=3, label=label)
     for each in found.path:
         if each.chosen:
-            axes.plot(each.terms, each.criterion, "o", color=WELL, markersize=8, zorder=5, label="chosen")
+            axes.plot(each.terms, each.criterion, "o", color=WELL, markersize=8, zorder=5, clip_on=False, label="chosen")
             axes.axvline(each.terms, color=WELL, linewidth=0.8, zorder=0)
     axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
     axes.set_yscale("symlog", linthresh=10.0, linscale=0.6)

@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 _COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: SEEN}
 _OTHER = SERIES[5]
 _WIDTHS = (1.2, 4.2)  # points, of the softest and the stiffest link
+_DASH, _GAP = 7.0, 3.5  # points, of a link in doubt
 _RADIUS = 0.19  # of a mass of mean size, where a link is 1 long
 _SIXTH = 1.0 / 6.0  # of masses: over two decades the radius doubles
 _SIZES = (0.7, 1.5)
@@ -133,10 +134,11 @@ def _draw_links(axes: Axes, edges: Sequence[Edge], points: Floats, *, labelled: 
             aside = np.array([a[1] - b[1], b[0] - a[0]]) / max(hypot(*(b - a)), 1e-9)
             offset = 0.1 * (pairs[:number].count(pairs[number]) - 0.5 * (same - 1)) * aside
             a, b = a + offset, b + offset
-        style = ":" if not edge.there else "-" if edge.certain else (0, (4, 2.5))
+        width = _width(edge, stiff)
+        dashes = (0, (_DASH / width, _GAP / width))  # matplotlib counts in widths; a stiff link would fall apart
+        style = ":" if not edge.there else "-" if edge.certain else dashes
         axes.plot(
-            *np.stack([a, b], axis=1), color=_color(edge), linestyle=style, linewidth=_width(edge, stiff),
-            solid_capstyle="round", zorder=1,
+            *np.stack([a, b], axis=1), color=_color(edge), linestyle=style, linewidth=width, solid_capstyle="round", zorder=1,
         )  # fmt: skip
         if labelled and edge.there:
             x, y = 0.5 * (a + b)
