@@ -89,6 +89,9 @@ def test_names_that_two_terms_would_share_are_numbered():
          "a number in its place"),
         ("qubic", "the term 'qubic' has the name 'qubic' in it"),
         ("qubic", "or one of the families linear, cubic, bistable, quintic, quadratic-damping, friction, contact, gap"),
+        ("linear, d**0.5", "the term 'd**0.5' is no number for some d or v below zero, and links move both ways: write it "
+         "with abs and sign, as in sign(d)*sqrt(abs(d))"),
+        ("sqrt(v)", "the term 'sqrt(v)' is no number for some d or v below zero"),
         ("3.0", "the term '3.0' depends neither on d nor on v: a constant force is no link"),
     ],
 )  # fmt: skip
@@ -113,3 +116,4 @@ def test_a_term_that_others_make_up_is_refused(text: str):
 
 def test_terms_that_are_nearly_alike_are_taken():
     assert len(parse_terms("d, sin(d), tanh(d), friction(1), friction(1.001), v")) == 6
+    assert len(parse_terms("linear, sign(d)*sqrt(abs(d)), exp(d) - 1, exp(900*d) - 1")) == 5

@@ -33,6 +33,7 @@ _NEEDED = {
     "gap": "the elongation in m at which either side closes",
 }
 _PLACES = 200  # at which terms are compared, more than anybody has terms
+_HUGE = 1e100  # where an exponential is beyond it nothing is compared
 _DEPENDENT = 1e-9
 _POWER = re.compile(r"([dv])\*\*(\d+)")
 _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2"}
@@ -69,8 +70,8 @@ class Term:
 def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     """The terms of a list such as "v, d, d**3" or "cubic, friction(0.01)"; families may be mixed with terms.
 
-    Raises IdentificationError for an empty list, a name that is neither, a term that is constant or has a coefficient of its
-    own, and LawError for one that cannot be read.
+    Raises IdentificationError for an empty list, a name that is neither, a term that is constant, has a coefficient of its
+    own, is a sum of others or no number for negative d or v, and LawError for one that cannot be read.
     """
     parts = _split(text) if isinstance(text, str) else [part.strip() for part in text]
     found: dict[Expression, Term] = {}
@@ -90,15 +91,23 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
 
 
 def _require_independent(terms: Sequence[Term]) -> None:
-    """IdentificationError where one term is a sum of multiples of others, as 2*d is of d."""
+    """IdentificationError where one term is a sum of multiples of others, as 2*d is of d, or is no number below zero."""
     rng = np.random.default_rng(0)
     d, v = rng.choice([-1.0, 1.0], (2, _PLACES)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, _PLACES))
+    small = np.maximum(np.abs(d), np.abs(v)) < 1.0
+    values = np.array([np.broadcast_to(term.law.force(d, v, {}), d.shape) for term in terms])
+    for term, column in zip(terms, values, strict=True):
+        if np.isnan(column[small]).any():
+            raise IdentificationError(
+                f"the term {term.text!r} is no number for some d or v below zero, and links move both ways: write it with "
+                "abs and sign, as in sign(d)*sqrt(abs(d))"
+            )
+    values = values[:, np.all(np.abs(values) < _HUGE, axis=0)]
     columns: list[NDArray[np.float64]] = []
-    for number, term in enumerate(terms):
-        column = np.broadcast_to(term.law.force(d, v, {}), d.shape)
+    for number, (term, column) in enumerate(zip(terms, values, strict=True)):
         left = column
         for _ in range(2):  # the second time takes off what rounding left
-            left = left - sum((each * (each @ left) for each in columns), start=np.zeros(_PLACES))
+            left = left - sum((each * (each @ left) for each in columns), start=np.zeros(len(column)))
         if np.linalg.norm(left) <= _DEPENDENT * np.linalg.norm(column):
             before = ", ".join(each.text for each in terms[:number])
             raise IdentificationError(
