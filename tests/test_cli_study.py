@@ -71,6 +71,8 @@ def test_export_runs_nothing(finished: Path, tmp_path: Path, capsys: pytest.Capt
     assert (finished / "rows.csv").exists()
     assert run(["study", "paper", "-o", str(tmp_path / "nothing"), "--export"]) == 2
     assert "there is no study in it" in capsys.readouterr().err and not (tmp_path / "nothing").exists()
+    assert run(["study", "paper", "-o", str(finished), "--export"]) == 2
+    assert 'holds the study "small", not "paper"; name that one' in capsys.readouterr().err
 
 
 def test_an_earlier_study_is_not_mixed_with_another(

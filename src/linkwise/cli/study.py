@@ -69,7 +69,9 @@ def study(
         )
     asked = lw.read_study(name)
     asked = asked.quickly() if quick else asked
-    if not export:
+    if export:
+        _require_stored(asked, output)
+    else:
         _run(asked, output, workers, scheduler)
     files = [str(path) for path in lw.export_study(output)]
     with progress("report") as step:
@@ -82,6 +84,13 @@ def study(
         else f"{summary}\n\nwritten: {', '.join(files)}"
     )
     return UNTRUSTED if summary.hopeless else 0
+
+
+def _require_stored(asked: lw.Study, output: Path) -> None:
+    """UsageError where what is to be exported is not what the folder holds."""
+    stored = lw.stored_study(output)
+    if stored.name != asked.name:
+        raise click.UsageError(f'{output} holds the study "{stored.name}", not "{asked.name}"; name that one.')
 
 
 def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
