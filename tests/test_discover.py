@@ -10,6 +10,7 @@ from judged import graph, masses, terms
 from random_structures import random_case
 
 import linkwise as lw
+from linkwise.discovery import screen
 
 DURATION, RATE = 6.0, 1000.0
 SINE = "60*sin(150*t) + 40*sin(190*t)"
@@ -320,6 +321,19 @@ def test_random_structures_are_found(seed: int):
     case = random_case(seed)
     found = lw.discover(case.record.with_noise(30.0, seed=seed), masses(case.structure))
     assert graph(found.structure) == graph(case.structure)
+
+
+def test_candidates_that_were_never_tested_are_counted(four: lw.Record, monkeypatch: pytest.MonkeyPatch):
+    """Beyond some masses each is screened by itself before; here beyond one."""
+    monkeypatch.setattr(screen, "_TOGETHER", 1)
+    found = lw.discover(four, masses(lw.bnes_chain(4)))
+    assert terms(found.structure) == terms(lw.bnes_chain(4))
+    untested = 40 - len(found.terms)
+    assert untested > 0
+    assert found.remarks[-1] == (
+        f"{untested} candidates that stood out of the noise in the equation of neither of their masses were dropped without "
+        "a test by likelihood."
+    )
 
 
 def test_progress_goes_one_way_and_names_its_stages(four: lw.Record):
