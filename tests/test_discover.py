@@ -184,7 +184,8 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
     with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel, so no structure to be found"):
         lw.discover(record, masses(lw.bnes_chain(n)))
     faint = replace(record, values=values + clean.values)  # what moves is no noise
-    assert lw.foreseen(faint, masses(lw.bnes_chain(n))) is not None
+    hardly = "m1 hardly moved above the noise: weak terms of links there will be missed."
+    assert lw.foreseen(faint, masses(lw.bnes_chain(n))) == ((hardly,) if n == 2 else ())  # the longer chain was hit harder
 
 
 def test_coloured_noise_gives_nothing_to_be_trusted():
