@@ -188,6 +188,15 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
     assert lw.foreseen(faint, masses(lw.bnes_chain(n))) == ((hardly,) if n == 2 else ())  # the longer chain was hit harder
 
 
+def test_a_displacement_whose_zero_is_off_is_not_trusted(two):
+    """Its links would bend about another place; the answer says where to look."""
+    record, _ = two
+    shifted = record.values + np.array([0.0, 0.02])
+    found = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
+    assert terms(found.structure) != terms(lw.bnes_chain(2)) and not found.trusted
+    assert found.remarks[0].endswith("check the units and the zeros of the channels, and the masses.")
+
+
 def test_coloured_noise_gives_nothing_to_be_trusted():
     """A random walk in every channel is no noise that a sensor makes, and no motion of a structure either."""
     clean = chain_record(2)

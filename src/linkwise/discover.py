@@ -48,7 +48,7 @@ _SUMMED = (
 )
 _INEXACT = (
     "No choice among the terms on offer leaves only noise, so those found may stand in for others: offer more terms, and "
-    "check the units of the channels and the masses."
+    "check the units and the zeros of the channels, and the masses."
 )
 _UNSETTLED = "The search for the structure did not settle: the links are the best so far."
 
