@@ -370,3 +370,22 @@ def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict, told: 
 def test_no_record_is_refused():
     with pytest.raises(lw.IdentificationError, match="there is no record to discover from"):
         lw.discover([], {"m1": 1.0})
+
+
+def test_links_of_masses_that_move_alike_are_in_doubt_from_the_first_line_on():
+    """Two masses all but rigidly joined on a soft spring to the ground: on which of them it sits cannot be told."""
+    number = lw.Coefficient.number
+    true = lw.Structure(
+        "pair",
+        (lw.Mass("m1", number(0.5)), lw.Mass("m2", number(0.1))),
+        (
+            lw.Link("soft", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": number(1e3), "c": number(0.2)}),
+            lw.Link("stiff", ("m2", "m1"), lw.Law.parse("k*d + c*v"), {"k": number(4e5), "c": number(0.5)}),
+        ),
+    )
+    record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
+    found = lw.discover(record, masses(true))
+    assert found.in_doubt and "m1 and m2 moved alike" in found.remarks[0]
+    assert not found.trusted or f"in doubt: {', '.join(found.in_doubt)}" in str(found).splitlines()[0]
+    firm = lw.discover(chain_record(2).with_noise(20.0, seed=1000), masses(lw.bnes_chain(2)))
+    assert firm.in_doubt == () and str(firm).splitlines()[0].endswith(": can be trusted")

@@ -116,6 +116,12 @@ class Discovery:
         """The candidates, kept or dropped, whose decision is not beyond doubt, the most doubtful first."""
         return tuple(sorted((term for term in self.terms if not term.certain), key=lambda term: term.margin))
 
+    @cached_property
+    def in_doubt(self) -> tuple[str, ...]:
+        """The links that were found and of which no term is certain: they may be other links' in truth."""
+        firm = {term.link for term in self.kept if term.certain}
+        return tuple(dict.fromkeys(term.link for term in self.kept if term.link not in firm))
+
     def certainty(self, link: str) -> float:
         """By how much the criterion rises without the most certain term of a link; infinite for stated ones."""
         margins = {term.name: term.margin for term in self.kept}
@@ -133,6 +139,7 @@ class Discovery:
             **self.estimate.to_dict(),
             "seconds": self.seconds,
             "remarks": list(self.remarks),
+            "links_in_doubt": list(self.in_doubt),
             "settled": self.settled,
             "seen": self.seen,
             "exact": self.exact,

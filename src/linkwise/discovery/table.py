@@ -55,6 +55,8 @@ def headline(found: Discovery) -> tuple[str, ...]:
     estimate = found.estimate
     terms = sum(each.value != 0.0 for link in estimate.links for each in link.coefficients)
     trust = "can be trusted" if found.trusted else "NOT to be trusted"
+    if found.trusted and found.in_doubt:
+        trust += f", but for {_counted(len(found.in_doubt), 'link')} in doubt: {', '.join(found.in_doubt)}"
     chi = "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     rounds = f"{found.rounds} round{'' if found.rounds == 1 else 's'}"
     settled = "" if found.settled else "The search did not settle: this is the best so far. "
