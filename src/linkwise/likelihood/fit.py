@@ -126,7 +126,8 @@ def _fitted(
         point, schedule = carried(segments, point), Schedule() if spread is None else _NEAR
     else:
         point, schedule = replace(point, nodes=options.nodes), _WARM
-    fit = annealer(segments, point, scales, replace(schedule, ceiling=options.ceiling, steps=min(schedule.steps, options.steps)))
+    schedule = replace(schedule, ceiling=options.ceiling, steps=min(schedule.steps, options.steps))
+    fit = annealer(segments, point, scales, schedule)
     limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
     joined = _joined(whole, fit, limit, annealer) if whole.chains < segments.chains else None
     if joined is not None:
