@@ -48,7 +48,9 @@ class Score:
         seconds = perf_counter() - started
         mine, true = terms(found.structure), terms(truth)
         wrong = [
-            term for term in found.terms if term.kept != ((frozenset(term.between), _plain(term.term)) in true)
+            term
+            for term in found.terms
+            if term.kept != ((frozenset(term.between), _plain(term.term)) in true)
         ]
         doubts = [] if found.trusted else [f"not trusted: {found.estimate.message}"]
         doubts += [
@@ -89,9 +91,7 @@ def _plain(term: str) -> str:
 
 def of_chain(n: int, decibel: float, seeds: int) -> list[Score]:
     chain = lw.bnes_chain(n)
-    return [
-        Score.of(clean(n).with_noise(decibel, seed=seed), chain) for seed in range(FIRST, FIRST + seeds)
-    ]
+    return [Score.of(clean(n).with_noise(decibel, seed=seed), chain) for seed in range(FIRST, FIRST + seeds)]
 
 
 def show(what: str, scores: Sequence[Score], unit: float) -> None:
@@ -182,7 +182,11 @@ def _why(found: lw.Discovery, missing: set[frozenset[str]], extra: set[frozenset
     lines = [f"    {found.estimate.message}" if not found.trusted else ""]
     for word, pairs in (("missing", missing), ("extra", extra)):
         for pair in pairs:
-            of_pair = [term for term in found.terms if frozenset(term.between) == pair and term.kept == (word == "extra")]
+            of_pair = [
+                term
+                for term in found.terms
+                if frozenset(term.between) == pair and term.kept == (word == "extra")
+            ]
             nearest = ", ".join(
                 f"{term.name} margin {term.margin:.1f}{'' if term.certain else ' in doubt'}"
                 for term in sorted(of_pair, key=lambda term: term.margin)

@@ -26,7 +26,9 @@ def oscillator(law: str, mass: lw.Coefficient) -> lw.Structure:
     """One mass on the ground through a link of this law, everything in it unknown."""
     parsed = lw.Law.parse(law)
     unknown = {name: lw.Coefficient.unknown() for name in parsed.coefficients}
-    return lw.Structure("oscillator", (lw.Mass("m1", mass),), (lw.Link("spring", ("m1", "ground"), parsed, unknown),))
+    return lw.Structure(
+        "oscillator", (lw.Mass("m1", mass),), (lw.Link("spring", ("m1", "ground"), parsed, unknown),)
+    )
 
 
 def measured(name: str) -> lw.Record:
@@ -43,10 +45,14 @@ def test_silverbox(coefficients: int, method: str) -> None:
     record = measured("silverbox_multisine.csv")
     seen = 4 * len(record) // 5
     started = perf_counter()
-    fit = lw.identify(record[:seen], oscillator(SPRING[coefficients], lw.Coefficient.unknown()), method=method)
+    fit = lw.identify(
+        record[:seen], oscillator(SPRING[coefficients], lw.Coefficient.unknown()), method=method
+    )
     seconds = perf_counter() - started
     rmse = lw.free_run(fit.structure, record[seen:], settling=50).rmse["x:m1"]
-    print(f"\nsilverbox, {method}, {coefficients} coefficients: RMSE {1e3 * rmse:.3f} mV in {seconds:.1f} s. {fit.message}")
+    print(
+        f"\nsilverbox, {method}, {coefficients} coefficients: RMSE {1e3 * rmse:.3f} mV in {seconds:.1f} s. {fit.message}"
+    )
     assert rmse < (2e-3 if method == "weak" else 3.5e-4)
     assert seconds < 30.0
 
@@ -57,7 +63,9 @@ def test_magnet_beam() -> None:
     path = lw.law_path(record, oscillator("k*d + c*v", lw.Coefficient.number(1.0)), "spring")
     print("\nmagnet beam: residual of the free run over the RMS of the record")
     for step in path:
-        print(f"  {len(step.terms)} coefficients: {100 * step.left:5.2f} %  BIC {step.bic:9.1f}  {' + '.join(step.terms)}")
+        print(
+            f"  {len(step.terms)} coefficients: {100 * step.left:5.2f} %  BIC {step.bic:9.1f}  {' + '.join(step.terms)}"
+        )
     fit = lw.identify(record, path[-1].structure)
     print(f"  {fit.message}")
     amplitudes = np.array([2e-5, 5e-5, 1e-4, 1.5e-4, 2e-4])

@@ -54,7 +54,9 @@ class Peer:
 def chain_record(n: int, decibel: float, seed: int) -> lw.Record:
     """The paper's chain after its hit, displacements for six seconds at 1 kHz."""
     release = {"v:m1": 1.0 if n == 2 else 3.0}
-    return lw.simulate(lw.bnes_chain(n), release=release, duration=6.0, rate=1000.0).with_noise(decibel, seed=seed)
+    return lw.simulate(lw.bnes_chain(n), release=release, duration=6.0, rate=1000.0).with_noise(
+        decibel, seed=seed
+    )
 
 
 def monomials(structure: lw.Structure) -> np.ndarray:
@@ -79,7 +81,9 @@ def _powers(states: int) -> Iterator[tuple[int, ...]]:
 def by_linkwise(n: int, decibel: float, seed: int) -> Peer:
     """`discover`, its links written out as monomials."""
     record, chain = chain_record(n, decibel, seed), lw.bnes_chain(n)
-    lw.discover(chain_record(2, 40.0, 0)[:500], masses(lw.bnes_chain(2)))  # loads and starts what a first search does
+    lw.discover(
+        chain_record(2, 40.0, 0)[:500], masses(lw.bnes_chain(2))
+    )  # loads and starts what a first search does
     started = perf_counter()
     found = lw.discover(record, masses(chain))
     seconds = perf_counter() - started

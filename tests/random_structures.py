@@ -68,7 +68,9 @@ def _draw(rng: np.random.Generator) -> tuple[lw.Structure, dict[str, float]]:
     return _structure(kilograms, names, pairs, laws), release
 
 
-def _law(kind: str, linear: dict[str, float], reach: float, rng: np.random.Generator) -> tuple[str, dict[str, float]]:
+def _law(
+    kind: str, linear: dict[str, float], reach: float, rng: np.random.Generator
+) -> tuple[str, dict[str, float]]:
     """Text and numbers of a law that bends within `reach` m: the cubic force there is a sizeable part of the linear one."""
     k, share = linear["k"], float(rng.uniform(0.3, 1.0))
     if kind == "linear":

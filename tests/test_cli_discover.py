@@ -27,7 +27,9 @@ def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure) -> Path
     folder = tmp_path_factory.mktemp("discover")
     lw.write_structure(chain, folder / "chain.toml")
     for name, hit, seed in (("run", 1.0, 1011), ("run2", 0.7, 1012)):
-        record = lw.simulate(chain, release={"v:m1": hit}, duration=2.0, rate=1000.0).with_noise(30.0, seed=seed)
+        record = lw.simulate(chain, release={"v:m1": hit}, duration=2.0, rate=1000.0).with_noise(
+            30.0, seed=seed
+        )
         lw.write_record(record, folder / f"{name}.csv")
     return folder
 
@@ -67,10 +69,17 @@ def test_json_is_the_answer_of_the_library(files: Path, capsys: pytest.CaptureFi
     assert values == pytest.approx([term.value for term in found.terms], rel=1e-8)  # same numerics
 
 
-def test_several_records_terms_and_parts_reach_the_search(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_records_terms_and_parts_reach_the_search(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     more = ["--with", str(files / "run2.csv"), "--terms", "bistable, friction(0.01)", "--to", "1.5"]
     result = answer(capsys, *arguments(files, *more))
-    assert kept(result) == TRUE and {term["term"] for term in result["terms"]} == {"v", "d", "d**3", "tanh(v/0.01)"}  # type: ignore[attr-defined]
+    assert kept(result) == TRUE and {term["term"] for term in result["terms"]} == {
+        "v",
+        "d",
+        "d**3",
+        "tanh(v/0.01)",
+    }  # type: ignore[attr-defined]
     assert result["fit"]["samples"] == 2 * 2 * 1501  # type: ignore[index]
 
 
@@ -90,7 +99,9 @@ def test_folder_and_its_structure_are_the_next_input(
     for link in result["links"]:  # type: ignore[attr-defined]
         for name, each in link["coefficients"].items():
             before = structure.link(link["name"]).values[name]
-            assert abs(each["value"] - before) < 0.5 * each["standard_error"]  # one optimum, within its tolerance
+            assert (
+                abs(each["value"] - before) < 0.5 * each["standard_error"]
+            )  # one optimum, within its tolerance
 
 
 def test_what_is_known_stays_and_what_is_known_not_to_be_stays_out(
@@ -175,7 +186,9 @@ def test_the_bar_shows_stages_and_never_goes_back(files: Path, monkeypatch: pyte
     monkeypatch.setattr(command, "progress", bar)
     assert run(arguments(files)) == 0
     fractions, stages = zip(*seen, strict=True)
-    assert any("screening 12 candidates" in now for now in stages) and any(now.startswith("round 1") for now in stages)
+    assert any("screening 12 candidates" in now for now in stages) and any(
+        now.startswith("round 1") for now in stages
+    )
     assert list(fractions) == sorted(fractions) and fractions[0] >= 0.0 and fractions[-1] <= 1.0
 
 
@@ -198,10 +211,16 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
     ("options", "message"),
     [
         ([], 'Give every mass by name, as in --mass m1=1.0 --mass "m2=10 g"'),
-        (["--mass", "m1=1"], "the structure has no mass 'm2'; did you mean m1? it has m1. Add --mass m2=... for it"),
+        (
+            ["--mass", "m1=1"],
+            "the structure has no mass 'm2'; did you mean m1? it has m1. Add --mass m2=... for it",
+        ),
         (["--mass", "m1"], "--mass 'm1' is not NAME=VALUE"),
         ([*MASSES, "--mass", "m1=2"], "--mass is given twice for 'm1': 1.0 and 2"),
-        (["--mass", "m1=1", "--mass", "m2=ten"], "--mass m2: 'ten' cannot be read as a quantity: expected a number in kg"),
+        (
+            ["--mass", "m1=1", "--mass", "m2=ten"],
+            "--mass m2: 'ten' cannot be read as a quantity: expected a number in kg",
+        ),
         (["--mass", "m1=1", "--mass", "m2=10 nm"], "--mass m2: '10 nm' is in nm: expected a number in kg"),
         (["--mass", "m1=1", "--mass", "m2=nan"], "--mass m2: nan is no finite value."),
         (["--mass", "m1=1", "--mass", "m2=-1"], 'mass "m2": the mass is -1.0 kg; it must be positive'),
@@ -228,7 +247,10 @@ def test_wrong_usage_is_one_paragraph_and_exit_code_2(
     ("masses", "message"),
     [
         ("m1=1 m1=1 m2=0.01", 'mass "m1": the name is used 2 times; each mass needs its own'),
-        ('m1=1 m2="unknown"', 'mass "m2": it is unknown, and links are discovered between masses that are known'),
+        (
+            'm1=1 m2="unknown"',
+            'mass "m2": it is unknown, and links are discovered between masses that are known',
+        ),
         ("m1=1", "it has m1. Add --mass m2=... for it"),
         ("", "known.toml: the key `mass` is missing"),
     ],
@@ -263,20 +285,32 @@ def test_a_unit_that_is_wrong_is_not_trusted(files: Path, capsys: pytest.Capture
     """With one channel a thousand times too large no structure explains both, and false links would mend it."""
     assert run(arguments(files, "--channel", "x:m1[km]=x:m1")) == 3
     out = capsys.readouterr().out
-    assert "NOT to be trusted" in out and "No decision is beyond doubt." in out and "check the units" in " ".join(out.split())
+    assert (
+        "NOT to be trusted" in out
+        and "No decision is beyond doubt." in out
+        and "check the units" in " ".join(out.split())
+    )
 
 
 def test_gaps_are_told_and_do_not_hinder(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gaps = changed(files, "gaps", lambda x: x.__setitem__((slice(300, 360), 0), np.nan))
     assert run(["discover", gaps, *MASSES, "--truth", str(files / "chain.toml")]) == 0
     out, err = capsys.readouterr()
-    assert err == "note: x:m1: 60 of 2001 samples are missing.\n" and "5 terms right\n  missing  none\n  false    none" in out
+    assert (
+        err == "note: x:m1: 60 of 2001 samples are missing.\n"
+        and "5 terms right\n  missing  none\n  false    none" in out
+    )
 
 
-def test_a_mass_without_a_sensor_and_a_record_that_is_too_short(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mass_without_a_sensor_and_a_record_that_is_too_short(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(arguments(files, "--mass", "m3=1")) == 1
     assert "no sensor shows m3" in capsys.readouterr().err
-    assert run(arguments(files, "--to", "0.035", "--terms", "quintic, friction(1), quadratic-damping, gap(0.1)")) == 1
+    assert (
+        run(arguments(files, "--to", "0.035", "--terms", "quintic, friction(1), quadratic-damping, gap(0.1)"))
+        == 1
+    )
     assert "the record is too short: 72 samples over 2 masses for 27 candidates" in capsys.readouterr().err
 
 

@@ -202,7 +202,11 @@ def test_the_bar_shows_stage_cost_and_chi_square(files: Path, monkeypatch: pytes
     assert len(stages) >= 3
     assert all(re.fullmatch(r"q \de[+-]\d\d, cost [\d.e+]+, chi-square \d+\.\d{3}", now) for _, now in stages)
     fractions = [fraction for fraction, _ in stages]
-    assert fractions == sorted(fractions) and fractions[-1] == 1.0 and all(0.0 <= part <= 1.0 for part in fractions)
+    assert (
+        fractions == sorted(fractions)
+        and fractions[-1] == 1.0
+        and all(0.0 <= part <= 1.0 for part in fractions)
+    )
 
 
 def test_classical_choices_reach_the_fit(files: Path) -> None:

@@ -14,9 +14,14 @@ FREQUENCY = 7.0
 OMEGA = 2.0 * np.pi * FREQUENCY
 
 
-def found(law: str, covariance: np.ndarray | None = None, free: tuple[str, ...] = (), **values: float) -> LinkEstimate:
+def found(
+    law: str, covariance: np.ndarray | None = None, free: tuple[str, ...] = (), **values: float
+) -> LinkEstimate:
     link = lw.Link(
-        "link", ("m1", "ground"), lw.Law.parse(law), {name: lw.Coefficient.number(v) for name, v in values.items()}
+        "link",
+        ("m1", "ground"),
+        lw.Law.parse(law),
+        {name: lw.Coefficient.number(v) for name, v in values.items()},
     )
     return LinkEstimate(link, (), (-0.05, 0.05), (-1.0, 1.0), free, covariance, 1.0)
 
@@ -36,7 +41,9 @@ def test_powers_have_their_closed_forms() -> None:
 
 def test_quadratic_damping_grows_with_the_amplitude() -> None:
     answer = equivalent(found("c2*v*abs(v)", c2=3.0), AMPLITUDES, FREQUENCY)
-    np.testing.assert_allclose(answer.damping, 8.0 / (3.0 * np.pi) * 3.0 * OMEGA * AMPLITUDES, rtol=1e-4)  # kink of abs
+    np.testing.assert_allclose(
+        answer.damping, 8.0 / (3.0 * np.pi) * 3.0 * OMEGA * AMPLITUDES, rtol=1e-4
+    )  # kink of abs
     np.testing.assert_allclose(answer.stiffness, 0.0, atol=1e-12 * OMEGA**2)
 
 

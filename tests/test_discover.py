@@ -126,7 +126,9 @@ def linear(n: int) -> lw.Structure:
 @pytest.mark.parametrize("seed", [1000, 1001])
 def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int):
     true = linear(n)
-    record = lw.simulate(true, release={"v:m1": 1.0}, duration=DURATION, rate=RATE).with_noise(20.0, seed=seed)
+    record = lw.simulate(true, release={"v:m1": 1.0}, duration=DURATION, rate=RATE).with_noise(
+        20.0, seed=seed
+    )
     found = lw.discover(record, masses(true))
     assert terms(found.structure) == terms(true)
     assert not {"d**2", "d**3"} & {term.term for term in found.kept}
@@ -181,11 +183,15 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
     values = 1e-3 * np.random.default_rng(1000).normal(size=clean.values.shape)
     noise = dict.fromkeys(clean.channels, 1e-3) if stated else {}
     record = replace(clean, values=values, noise=noise, simulated=None)
-    with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel, so no structure to be found"):
+    with pytest.raises(
+        lw.IdentificationError, match="no motion above the noise in any channel, so no structure to be found"
+    ):
         lw.discover(record, masses(lw.bnes_chain(n)))
     faint = replace(record, values=values + clean.values)  # what moves is no noise
     hardly = "m1 hardly moved above the noise: weak terms of links there will be missed."
-    assert lw.foreseen(faint, masses(lw.bnes_chain(n))) == ((hardly,) if n == 2 else ())  # the longer chain was hit harder
+    assert lw.foreseen(faint, masses(lw.bnes_chain(n))) == (
+        (hardly,) if n == 2 else ()
+    )  # the longer chain was hit harder
 
 
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two):
@@ -223,7 +229,11 @@ def test_what_a_stated_structure_lacks_joins_it(four: lw.Record):
     chain, unknown = lw.bnes_chain(4), lw.Coefficient.unknown()
     less = {"nes1": "alpha*d + c*v", "nes2": "alpha*d + c*v", "spring2": "k*d"}
     links = [
-        replace(link, law=(law := lw.Law.parse(less[link.name])), coefficients=dict.fromkeys(law.coefficients, unknown))
+        replace(
+            link,
+            law=(law := lw.Law.parse(less[link.name])),
+            coefficients=dict.fromkeys(law.coefficients, unknown),
+        )
         if link.name in less
         else link
         for link in chain.unknown("all").links
@@ -264,7 +274,9 @@ def test_terms_that_are_not_there_cost_nothing(four: lw.Record):
     ("end", "drives", "seen"),
     [("ground", {"forces": {"m1": SINE}}, "force:m1"), ("base", {"base": "0.01*sin(150*t) + 0.006*sin(190*t)"}, "x:base")],
 )  # fmt: skip
-def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(end: str, drives: dict, seen: str):
+def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(
+    end: str, drives: dict, seen: str
+):
     chain = lw.bnes_chain(4)
     frame, *others = chain.links
     chain = replace(chain, links=(replace(frame, between=("m1", end)), *others))
@@ -311,7 +323,9 @@ def test_a_mass_at_rest_is_left_out_and_the_rest_is_found():
 def test_links_that_are_known_need_not_hold_all_masses(tmp_path, four: lw.Record):
     """A file that states one spring, and nothing of the rest."""
     text = lw.format_structure(lw.bnes_chain(4))
-    whole = "".join(f"[[{part}" for part in text.split("[[")[1:] if not part.startswith("link") or '"spring1"' in part)
+    whole = "".join(
+        f"[[{part}" for part in text.split("[[")[1:] if not part.startswith("link") or '"spring1"' in part
+    )
     (tmp_path / "known.toml").write_text(whole, encoding="utf-8")
     known = lw.read_known(tmp_path / "known.toml")
     assert [link.name for link in known.links] == ["spring1"]
@@ -379,7 +393,9 @@ def test_links_of_masses_that_move_alike_are_in_doubt_from_the_first_line_on():
         "pair",
         (lw.Mass("m1", number(0.5)), lw.Mass("m2", number(0.1))),
         (
-            lw.Link("soft", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": number(1e3), "c": number(0.2)}),
+            lw.Link(
+                "soft", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": number(1e3), "c": number(0.2)}
+            ),
             lw.Link("stiff", ("m2", "m1"), lw.Law.parse("k*d + c*v"), {"k": number(4e5), "c": number(0.5)}),
         ),
     )

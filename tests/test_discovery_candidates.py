@@ -53,7 +53,12 @@ def test_every_pair_and_every_mass_with_the_ground():
         ("a", "ground"), ("b", "ground"), ("b", "a"), ("c", "ground"), ("c", "a"), ("c", "b"),
     ]  # fmt: skip
     assert len(found.entries) == 18
-    assert [entry.name for entry in found.entries[:4]] == ["a-ground.c", "a-ground.k", "a-ground.k3", "b-ground.c"]
+    assert [entry.name for entry in found.entries[:4]] == [
+        "a-ground.c",
+        "a-ground.k",
+        "a-ground.k3",
+        "b-ground.c",
+    ]
 
 
 @pytest.mark.parametrize("n", [2, 5, 10])
@@ -61,7 +66,9 @@ def test_a_base_that_moves_is_one_more_end(n: int):
     names = [f"m{i}" for i in range(n)]
     at_rest, moved = (candidates(masses(*names), TERMS, base=base) for base in (False, True))
     assert len(at_rest.pairs) == n * (n + 1) // 2
-    assert set(moved.pairs) - set(at_rest.pairs) == {pair for pair in moved.pairs if pair.between[1] == "base"}
+    assert set(moved.pairs) - set(at_rest.pairs) == {
+        pair for pair in moved.pairs if pair.between[1] == "base"
+    }
     assert len(moved.pairs) == len(at_rest.pairs) + n
 
 
@@ -93,7 +100,9 @@ def test_a_link_has_one_set_of_coefficients_that_both_ends_feel():
 
 
 def test_a_mass_in_the_air_is_refused_with_what_to_do():
-    with pytest.raises(lw.IdentificationError, match=r"what holds b, c: no term .* above .*Hit it .* offer more terms;"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"what holds b, c: no term .* above .*Hit it .* offer more terms;"
+    ):
         candidates(masses("a", "b", "c"), TERMS).structure(["a-ground.k"])
 
 

@@ -141,7 +141,9 @@ def test_runners_up_are_one_step_away_best_first(case: Case):
 
 def decided(h: np.ndarray, g: np.ndarray) -> Decided:
     """A choice of the first two of some terms of the two-mass chain, about a parabola that is made up."""
-    pool = pool_of([lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear")
+    pool = pool_of(
+        [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
+    )
     names = ("m1-ground.k", "m2-m1.k", "m2-ground.k")
     structure = pool.structure(names[:2])
     price = Price.of(pool, names, 4000)
@@ -161,7 +163,9 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
     """However much would be lost without it and without the other."""
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, lean], [0.0, lean, 1.0]])
     made = decided(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
-    pool = pool_of([lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear")
+    pool = pool_of(
+        [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
+    )
     told = evidence(made, pool, trusted=True)
     kept = [term for term in told if term.kept]
     assert {term.name for term in kept if term.certain} == certain

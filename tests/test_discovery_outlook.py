@@ -43,7 +43,9 @@ def test_a_good_record_needs_no_warning(record, chain):
 
 def test_a_mass_without_a_sensor_is_refused_by_name(record, chain):
     seen = record.select(("x:m1", "x:m3"))
-    with pytest.raises(lw.IdentificationError, match=r"no sensor shows m2 and m4: .* channel x:m2, map .* or identify"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"no sensor shows m2 and m4: .* channel x:m2, map .* or identify"
+    ):
         lw.foreseen(seen, masses(chain))
     with pytest.raises(lw.IdentificationError, match="no sensor shows m2 and m4"):
         lw.discover(seen, masses(chain))
@@ -64,13 +66,17 @@ def test_a_base_whose_displacement_is_not_there_is_refused(record, chain, kind: 
     based = replace(record, channels=(*record.channels, "x:base"), values=moved, simulated=None)
     assert lw.foreseen(based, masses(chain)) == ()
     lost = replace(based, channels=(*record.channels, f"{kind}:base"))
-    with pytest.raises(lw.IdentificationError, match=f"{kind}:base but not the displacement .* give a channel x:base"):
+    with pytest.raises(
+        lw.IdentificationError, match=f"{kind}:base but not the displacement .* give a channel x:base"
+    ):
         lw.foreseen(lost, masses(chain))
 
 
 def test_motion_that_is_none_is_refused(record, chain):
     still = quieted(record, m1=0.0, m2=0.0, m3=0.0, m4=0.0)
-    with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel, so no structure"):
+    with pytest.raises(
+        lw.IdentificationError, match="no motion above the noise in any channel, so no structure"
+    ):
         lw.foreseen(still, masses(chain))
     offset = replace(still, values=still.values + 0.1)  # a sensor's offset is no motion
     with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel"):
@@ -79,9 +85,13 @@ def test_motion_that_is_none_is_refused(record, chain):
 
 def test_masses_at_rest_are_named(record, chain):
     (one,) = lw.foreseen(quieted(record, m4=0.0), masses(chain))
-    assert one.startswith("m4 did not move above the noise and is left out") and one.endswith("Hit nearer to it.")
+    assert one.startswith("m4 did not move above the noise and is left out") and one.endswith(
+        "Hit nearer to it."
+    )
     (two,) = lw.foreseen(quieted(record, m2=0.0, m4=0.0), masses(chain))
-    assert two.startswith("m2 and m4 did not move above the noise and are left out") and two.endswith("nearer to them.")
+    assert two.startswith("m2 and m4 did not move above the noise and are left out") and two.endswith(
+        "nearer to them."
+    )
     # another record in which they move makes up for it
     assert lw.foreseen([quieted(record, m4=0.0), quieted(record)], masses(chain)) == ()
 
@@ -96,7 +106,9 @@ def test_masses_that_hardly_move_are_named(record, chain):
 
 def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(record, chain):
     """40 candidates, four samples each over four masses: 40 samples are the least."""
-    with pytest.raises(lw.IdentificationError, match=r"156 samples over 4 masses for 40 candidates.*record 40 samples"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"156 samples over 4 masses for 40 candidates.*record 40 samples"
+    ):
         lw.foreseen(record[:39], masses(chain))
     told = lw.foreseen(record[:40], masses(chain))
     assert told[-1] == "160 samples for 40 candidates are few: weak terms will be missed; record for longer."
@@ -122,7 +134,9 @@ def test_masses_that_move_alike_are_named(clean, chain):
         "Hit them one by one."
     )
     wave = np.sin(150.0 * np.arange(len(clean)) / clean.rate)
-    values[:, 3] += 4.0 * NOISE * wave  # 16 / 2 of the power of the noise, and the difference has that of both channels
+    values[:, 3] += (
+        4.0 * NOISE * wave
+    )  # 16 / 2 of the power of the noise, and the difference has that of both channels
     (told,) = lw.foreseen(quieted(replace(clean, values=values)), masses(chain))
     assert "m3 and m4 moved alike, with differences down to 6 dB above the noise: " in told
 

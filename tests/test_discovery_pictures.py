@@ -38,7 +38,10 @@ def in_doubt(found: lw.Discovery, name: str, **changes: object) -> lw.Discovery:
 def test_verdict_comes_first_then_links_by_certainty(found: lw.Discovery) -> None:
     lines = str(found).splitlines()
     assert lines[0] == "2 masses, 2 links with 5 terms: can be trusted"
-    first, second = lines.index("m1-ground, linear: k*d + c*v"), lines.index("m2-m1, bistable: k*d + k3*d**3 + c*v")
+    first, second = (
+        lines.index("m1-ground, linear: k*d + c*v"),
+        lines.index("m2-m1, bistable: k*d + k3*d**3 + c*v"),
+    )
     assert found.certainty("m1-ground") > found.certainty("m2-m1") and first < second
     stiffness = found.estimate.coefficient("m1-ground.k")
     assert f"{stiffness.value:.1f}" in lines[first + 1] and lines[first + 1].endswith("N/m")
@@ -56,9 +59,16 @@ def test_one_doubt_is_marked_and_the_others_are_not(found: lw.Discovery) -> None
 def test_z_is_that_of_the_numbers_beside_it(found: lw.Discovery) -> None:
     """A model error widens the standard errors after the terms were judged."""
     sink = next(each for each in found.estimate.links if each.link.name == "m2-m1")
-    wide = replace(sink, coefficients=tuple(replace(each, standard_error=abs(each.value)) for each in sink.coefficients))
-    assert {row[3] for row in term_rows(found, wide)} == {"1", "-1"}  # the stiffness of a bistable law is negative
-    blind = replace(sink, coefficients=tuple(replace(each, standard_error=None) for each in sink.coefficients))
+    wide = replace(
+        sink, coefficients=tuple(replace(each, standard_error=abs(each.value)) for each in sink.coefficients)
+    )
+    assert {row[3] for row in term_rows(found, wide)} == {
+        "1",
+        "-1",
+    }  # the stiffness of a bistable law is negative
+    blind = replace(
+        sink, coefficients=tuple(replace(each, standard_error=None) for each in sink.coefficients)
+    )
     assert {row[2:4] for row in term_rows(found, blind)} == {("none", "")}
 
 
@@ -85,7 +95,9 @@ def test_price_is_what_stands_between_evidence_and_margin(found: lw.Discovery) -
 
 
 def test_stated_links_are_certain(chain: lw.Structure, found: lw.Discovery) -> None:
-    stated = lw.Structure(chain.name, chain.masses, (chain.link("spring1"), chain.unknown("nes").link("nes1")))
+    stated = lw.Structure(
+        chain.name, chain.masses, (chain.link("spring1"), chain.unknown("nes").link("nes1"))
+    )
     known = lw.discover(found.estimate.record, stated)
     assert known.certainty("spring1") == known.certainty("nes1") == float("inf")
     assert "stated" in str(known) and "given" in str(known)
@@ -148,7 +160,9 @@ def test_path_marks_the_chosen_point(found: lw.Discovery) -> None:
     assert chosen.get_xydata().tolist() == [[5, 0.0]]
     criterion = next(line for line in path.lines if str(line.get_label()).startswith("criterion"))
     assert criterion.get_ydata().min() == 0.0 and len(criterion.get_xdata()) == len(found.path)
-    assert [label.get_text() for label in runners.get_yticklabels()] == [each.change for each in found.runners_up]
+    assert [label.get_text() for label in runners.get_yticklabels()] == [
+        each.change for each in found.runners_up
+    ]
 
 
 def test_evidence_stands_above_the_price_where_a_term_was_kept(found: lw.Discovery) -> None:
@@ -183,7 +197,9 @@ def test_folder_is_that_of_identify_and_more(folder: Path) -> None:
 
 def test_result_json_holds_the_discovery(folder: Path, found: lw.Discovery, chain: lw.Structure) -> None:
     result = json.loads((folder / "result.json").read_text())
-    assert result["status"] == "converged" and result["settled"] is True and result["version"] == lw.__version__
+    assert (
+        result["status"] == "converged" and result["settled"] is True and result["version"] == lw.__version__
+    )
     assert [term["name"] for term in result["terms"]] == [term.name for term in found.terms]
     assert {"path", "runners_up", "remarks", "links", "noise", "fit"} <= set(result)
     assert result["truth"]["missing"] == result["truth"]["extra"] == [] and len(result["truth"]["right"]) == 5
@@ -224,9 +240,13 @@ def test_page_of_a_bad_answer_says_so(found: lw.Discovery, tmp_path: Path) -> No
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
 
 
-def test_nothing_is_left_where_writing_fails(found: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
+def test_nothing_is_left_where_writing_fails(
+    found: lw.Discovery, chain: lw.Structure, tmp_path: Path
+) -> None:
     with pytest.raises(lw.StructureError):
-        lw.write_discovery(found, tmp_path / "answer", truth=replace(chain, masses=chain.masses[:1], links=chain.links[:1]))
+        lw.write_discovery(
+            found, tmp_path / "answer", truth=replace(chain, masses=chain.masses[:1], links=chain.links[:1])
+        )
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     with pytest.raises(lw.LinkwiseError, match="is no result of linkwise"):

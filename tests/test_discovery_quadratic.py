@@ -27,7 +27,9 @@ class Regression:
     def drawn(cls, seed: int, size: int = 7, samples: int = 60) -> Regression:
         """Columns of sizes over six decades that lean on each other."""
         random = np.random.default_rng(seed)
-        columns = random.normal(size=(samples, size)) @ (np.eye(size) + 0.4 * random.normal(size=(size, size)))
+        columns = random.normal(size=(samples, size)) @ (
+            np.eye(size) + 0.4 * random.normal(size=(size, size))
+        )
         true = random.normal(size=size)
         y = columns @ true + random.normal(size=samples)
         return cls(columns * 10.0 ** random.uniform(-3.0, 3.0, size), y)
@@ -95,7 +97,9 @@ def test_another_scatter_gives_the_sandwich():
         some = np.ix_([0, 2, 3, number], [0, 2, 3, number])
         inverse = np.linalg.inv(h[some])
         assert value == pytest.approx((inverse @ g[[0, 2, 3, number]])[-1], rel=SAME)
-        assert each == pytest.approx(value / np.sqrt((inverse @ quadratic.scatter[some] @ inverse)[-1, -1]), rel=SAME)
+        assert each == pytest.approx(
+            value / np.sqrt((inverse @ quadratic.scatter[some] @ inverse)[-1, -1]), rel=SAME
+        )
 
 
 def test_a_column_that_is_another_one_cannot_be_told():

@@ -101,5 +101,7 @@ def test_displacements_are_summed_up_where_none_was_measured(kind: str):
     walk = speed * 1e-3 * np.sqrt(len(error))
     assert np.sqrt(np.mean(error**2)) < walk
     assert np.sqrt(np.mean(swing**2)) > 5.0 * walk
-    assert found.noise["x:m1"] == pytest.approx(0.01 * np.std(x), rel=0.05)  # the share of the channel that it came from
+    assert found.noise["x:m1"] == pytest.approx(
+        0.01 * np.std(x), rel=0.05
+    )  # the share of the channel that it came from
     assert "x:m1" not in seen.noise

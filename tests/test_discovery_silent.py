@@ -67,7 +67,11 @@ def test_a_stop_on_the_other_side_is_found_as_well(hard: lw.Record) -> None:
     """Nobody chooses which end of a candidate comes first; in a mirror the stop closes where d is negative."""
     found = lw.discover(replace(hard, values=-hard.values, simulated=None), MASSES, terms=TERMS)
     assert found.trusted
-    assert {term.name for term in found.kept if term.link == "m1-ground"} == {"m1-ground.k", "m1-ground.c", "m1-ground.kn"}
+    assert {term.name for term in found.kept if term.link == "m1-ground"} == {
+        "m1-ground.k",
+        "m1-ground.c",
+        "m1-ground.kn",
+    }
     assert "m1-ground.kc" in {term.name for term in found.terms}
 
 

@@ -100,7 +100,9 @@ def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str):
         parse_terms(text)
 
 
-@pytest.mark.parametrize(("text", "told"), [("d**", "Something is missing after"), ("d/v", "Division by zero at rest")])
+@pytest.mark.parametrize(
+    ("text", "told"), [("d**", "Something is missing after"), ("d/v", "Division by zero at rest")]
+)
 def test_what_no_law_can_be_is_refused_at_its_place(text: str, told: str):
     with pytest.raises(lw.LawError, match=told) as error:
         parse_terms(f"linear, {text}")

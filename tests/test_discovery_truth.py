@@ -43,7 +43,9 @@ def test_missing_and_false_terms_are_named(chain: lw.Structure) -> None:
     assert bare.missing_links == ("nes1",) and set(bare.missing) == {"nes1.alpha", "nes1.beta", "nes1.c"}
 
 
-@pytest.mark.parametrize("law", ["k*d + q*d**2 + g*max(d - 0.01, 0) + F*tanh(v/e)", "2000*d + q*d**2 + c*v*abs(v)"])
+@pytest.mark.parametrize(
+    "law", ["k*d + q*d**2 + g*max(d - 0.01, 0) + F*tanh(v/e)", "2000*d + q*d**2 + c*v*abs(v)"]
+)
 def test_ends_may_be_exchanged(law: str) -> None:
     """The force that the true link exerts on m2 is the same, whichever end its law is written for."""
     names = lw.Law.parse(law).coefficients
@@ -58,7 +60,9 @@ def test_a_factor_or_a_number_in_a_law_is_no_other_term() -> None:
     true = structure(("spring", "m1 ground", "30000*d + c*v", {"c": 1.0}), SINK)
     found = structure(("m1-ground", "m1 ground", "k*2*d + c*v", {"k": 15000.0, "c": 1.0}), SINK)
     assert lw.term_score(found, true).exact
-    assert lw.truth_beside(found, true).link("m1-ground").values == pytest.approx({"k": 15000.0, "c": 1.0}, rel=1e-12)
+    assert lw.truth_beside(found, true).link("m1-ground").values == pytest.approx(
+        {"k": 15000.0, "c": 1.0}, rel=1e-12
+    )
 
 
 def test_two_frictions_that_saturate_elsewhere_are_two_terms() -> None:

@@ -47,7 +47,10 @@ def test_law_error_without_a_place_has_no_caret() -> None:
         (RecordError("no"), "no"),
         (StructureError("no", where="chain.toml"), "chain.toml: no"),
         (StructureError("no"), "no"),
-        (SimulationError("x of m1 passed 1e9 m at 0.3 s", time=0.3, mass="m1"), "x of m1 passed 1e9 m at 0.3 s"),
+        (
+            SimulationError("x of m1 passed 1e9 m at 0.3 s", time=0.3, mass="m1"),
+            "x of m1 passed 1e9 m at 0.3 s",
+        ),
     ],
 )
 def test_message_names_the_place(error: LinkwiseError, text: str) -> None:

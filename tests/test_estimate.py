@@ -14,13 +14,21 @@ from linkwise.link_estimate import LinkEstimate
 from linkwise.output import to_json
 
 ALPHA, BETA, MOVING = -100.0, 1e6, 0.0099
-COVARIANCE = np.diag([0.5, 4000.0, 1e-3]) @ np.array([[1, 0.6, 0], [0.6, 1, 0], [0, 0, 1]]) @ np.diag([0.5, 4000.0, 1e-3])
+COVARIANCE = (
+    np.diag([0.5, 4000.0, 1e-3])
+    @ np.array([[1, 0.6, 0], [0.6, 1, 0], [0, 0, 1]])
+    @ np.diag([0.5, 4000.0, 1e-3])
+)
 
 
-def sink(alpha: float = ALPHA, beta: float = BETA, covariance: np.ndarray | None = COVARIANCE) -> LinkEstimate:
+def sink(
+    alpha: float = ALPHA, beta: float = BETA, covariance: np.ndarray | None = COVARIANCE
+) -> LinkEstimate:
     law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
     values = {"alpha": alpha, "beta": beta, "c": 0.02}
-    link = lw.Link("nes1", ("m2", "m1"), law, {name: lw.Coefficient.number(value) for name, value in values.items()})
+    link = lw.Link(
+        "nes1", ("m2", "m1"), law, {name: lw.Coefficient.number(value) for name, value in values.items()}
+    )
     return LinkEstimate(link, (), (-0.03, 0.03), (-5.0, 5.0), ("alpha", "beta", "c"), covariance, MOVING)
 
 
@@ -128,7 +136,9 @@ def test_the_structure_is_complete(fit: lw.Estimate, chain: lw.Structure) -> Non
 
 
 def test_unknown_names_list_those_there_are(fit: lw.Estimate) -> None:
-    with pytest.raises(lw.StructureError, match=r'"nes1\.gamma" is not in the answer; there are spring1\.k, .*m2\.mass'):
+    with pytest.raises(
+        lw.StructureError, match=r'"nes1\.gamma" is not in the answer; there are spring1\.k, .*m2\.mass'
+    ):
         fit.coefficient("nes1.gamma")
     with pytest.raises(lw.StructureError, match='"nes7" is not in the answer; there are spring1, nes1'):
         fit.link("nes7")
@@ -136,7 +146,17 @@ def test_unknown_names_list_those_there_are(fit: lw.Estimate) -> None:
 
 def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
     result = json.loads(to_json(fit.to_dict()))
-    assert set(result) == {"method", "status", "message", "seconds", "noise", "fit", "findings", "masses", "links"}
+    assert set(result) == {
+        "method",
+        "status",
+        "message",
+        "seconds",
+        "noise",
+        "fit",
+        "findings",
+        "masses",
+        "links",
+    }
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}
     assert set(result["noise"]["x:m1"]) == {"sigma", "unit", "snr_db"}
     spring, found = result["links"]

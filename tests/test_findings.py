@@ -15,11 +15,18 @@ TIME = np.arange(400) / 1000.0
 
 
 def found(
-    law: str, values: dict[str, float], errors: list[float], reach: tuple[float, float], correlation: float = 0.0
+    law: str,
+    values: dict[str, float],
+    errors: list[float],
+    reach: tuple[float, float],
+    correlation: float = 0.0,
 ) -> LinkEstimate:
     """A link identified with these standard errors, the first two coefficients correlated."""
     link = lw.Link(
-        "sink", ("m2", "m1"), lw.Law.parse(law), {name: lw.Coefficient.number(value) for name, value in values.items()}
+        "sink",
+        ("m2", "m1"),
+        lw.Law.parse(law),
+        {name: lw.Coefficient.number(value) for name, value in values.items()},
     )
     covariance = np.diag(np.square(errors))
     if len(errors) > 1:
@@ -48,7 +55,9 @@ def test_nothing_is_said_where_all_is_well() -> None:
 
 def test_a_sink_that_never_left_its_well() -> None:
     [told] = sentences(found(LAW, SINK, SMALL, (0.004, 0.015)))
-    assert told.startswith("sink never left the well at +0.01 m (d from 0.004 to 0.015 m): its barrier and its other wells")
+    assert told.startswith(
+        "sink never left the well at +0.01 m (d from 0.004 to 0.015 m): its barrier and its other wells"
+    )
     assert told.endswith("Hit it harder.")
 
 
@@ -76,7 +85,9 @@ def test_a_coefficient_that_may_be_zero() -> None:
     assert told == "sink.c cannot be told from zero: 0.02 within ±0.015 ?."
 
 
-@pytest.mark.parametrize(("c", "error", "said"), [(-0.02, 1e-4, True), (-0.02, 0.05, False), (0.02, 1e-4, False)])
+@pytest.mark.parametrize(
+    ("c", "error", "said"), [(-0.02, 1e-4, True), (-0.02, 0.05, False), (0.02, 1e-4, False)]
+)
 def test_a_link_that_gives_energy(c: float, error: float, said: bool) -> None:
     """Only where its sign is beyond doubt."""
     told = sentences(found(LAW, {**SINK, "c": c}, [0.1, 1e3, error], (-0.02, 0.02)))
@@ -90,7 +101,9 @@ def test_a_damper_that_gives_here_and_takes_there_counts_on_the_whole() -> None:
 
 
 def test_an_answer_without_intervals_claims_nothing_about_coefficients() -> None:
-    refused = replace(found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.999), covariance=None, coefficients=())
+    refused = replace(
+        found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.999), covariance=None, coefficients=()
+    )
     assert sentences(refused) == []
 
 

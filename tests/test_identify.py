@@ -83,7 +83,9 @@ def test_a_known_mass_sets_the_scale_of_another(record: lw.Record, chain: lw.Str
 
 def test_base_motion(pair: lw.Structure) -> None:
     shaken = replace(pair, links=(replace(pair.links[0], between=("m1", "base")), pair.links[1]))
-    record = lw.simulate(shaken, base="0.01*sin(50*t) + 0.004*sin(31*t + 1)", **SAMPLING).with_noise(35.0, seed=1)
+    record = lw.simulate(shaken, base="0.01*sin(50*t) + 0.004*sin(31*t + 1)", **SAMPLING).with_noise(
+        35.0, seed=1
+    )
     fit = weak(record, shaken.unknown("all"))
     assert fit.trusted and max(misses(fit, shaken).values()) < 4.0
     assert fit.noise["x:base"].snr_db > 100.0
@@ -112,18 +114,26 @@ def test_a_clearance_is_found_from_a_start() -> None:
 
     fit = weak(record, asked(0.0025))
     assert fit.trusted and max(misses(fit, true).values()) < 4.0
-    with pytest.raises(lw.IdentificationError, match=r'link "stop": g enters the law .* nonlinearly, so its search needs'):
+    with pytest.raises(
+        lw.IdentificationError, match=r'link "stop": g enters the law .* nonlinearly, so its search needs'
+    ):
         weak(record, asked(None))
-    with pytest.raises(lw.IdentificationError, match=r"cannot tell stop\.k.*The search stood at stop\.g = 1: start it"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"cannot tell stop\.k.*The search stood at stop\.g = 1: start it"
+    ):
         weak(record, asked(1.0))
 
 
 def test_friction_that_is_curved_in_v() -> None:
     """F*tanh(v/s): v comes from smoothed displacements, which is said."""
     law = "k*d + F*tanh(v/s)"
-    true = lw.Structure("friction", masses(m1=1.0), (link("slide", ("m1", "ground"), law, k=1e3, F=2.0, s=0.2),))
+    true = lw.Structure(
+        "friction", masses(m1=1.0), (link("slide", ("m1", "ground"), law, k=1e3, F=2.0, s=0.2),)
+    )
     record = lw.simulate(true, release={"v:m1": 1.0}, **SAMPLING).with_noise(50.0, seed=1)
-    asked = replace(true, links=(link("slide", ("m1", "ground"), law, k=UNKNOWN(), F=UNKNOWN(), s=UNKNOWN(0.1)),))
+    asked = replace(
+        true, links=(link("slide", ("m1", "ground"), law, k=UNKNOWN(), F=UNKNOWN(), s=UNKNOWN(0.1)),)
+    )
     fit = weak(record, asked)
     assert fit.trusted and max(misses(fit, true).values()) < 4.0
     assert "The law of slide is curved in v" in fit.findings[0]
@@ -163,7 +173,9 @@ def test_a_missing_link_is_refused(pair: lw.Structure) -> None:
     assert not weak(record, pair.unknown("all")).trusted
 
 
-@pytest.mark.parametrize(("factor", "told"), [(3.0, "the noise is smaller than stated"), (1 / 3, "or larger than stated")])
+@pytest.mark.parametrize(
+    ("factor", "told"), [(3.0, "the noise is smaller than stated"), (1 / 3, "or larger than stated")]
+)
 def test_noise_that_is_stated_wrong_is_refused(
     record: lw.Record, chain: lw.Structure, factor: float, told: str
 ) -> None:
@@ -189,18 +201,24 @@ def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.
 
 
 def test_nothing_to_identify(record: lw.Record, chain: lw.Structure) -> None:
-    with pytest.raises(lw.IdentificationError, match='nothing to identify, every coefficient is a number: write "unknown"'):
+    with pytest.raises(
+        lw.IdentificationError, match='nothing to identify, every coefficient is a number: write "unknown"'
+    ):
         weak(record, chain)
 
 
 def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Structure) -> None:
     with pytest.raises(lw.IdentificationError, match='"strong" is no method; there are ml, weak, sindy'):
         lw.identify(record, chain.unknown("nes"), method="strong")
-    with pytest.raises(lw.IdentificationError, match=r'several records, .* are for method "ml", not for "weak"'):
+    with pytest.raises(
+        lw.IdentificationError, match=r'several records, .* are for method "ml", not for "weak"'
+    ):
         lw.identify([record, record], chain.unknown("nes"), method="weak")
     with pytest.raises(lw.IdentificationError, match="no record to identify from"):
         lw.identify([], chain.unknown("nes"))
-    with pytest.raises(lw.IdentificationError, match='"ridge" is no regressor; there are stlsq, l1, least-squares'):
+    with pytest.raises(
+        lw.IdentificationError, match='"ridge" is no regressor; there are stlsq, l1, least-squares'
+    ):
         lw.Classical(regressor="ridge")
 
 
@@ -216,7 +234,9 @@ def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure,
         found = fit.structure.link(each.name).values
         assert found == pytest.approx(each.values, rel=0.02 if regressor == "l1" else 2e-3)  # l1 shrinks
         assert lw.nmse(each, fit.structure.link(each.name), clean) < 0.05
-    assert all(each.interval is None and each.standard_error is not None for each in fit.links[0].coefficients)
+    assert all(
+        each.interval is None and each.standard_error is not None for each in fit.links[0].coefficients
+    )
 
 
 @pytest.mark.parametrize("derivative", ["spline", "savgol", "differences"])
@@ -224,12 +244,17 @@ def test_noise_in_derivatives_is_not_trusted(record: lw.Record, chain: lw.Struct
     """At 30 dB alpha is 9 % off or more, by every derivative: no standard error of the regression tells."""
     fit = lw.identify(record, chain.unknown("nes"), method=lw.Classical(derivative=derivative))
     assert not fit.trusted and fit.status == "forces unexplained"
-    assert "% of the forces unexplained: a term is missing, or noise in the derivatives hides them" in fit.message
+    assert (
+        "% of the forces unexplained: a term is missing, or noise in the derivatives hides them"
+        in fit.message
+    )
     assert abs(fit.coefficient("nes1.alpha").value / -100.0 - 1.0) > 0.05
 
 
 def test_a_term_that_adds_nothing_is_dropped_and_named(chain: lw.Structure) -> None:
-    wide = link("nes1", ("m2", "m1"), "alpha*d + beta*d**3 + c*v + q*d**2", alpha=-100.0, beta=1e6, c=0.02, q=0.0)
+    wide = link(
+        "nes1", ("m2", "m1"), "alpha*d + beta*d**3 + c*v + q*d**2", alpha=-100.0, beta=1e6, c=0.02, q=0.0
+    )
     clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=2000.0, sensors=("x", "v", "a"))
     fit = lw.identify(clean, replace(chain, links=(chain.links[0], wide)).unknown("nes"), method="sindy")
     assert fit.findings[0] == "nes1.q was dropped: its term adds less than the threshold."

@@ -33,7 +33,9 @@ def decay() -> tuple[lw.Record, lw.Structure]:
 def test_the_true_terms_come_first_and_leave_the_noise(decay: tuple[lw.Record, lw.Structure]) -> None:
     record, structure = decay
     path = law_path(record, structure, "beam", candidates=("d**2", "d**3", "v*abs(v)", "v*d"), most=4)
-    assert [step.terms[2:] for step in path] == [(), ("d**3",), ("d**3", "v*abs(v)")] + [path[-1].terms[2:]] * (len(path) - 3)
+    assert [step.terms[2:] for step in path] == [(), ("d**3",), ("d**3", "v*abs(v)")] + [
+        path[-1].terms[2:]
+    ] * (len(path) - 3)
     assert path[2].left == pytest.approx(10.0 ** (-50.0 / 20.0), rel=0.1)  # what the noise alone would leave
     assert path[2].residual == pytest.approx(1.0, abs=0.1)
     assert path[0].bic > path[1].bic > path[2].bic
@@ -44,7 +46,9 @@ def test_a_needless_term_does_not_pay(decay: tuple[lw.Record, lw.Structure]) -> 
     path = law_path(
         record, structure, "beam", candidates=("v*d",), start=("d", "v", "d**3", "v*abs(v)"), most=5
     )
-    assert path[1].bic > path[0].bic - 4.0  # chi-square of one coefficient beyond 4 + log(N) has a chance of 1e-3
+    assert (
+        path[1].bic > path[0].bic - 4.0
+    )  # chi-square of one coefficient beyond 4 + log(N) has a chance of 1e-3
 
 
 def test_a_constant_force_is_a_term() -> None:
@@ -55,14 +59,18 @@ def test_a_constant_force_is_a_term() -> None:
 
 def test_a_start_that_cannot_be_fitted_is_said(decay: tuple[lw.Record, lw.Structure]) -> None:
     record, structure = decay
-    with pytest.raises(lw.IdentificationError, match='link "beam": the law with the terms d, d does not converge'):
+    with pytest.raises(
+        lw.IdentificationError, match='link "beam": the law with the terms d, d does not converge'
+    ):
         law_path(record, structure, "beam", start=("d", "d"))
 
 
 def test_magnet_beam_in_eight_coefficients(shared_data: Path) -> None:
     record = lw.read_record(shared_data / "magnet_beam_decay.csv")
     structure = lw.parse_structure(DUFFING, "test")
-    path = law_path(record, structure, "beam", candidates=("d**2", "d**3", "d**4", "d**5", "v*abs(d)", "v*d**2"))
+    path = law_path(
+        record, structure, "beam", candidates=("d**2", "d**3", "d**4", "d**5", "v*abs(d)", "v*d**2")
+    )
     assert len(path[-1].terms) == 8
     assert path[-1].left < 0.05  # the free run of all 3 s
     link = lw.identify(record, path[-1].structure).links[0]

@@ -55,7 +55,9 @@ coefficients = { k = "unknown", k3 = "unknown", c = "unknown", c3 = "unknown" }
 
 def oscillator(law: str, mass: float | None = None) -> lw.Structure:
     parsed = lw.Law.parse(law)
-    link = lw.Link("spring", ("m1", "ground"), parsed, {name: lw.Coefficient.unknown() for name in parsed.coefficients})
+    link = lw.Link(
+        "spring", ("m1", "ground"), parsed, {name: lw.Coefficient.unknown() for name in parsed.coefficients}
+    )
     kilograms = lw.Coefficient.unknown() if mass is None else lw.Coefficient.number(mass)
     return lw.Structure("oscillator", (lw.Mass("m1", kilograms),), (link,))
 
@@ -132,7 +134,14 @@ def test_from_the_command_line(
 ) -> None:
     """Neither file is edited; the answer is written, and exit code 3 says that the laws leave more than noise."""
     (tmp_path / "unknown.toml").write_text(structure, encoding="utf-8")
-    arguments = [str(shared_data / file), str(tmp_path / "unknown.toml"), "--method", "weak", "-o", str(tmp_path / "answer")]
+    arguments = [
+        str(shared_data / file),
+        str(tmp_path / "unknown.toml"),
+        "--method",
+        "weak",
+        "-o",
+        str(tmp_path / "answer"),
+    ]
     assert run(["identify", *arguments]) == 3
     assert "weak, chi-square off, NOT to be trusted" in capsys.readouterr().out
     result = json.loads((tmp_path / "answer" / "result.json").read_text(encoding="utf-8"))

@@ -37,7 +37,8 @@ def record(masses: int, sigma: Sequence[float], rng: np.random.Generator | None)
     """Motion of two tones per mass, with noise of known `sigma` where there is a generator."""
     time = np.arange(400) / 1000.0
     x = np.stack(
-        [np.sin((60 + 17 * i) * time) + 0.6 * np.cos((140 + 11 * i) * time + i) for i in range(masses)], axis=1
+        [np.sin((60 + 17 * i) * time) + 0.6 * np.cos((140 + 11 * i) * time + i) for i in range(masses)],
+        axis=1,
     )
     if rng is not None:
         x = x + np.asarray(sigma) * rng.normal(size=x.shape)
@@ -54,7 +55,9 @@ def test_bias_of_a_spring_in_closed_form() -> None:
     """(int phi d)^2 gains s^2 sum phi^2 in every window, and (int phi d)(int phi'' x) gains s^2 sum phi phi''."""
     found = patch(structure("k*d"), record(1, [0.2], np.random.default_rng(1)))
     bias = (found.products - found.moments) / found.windows
-    assert bias == pytest.approx(0.04 * (WINDOW.kernels @ WINDOW.kernels.T)[np.ix_([0, 2], [0, 2])], rel=1e-12)
+    assert bias == pytest.approx(
+        0.04 * (WINDOW.kernels @ WINDOW.kernels.T)[np.ix_([0, 2], [0, 2])], rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(

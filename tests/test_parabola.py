@@ -175,14 +175,20 @@ def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(case: str, req
     found = parabola(fit.optimum, [each.force for each in missing])
     expected = really_there(fit, records, asked, missing, options)
     assert max(apart(found, expected)) < SAME
-    wrong = parabola(fit.optimum, [replace(each.force, law=Law.parse(f"1.01*{each.law}")) for each in missing])
+    wrong = parabola(
+        fit.optimum, [replace(each.force, law=Law.parse(f"1.01*{each.law}")) for each in missing]
+    )
     assert max(apart(wrong, expected)) > SAME
 
 
 def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it():
     """A weak k2 in the sink that the fit lacks, and the parabola foresees the fit that has it."""
     chain = lw.bnes_chain(2)
-    text = lw.format_structure(chain).replace("alpha*d +", "alpha*d + k2*d**2 +").replace("{ alpha", "{ k2 = 250.0, alpha")
+    text = (
+        lw.format_structure(chain)
+        .replace("alpha*d +", "alpha*d + k2*d**2 +")
+        .replace("{ alpha", "{ k2 = 250.0, alpha")
+    )
     record = lw.simulate(lw.parse_structure(text), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
     records = [record.with_noise(30.0, seed=1004)]
     fit, asked = fitted(chain, records, Options(model_error=False))
@@ -192,7 +198,9 @@ def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it
     error = np.sqrt(np.linalg.inv(found.curvature).diagonal())
     z = values[-1] / error[-1]
     whole = widened(asked, [missing])
-    again = likelihood_fit(records, whole, np.append(fit.values, 0.0), spread=np.append(error[:-1], 10 * error[-1]))
+    again = likelihood_fit(
+        records, whole, np.append(fit.values, 0.0), spread=np.append(error[:-1], 10 * error[-1])
+    )
     took = fit.misfit.cost(fit.optimum.q) - again.misfit.cost(again.optimum.q)
     # two fits end within 0.02 of their least cost each; beyond, the parabola is the cost to the third order in the force
     assert took == pytest.approx(z**2, rel=0.01)
@@ -212,7 +220,11 @@ def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int):
         x, v, a = np.sin(3.0 * ends), 3.0 * np.cos(3.0 * ends), -9.0 * np.sin(3.0 * ends)
         none = np.zeros((steps + 1, 2, 0, 1))
         orbit = Orbit(
-            np.stack([x, v * h], axis=1)[:, :, None, None], none, a[:, None, None], none[1:], np.zeros((steps, 1, 1))
+            np.stack([x, v * h], axis=1)[:, :, None, None],
+            none,
+            a[:, None, None],
+            none[1:],
+            np.zeros((steps, 1, 1)),
         )
         found = module._states(orbit, 1, np.array([h]), Inputs())[1][:, row, 0, 0]
         return float(np.abs(found - (np.sin(3.0 * middles), 3.0 * np.cos(3.0 * middles))[row]).max())

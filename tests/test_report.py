@@ -45,7 +45,9 @@ def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) 
     odd = replace(
         fitted,
         remarks=("The sink never left one well.",),
-        moved=lambda: replace(fitted.motion, structure=replace(fitted.structure, name="<script>alert(1)</script>")),
+        moved=lambda: replace(
+            fitted.motion, structure=replace(fitted.structure, name="<script>alert(1)</script>")
+        ),
     )
     page = page_of(odd)
     assert "<li>The sink never left one well.</li>" in page
@@ -72,7 +74,15 @@ def test_page_needs_nothing_else(folder: Path) -> None:
 
 def test_folder_holds_what_the_interface_promises(folder: Path) -> None:
     forces = {f"force_{name}.{suffix}" for name in ("nes1", "spring1") for suffix in ("csv", "png", "svg")}
-    expected = {"result.json", "structure.toml", "covariance.csv", "report.html", "histories.png", "histories.svg", *forces}
+    expected = {
+        "result.json",
+        "structure.toml",
+        "covariance.csv",
+        "report.html",
+        "histories.png",
+        "histories.svg",
+        *forces,
+    }
     assert {path.name for path in folder.iterdir()} == expected
 
 

@@ -145,7 +145,14 @@ def test_numbers_end_with_their_error(value: float, error: float | None, text: s
 
 @pytest.mark.parametrize(
     ("error", "text"),
-    [(0.4434, "0.44"), (2025.0, "2000"), (9.02e-4, "0.00090"), (3.5e-6, "3.5e-06"), (2.2e9, "2.2e+09"), (14.2, "14")],
+    [
+        (0.4434, "0.44"),
+        (2025.0, "2000"),
+        (9.02e-4, "0.00090"),
+        (3.5e-6, "3.5e-06"),
+        (2.2e9, "2.2e+09"),
+        (14.2, "14"),
+    ],
 )
 def test_errors_have_two_digits(error: float, text: str) -> None:
     assert error_number(error) == text

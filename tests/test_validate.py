@@ -54,7 +54,9 @@ def test_nmse_leaves_missing_samples_out(duffing: lw.Structure, forced: lw.Recor
     values = forced.values.copy()
     values[::2, 0] = np.nan
     half = replace(forced, values=values, simulated=None)
-    assert lw.nmse(duffing.links[0], off, half) == pytest.approx(lw.nmse(duffing.links[0], off, forced), rel=0.1)
+    assert lw.nmse(duffing.links[0], off, half) == pytest.approx(
+        lw.nmse(duffing.links[0], off, forced), rel=0.1
+    )
 
 
 def test_nmse_of_a_force_that_does_not_vary(forced: lw.Record) -> None:
@@ -97,7 +99,9 @@ def test_without_noise_the_run_is_the_record(duffing: lw.Structure) -> None:
 def test_base_motion_velocities_and_gaps(duffing: lw.Structure) -> None:
     """A shaken mass of which only the velocity was seen, with a gap at the start and one later."""
     shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
-    record = lw.simulate(shaken, base="0.004*sin(26*t) + 0.002*cos(71*t)", duration=3.0, rate=500.0, sensors=("v",))
+    record = lw.simulate(
+        shaken, base="0.004*sin(26*t) + 0.002*cos(71*t)", duration=3.0, rate=500.0, sensors=("v",)
+    )
     values = record.values.copy()
     values[[10, 11, 700]] = [[np.nan, base] for base in values[[10, 11, 700], 1]]
     run = lw.free_run(shaken, replace(record, values=values)[3:], settling=60)
@@ -129,7 +133,9 @@ def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) ->
         lw.free_run(duffing, forced[:40], settling=40)
     values = forced.values.copy()
     values[300, 1] = np.nan
-    with pytest.raises(lw.RecordError, match=r"force:m1.*samples are missing, and an input drives the motion"):
+    with pytest.raises(
+        lw.RecordError, match=r"force:m1.*samples are missing, and an input drives the motion"
+    ):
         lw.free_run(duffing, replace(forced, values=values))
     values = forced.values.copy()
     values[:50, 0] = np.nan

@@ -38,7 +38,10 @@ def oscillator(law: str, base: str = "ground", **values: float) -> lw.Structure:
     ("law", "values"),
     [
         ("k*d + c*v", {"k": 900.0, "c": 3.0}),
-        ("k*d + k2*d**2 + k3*d**3 + c3*v*d**2 + f0", {"k": 900.0, "k2": 4e3, "k3": 2e6, "c3": 5e3, "f0": -0.7}),
+        (
+            "k*d + k2*d**2 + k3*d**3 + c3*v*d**2 + f0",
+            {"k": 900.0, "k2": 4e3, "k3": 2e6, "c3": 5e3, "f0": -0.7},
+        ),
         ("k*sin(d/a)", {"k": 9.0, "a": 0.02}),
         ("k*d + c*v*abs(v)", {"k": 900.0, "c": 2.0}),
         ("F*tanh(v/s)", {"F": 2.0, "s": 0.3}),
@@ -94,7 +97,8 @@ def test_windows_that_miss_a_sample_are_left_out() -> None:
     broken = replace(whole, values=values, noise=whole.simulated.noise)
     window = Window.of_deviation(2.5, 1.0 / RATE)
     [one], [other] = (
-        equations(each, chain, window).patches for each in (replace(whole, noise=whole.simulated.noise), broken)
+        equations(each, chain, window).patches
+        for each in (replace(whole, noise=whole.simulated.noise), broken)
     )
     starts = window.stride * np.arange(window.rows(len(whole)))
     touched = (starts < 520) & (starts + window.length > 500)
@@ -129,7 +133,9 @@ def test_a_mass_is_asked_where_its_neighbours_were_seen() -> None:
 
 def test_a_record_that_is_too_short_says_how_long_it_must_be() -> None:
     record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.033, rate=RATE)
-    with pytest.raises(lw.IdentificationError, match=r"too short: its 34 samples hold \d windows of \d+ samples, and 8"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"too short: its 34 samples hold \d windows of \d+ samples, and 8"
+    ):
         equations(record, lw.bnes_chain(2))
 
 

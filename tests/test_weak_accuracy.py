@@ -54,7 +54,9 @@ def test_intervals_and_bands_cover() -> None:
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     truth, d = _values(chain), np.array([-0.03, -0.01, 0.004, 0.012, 0.028])
     force = chain.link("nes1").force(d)
-    frequency = np.sqrt(200.0 / (1.0 / (1.0 / 0.01 + 1.0))) / (2.0 * np.pi)  # slope -2 alpha in the well, reduced mass
+    frequency = np.sqrt(200.0 / (1.0 / (1.0 / 0.01 + 1.0))) / (
+        2.0 * np.pi
+    )  # slope -2 alpha in the well, reduced mass
     held = []
     for seed in range(200):
         fit = lw.identify(record.with_noise(25.0, seed=seed), chain.unknown("all"), method="weak")
@@ -63,7 +65,10 @@ def test_intervals_and_bands_cover() -> None:
         derived = [(sink.wells[1], 0.01), (sink.barrier, 0.0025), (sink.frequencies[0], frequency)]
         intervals = [(fit.coefficient(name).interval, value) for name, value in truth.items()]
         intervals += [(each.interval, value) for each, value in derived]
-        held.append([low <= value <= high for (low, high), value in intervals] + list((lower <= force) & (force <= upper)))
+        held.append(
+            [low <= value <= high for (low, high), value in intervals]
+            + list((lower <= force) & (force <= upper))
+        )
     covered = np.mean(held, axis=0)
     assert 0.92 <= covered.mean() <= 0.98
     assert covered.min() >= 0.89  # of 13 quantities: 4 standard deviations of 200 draws below 95 %
@@ -78,7 +83,12 @@ def test_short_records_say_how_little_they_tell(duration: float) -> None:
     z = []
     for seed in range(60):
         fit = lw.identify(record.with_noise(30.0, seed=seed), chain.unknown("all"), method="weak")
-        z.append([(fit.values[i] - truth[p.name]) / np.sqrt(fit.covariance[i, i]) for i, p in enumerate(fit.parameters)])
+        z.append(
+            [
+                (fit.values[i] - truth[p.name]) / np.sqrt(fit.covariance[i, i])
+                for i, p in enumerate(fit.parameters)
+            ]
+        )
     assert 0.8 <= np.sqrt(np.mean(np.square(z))) <= 1.25
     assert np.mean(np.abs(z) < 1.96) > 0.9
 

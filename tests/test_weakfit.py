@@ -20,7 +20,9 @@ def fit(record: lw.Record, structure: lw.Structure) -> WeakFit:
     return weak_fit(weak_equations(record, structure, read_motion(record, structure)), structure)
 
 
-def one_mass(law: str, mass: lw.Coefficient | None = None, **coefficients: lw.Coefficient | float) -> lw.Structure:
+def one_mass(
+    law: str, mass: lw.Coefficient | None = None, **coefficients: lw.Coefficient | float
+) -> lw.Structure:
     given = {
         name: value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
         for name, value in coefficients.items()
@@ -105,7 +107,9 @@ def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.
     followed = {name: lw.Coefficient.shared(f"nes1.{name}") for name in second.coefficients}
     shared = replace(
         alone,
-        links=tuple(replace(link, coefficients=followed) if link.name == "nes2" else link for link in alone.links),
+        links=tuple(
+            replace(link, coefficients=followed) if link.name == "nes2" else link for link in alone.links
+        ),
     )
     one, both = fit(record, alone), fit(record, shared)
     assert len(both.values) == 3
@@ -118,24 +122,32 @@ def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.
 def test_terms_that_move_together_are_named() -> None:
     record = lw.simulate(one_mass("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
     noisy = record.with_noise(30.0, seed=1)
-    with pytest.raises(lw.IdentificationError, match=r"cannot tell link\.k1, link\.k2 apart: their terms move together"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"cannot tell link\.k1, link\.k2 apart: their terms move together"
+    ):
         fit(noisy, one_mass("k1*d + k2*d + c*v", k1=UNKNOWN(), k2=UNKNOWN(), c=UNKNOWN()))
 
 
 def test_a_term_that_was_never_reached_is_named() -> None:
     record = lw.simulate(one_mass("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
     law = "k*d + s*max(d - 1, 0)"
-    with pytest.raises(lw.IdentificationError, match=r"cannot tell link\.s: its term does not stand above the noise"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"cannot tell link\.s: its term does not stand above the noise"
+    ):
         fit(record, one_mass(law, k=UNKNOWN(), s=UNKNOWN()))
 
 
 def test_without_a_scale_it_says_what_would_set_one() -> None:
     record = lw.simulate(one_mass("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    with pytest.raises(lw.IdentificationError, match=r"nothing sets the scale of the forces.*or a channel force:MASS"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"nothing sets the scale of the forces.*or a channel force:MASS"
+    ):
         fit(record, one_mass("k*d", UNKNOWN(), k=UNKNOWN()))
 
 
 def test_a_parameter_in_no_equation_names_the_missing_channel(clean: lw.Record, chain: lw.Structure) -> None:
     record = clean.select(["x:m1", "x:m2", "x:m3"])
-    with pytest.raises(lw.IdentificationError, match=r"says nothing of nes2\.alpha, nes2\.beta, nes2\.c: .* missing x:m4"):
+    with pytest.raises(
+        lw.IdentificationError, match=r"says nothing of nes2\.alpha, nes2\.beta, nes2\.c: .* missing x:m4"
+    ):
         fit(record, chain.unknown("nes"))

@@ -32,7 +32,13 @@ def test_rates_are_integrated_by_parts_where_that_is_possible() -> None:
         "p": PHI,
     }
     assert found["c"].sign == found["c3"].sign == -1.0
-    assert [found[name].needs_rate for name in ("k", "c", "c3", "q", "p")] == [False, False, False, True, True]
+    assert [found[name].needs_rate for name in ("k", "c", "c3", "q", "p")] == [
+        False,
+        False,
+        False,
+        True,
+        True,
+    ]
 
 
 def test_a_term_with_both_splits() -> None:

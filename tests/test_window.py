@@ -39,10 +39,14 @@ def test_slope_differentiates_the_sixth_degree(window: Window) -> None:
     t = window.step * np.arange(-window.half, window.half + 1)
     for k in range(7):
         expected = 1.0 if k == 1 else 0.0
-        assert window.slope[0] @ t**k == pytest.approx(expected, abs=1e-11 * np.abs(window.slope[0]) @ np.abs(t) ** k)
+        assert window.slope[0] @ t**k == pytest.approx(
+            expected, abs=1e-11 * np.abs(window.slope[0]) @ np.abs(t) ** k
+        )
 
 
-@pytest.mark.parametrize(("samples", "length", "stride"), [(100, 17, 3), (64, 64, 5), (301, 40, 80), (50, 3, 1)])
+@pytest.mark.parametrize(
+    ("samples", "length", "stride"), [(100, 17, 3), (64, 64, 5), (301, 40, 80), (50, 3, 1)]
+)
 def test_blocked_filter_equals_a_loop(samples: int, length: int, stride: int) -> None:
     rng = np.random.default_rng(5)
     signals, kernels = rng.normal(size=(2, samples)), rng.normal(size=(3, length))
@@ -93,7 +97,9 @@ def test_a_record_shorter_than_a_window_has_no_rows() -> None:
 def test_window_follows_the_band() -> None:
     """Twice the frequency, half the window; never narrower than the sampling or wider than 400 samples of deviation."""
     halves = [Window.for_band(highest, 1000.0, quiet=False).half for highest in (5.0, 10.0, 20.0)]
-    assert halves[0] == pytest.approx(2 * halves[1], abs=2) and halves[1] == pytest.approx(2 * halves[2], abs=2)
+    assert halves[0] == pytest.approx(2 * halves[1], abs=2) and halves[1] == pytest.approx(
+        2 * halves[2], abs=2
+    )
     assert Window.for_band(500.0, 1000.0, quiet=False).half == 8
     assert Window.for_band(500.0, 1000.0, quiet=True).half > 8
     assert Window.for_band(1e-6, 1000.0, quiet=False) == Window.of_deviation(400.0, 1e-3)

@@ -59,7 +59,10 @@ def write_result(
 
 
 def write_links(
-    estimate: Estimate, folder: Path, truth: Structure | None = None, progress: Progress = lambda fraction, now: None
+    estimate: Estimate,
+    folder: Path,
+    truth: Structure | None = None,
+    progress: Progress = lambda fraction, now: None,
 ) -> tuple[str, ...]:
     """Write what was identified into an empty `folder`, numbers and figures; return the names of the links pictured."""
     write_structure(estimate.structure, folder / "structure.toml")

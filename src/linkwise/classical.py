@@ -85,7 +85,9 @@ def classical_estimate(record: Record, structure: Structure, classical: Classica
             d=d,
             v=identified.elongations(states.v[:, order], states.base_velocity),
             visited=extremes(d),
-            leave=lambda: (system.matrix @ values - system.target[:, 0]).reshape(structure.size, len(states)).T,
+            leave=lambda: (
+                (system.matrix @ values - system.target[:, 0]).reshape(structure.size, len(states)).T
+            ),
         ),
         record=record,
         remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),

@@ -139,7 +139,9 @@ def pool_of(
     if isinstance(masses, Structure | Known):
         given, stated = masses.masses, masses.links
     else:
-        given = tuple(Mass(name, Coefficient.number(_kilograms(name, value))) for name, value in masses.items())
+        given = tuple(
+            Mass(name, Coefficient.number(_kilograms(name, value))) for name, value in masses.items()
+        )
         stated = ()
     if not given:
         raise IdentificationError(

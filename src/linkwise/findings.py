@@ -73,10 +73,7 @@ def _feeding(found: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
     moving, resting = (found.link.law.partials(d, rate, found.link.values) for rate in (v, np.zeros_like(v)))
     power = float(np.nanmean((moving.force - resting.force) * v))
     slopes = np.array(
-        [
-            np.nanmean((moving.by_coefficient[name] - resting.by_coefficient[name]) * v)
-            for name in found.free
-        ]
+        [np.nanmean((moving.by_coefficient[name] - resting.by_coefficient[name]) * v) for name in found.free]
     )
     deviation = float(np.sqrt(max(float(slopes @ found.covariance @ slopes), 0.0)))
     if power < -NORMAL_95 * deviation and deviation > 0.0:

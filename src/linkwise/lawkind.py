@@ -19,7 +19,9 @@ UNEVEN = "uneven"
 NEGATIVE = "negative stiffness"
 
 _GRID = 65
-_NOTHING = 1e-9  # of the largest force: a side that pulls less does not pull, a line that bends less is straight
+_NOTHING = (
+    1e-9  # of the largest force: a side that pulls less does not pull, a line that bends less is straight
+)
 
 
 def law_kind(link: Link, reach: float) -> str:

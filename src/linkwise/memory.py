@@ -33,7 +33,9 @@ def _left(group: Path) -> int | None:
     try:
         limit = (group / "memory.max").read_text(encoding="ascii").strip()
         used = (group / "memory.current").read_text(encoding="ascii").strip()
-        cached = dict(line.split() for line in (group / "memory.stat").read_text(encoding="ascii").splitlines())
+        cached = dict(
+            line.split() for line in (group / "memory.stat").read_text(encoding="ascii").splitlines()
+        )
     except OSError:
         return None
     return max(int(limit) - int(used) + int(cached.get("inactive_file", 0)), 0) if limit != "max" else None

@@ -90,9 +90,7 @@ def _link(link: LinkEstimate) -> str:
     rows += [_derived(each, f"frequency {i}") for i, each in enumerate(link.frequencies, start=1)]
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
     seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
-    return "\n".join(
-        [head, *columns([_HEAD, *rows]), f"  {seen}"]
-    )
+    return "\n".join([head, *columns([_HEAD, *rows]), f"  {seen}"])
 
 
 def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
@@ -101,7 +99,13 @@ def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
     if each.standard_error is None:
         return label, number(each.value), "none", "", each.unit
     if each.interval is None:
-        return label, number(each.value, each.standard_error), error_number(each.standard_error), "none", each.unit
+        return (
+            label,
+            number(each.value, each.standard_error),
+            error_number(each.standard_error),
+            "none",
+            each.unit,
+        )
     low, high = (number(end, each.standard_error) for end in each.interval)
     return (
         label,

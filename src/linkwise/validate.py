@@ -88,7 +88,8 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
         seen = ~np.isnan(record.channel(name))
         if not (seen[:settling].any() and seen[settling:].any()):
             raise RecordError(
-                f"has no sample among the first {settling}, which tell the state, or none after them", channel=name
+                f"has no sample among the first {settling}, which tell the state, or none after them",
+                channel=name,
             )
     state = _initial_state(structure, record.select(channels), _inputs(record, settling + _AFTER), settling)
     run = _run(structure, channels, state, _inputs(record, len(record)), record.rate, len(record))
@@ -97,16 +98,16 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     rmse = np.sqrt(np.nanmean(residual[settling:] ** 2, axis=0))
     return FreeRun(
         motion=motion,
-        residual=Record(record.start, record.rate, channels, residual, source=f"{record.source} less a free run"),
+        residual=Record(
+            record.start, record.rate, channels, residual, source=f"{record.source} less a free run"
+        ),
         rmse=dict(zip(channels, map(float, rmse), strict=True)),
         settling=settling,
     )
 
 
 def _responses(structure: Structure, record: Record) -> tuple[str, ...]:
-    channels = tuple(
-        name for name in record.responses if Channel.parse(name).mass in structure.mass_names
-    )
+    channels = tuple(name for name in record.responses if Channel.parse(name).mass in structure.mass_names)
     if not channels:
         raise RecordError(
             f"no response of {', '.join(structure.mass_names)} is in the record, which holds {', '.join(record.channels)}; "
@@ -126,7 +127,9 @@ def _inputs(record: Record, samples: int) -> dict[str, Sampled]:
             continue
         values = record.channel(name)
         if np.isnan(values).any():
-            raise RecordError("samples are missing, and an input drives the motion: fill them first", channel=name)
+            raise RecordError(
+                "samples are missing, and an input drives the motion: fill them first", channel=name
+            )
         inputs[name] = Sampled(0.0, record.rate, values[:samples])
     return inputs
 

@@ -31,7 +31,9 @@ class Prior:
     def masses(self) -> lw.Known | dict[str, float]:
         """The masses by name, or what a file knows of the structure; UsageError for neither and for both."""
         if self.structure is not None and self.mass:
-            raise click.UsageError("The masses stand in the file of --structure: leave --mass out, or the file.")
+            raise click.UsageError(
+                "The masses stand in the file of --structure: leave --mass out, or the file."
+            )
         if self.structure is not None:
             return lw.read_known(self.structure)
         if not self.mass:

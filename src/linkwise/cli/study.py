@@ -90,7 +90,9 @@ def _require_stored(asked: lw.Study, output: Path) -> None:
     """UsageError where what is to be exported is not what the folder holds."""
     stored = lw.stored_study(output)
     if stored.name != asked.name:
-        raise click.UsageError(f'{output} holds the study "{stored.name}", not "{asked.name}"; name that one.')
+        raise click.UsageError(
+            f'{output} holds the study "{stored.name}", not "{asked.name}"; name that one.'
+        )
 
 
 def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:

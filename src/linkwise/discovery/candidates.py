@@ -80,9 +80,7 @@ class Candidates:
             if entry.name in chosen:
                 kept.setdefault(entry.pair, []).append(entry.term)
         links = [
-            link
-            for number, pair in enumerate(self.pairs)
-            for link in _joined(pair, kept.get(number, []))
+            link for number, pair in enumerate(self.pairs) for link in _joined(pair, kept.get(number, []))
         ]
         held = {end for link in links for end in link.between}
         loose = [mass.name for mass in self.masses if mass.name not in held]

@@ -26,7 +26,9 @@ Report = Callable[[int, Progress], None]
 
 _ROUNDS = 12
 _STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
-_EXACT = 1e-4  # q up to which a parabola tells the whole truth; a looser one serves for the next best terms only
+_EXACT = (
+    1e-4  # q up to which a parabola tells the whole truth; a looser one serves for the next best terms only
+)
 _CEILING = 1.05  # chi-square at which a fit stops tightening: something is missing, and may be told already
 
 
@@ -141,7 +143,9 @@ def _descent(search: _Search, now: frozenset[str], number: int) -> Decided:
             return replace(min(visited.values(), key=lambda each: each.criterion), rounds=number)
         solved = quadratic.solve(after)
         errors = np.abs(solved.values / solved.z)
-        told = dict(zip([quadratic.names[k] for k in after], zip(solved.values, errors, strict=True), strict=True))
+        told = dict(
+            zip([quadratic.names[k] for k in after], zip(solved.values, errors, strict=True), strict=True)
+        )
         now, structure = names, search.candidates.structure(names)
         theta, spread = np.array([told[p.name] for p in structure.parameters]).T
         nodes, number = fit.optimum.point.nodes, number + 1
@@ -163,7 +167,5 @@ def _seen(search: _Search, fit: LikelihoodFit, structure: Structure, chosen: fro
 
 
 def _price(search: _Search, quadratic: Quadratic) -> Price:
-    samples = sum(
-        int(np.isfinite(record.select(record.responses).values).sum()) for record in search.records
-    )
+    samples = sum(int(np.isfinite(record.select(record.responses).values).sum()) for record in search.records)
     return Price.of(search.candidates, quadratic.names, samples)

@@ -114,7 +114,9 @@ def _grown(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple[
 
 def runners_up(decided: Decided) -> tuple[RunnerUp, ...]:
     """The models one step away that come nearest to the chosen one."""
-    return tuple(RunnerUp(_words(move, decided.quadratic), -move.gain) for move in decided.neighbours[:_RUNNERS_UP])
+    return tuple(
+        RunnerUp(_words(move, decided.quadratic), -move.gain) for move in decided.neighbours[:_RUNNERS_UP]
+    )
 
 
 def _exchanges(decided: Decided) -> list[Move]:

@@ -145,7 +145,13 @@ class Discovery:
             "exact": self.exact,
             "terms": [_as_dict(term) for term in self.terms],
             "path": [
-                {"terms": c.terms, "cost": c.cost, "criterion": c.criterion, "step": c.step, "chosen": c.chosen}
+                {
+                    "terms": c.terms,
+                    "cost": c.cost,
+                    "criterion": c.criterion,
+                    "step": c.step,
+                    "chosen": c.chosen,
+                }
                 for c in self.path
             ],
             "runners_up": [{"change": each.change, "margin": each.margin} for each in self.runners_up],

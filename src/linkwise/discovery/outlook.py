@@ -64,7 +64,9 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
         )
     faint = [name for name, each in zip(names, ratio, strict=True) if _REST <= each < _FAINT]
     if faint:
-        told.append(f"{_listed(faint)} hardly moved above the noise: weak terms of links there will be missed.")
+        told.append(
+            f"{_listed(faint)} hardly moved above the noise: weak terms of links there will be missed."
+        )
     if samples < _FEW * needed:
         told.append(
             f"{samples} samples for {needed} candidates are few: weak terms will be missed; record for longer."
@@ -73,7 +75,9 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
     apart = _apart_all(records, moving)
     alike: list[str] = []
     for group, least in _groups(moving, apart):
-        apart_by = f"down to {10.0 * np.log10(least):.0f} dB above the noise" if least > 1.0 else "lost in the noise"
+        apart_by = (
+            f"down to {10.0 * np.log10(least):.0f} dB above the noise" if least > 1.0 else "lost in the noise"
+        )
         told.append(
             f"{_listed(group)} moved alike, with differences {apart_by}: a link to one of them may be told as a link to "
             "another. Hit them one by one."
@@ -84,9 +88,7 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
 
 def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
     for record in records:
-        blind = [
-            name for name in names if not any(f"{kind}:{name}" in record.channels for kind in "xva")
-        ]
+        blind = [name for name in names if not any(f"{kind}:{name}" in record.channels for kind in "xva")]
         if blind:
             raise IdentificationError(
                 f"no sensor shows {_listed(blind)}: links cannot be discovered around a motion that nobody saw. Add a channel "

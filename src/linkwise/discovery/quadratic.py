@@ -20,7 +20,9 @@ from scipy.linalg import cho_factor, cho_solve
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
 
-_DEPENDENT = 1e-9  # of its own square: a column of which less than this stands out of the others is one of them
+_DEPENDENT = (
+    1e-9  # of its own square: a column of which less than this stands out of the others is one of them
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,9 @@ class Quadratic:
         inside = np.asarray(chosen, dtype=np.intp)
         inverse = _inverse(self.h[np.ix_(inside, inside)])
         values = inverse @ self.g[inside]
-        covariance = inverse if self.scatter is None else inverse @ self.scatter[np.ix_(inside, inside)] @ inverse
+        covariance = (
+            inverse if self.scatter is None else inverse @ self.scatter[np.ix_(inside, inside)] @ inverse
+        )
         return Solved(values, values / np.sqrt(covariance.diagonal()))
 
     def cost(self, chosen: Sequence[int] | Places) -> float:
@@ -74,7 +78,12 @@ class Quadratic:
         told &= variance > 0.0
         safe = np.where(told, variance, 1.0)
         values = np.where(told, left / np.where(told, stiff, 1.0), np.nan)
-        return others, values, np.where(told, left / np.sqrt(safe), 0.0), stiff / np.where(own > 0.0, own, 1.0)
+        return (
+            others,
+            values,
+            np.where(told, left / np.sqrt(safe), 0.0),
+            stiff / np.where(own > 0.0, own, 1.0),
+        )
 
 
 def _inverse(matrix: Floats) -> Floats:

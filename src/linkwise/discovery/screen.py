@@ -29,7 +29,13 @@ _TOGETHER = 12  # masses whose candidates are regressed at once without the firs
 _SIEVE = 2.5  # deviations that a term needs in the equation of one mass to be looked at again
 _LIMIT = 4.0  # and in all equations together
 _LONE = 8.0  # and a damper without a spring, which the weak form takes for another's easily
-_BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)  # shares of the noise bias to leave in until the sums of products are positive
+_BIAS = (
+    0.0,
+    0.03,
+    0.1,
+    0.3,
+    1.0,
+)  # shares of the noise bias to leave in until the sums of products are positive
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,11 @@ def _one_by_one(
 
 
 def _equations(
-    records: Sequence[Record], motions: Sequence[SeenMotion], structure: Structure, *, together: int = _TOGETHER
+    records: Sequence[Record],
+    motions: Sequence[SeenMotion],
+    structure: Structure,
+    *,
+    together: int = _TOGETHER,
 ) -> list[WeakEquations]:
     return [
         weak_equations(record, structure, motion, together=together)
@@ -153,11 +163,15 @@ def _held(regression: Regression, candidates: Candidates, standing: list[int]) -
     Between masses that move as one a stiff link does not stand above the noise, and yet there is none without it.
     """
     price = Price.of(candidates, regression.names, regression.rows)
-    squares = regression.quadratic(1.0)  # all bias left in: even what is mostly noise has a positive sum of squares
+    squares = regression.quadratic(
+        1.0
+    )  # all bias left in: even what is mostly noise has a positive sum of squares
     found = list(standing)
     for mass in candidates.masses:
         around = [number for number, pair in enumerate(candidates.pairs) if mass.name in pair.between]
-        held = any(candidates.pairs[number].stated for number in around) or not _pairs(price, found).isdisjoint(around)
+        held = any(candidates.pairs[number].stated for number in around) or not _pairs(
+            price, found
+        ).isdisjoint(around)
         if held:
             continue
         others, _, z, _ = squares.outside(found)

@@ -14,9 +14,13 @@ _FEWEST = 8  # samples at which a term has to act: noise alone carries a few bey
 _NAMED = 6
 
 
-def silent_terms(motions: Sequence[SeenMotion], rates: Sequence[float], candidates: Candidates) -> tuple[str, ...]:
+def silent_terms(
+    motions: Sequence[SeenMotion], rates: Sequence[float], candidates: Candidates
+) -> tuple[str, ...]:
     """The names of the candidates that were zero in all `motions`, sampled at `rates` in Hz, but for a few samples."""
-    row = {name: number for number, name in enumerate((*(mass.name for mass in candidates.masses), BASE, GROUND))}
+    row = {
+        name: number for number, name in enumerate((*(mass.name for mass in candidates.masses), BASE, GROUND))
+    }
     found = []
     for entry in candidates.entries:
         if not entry.term.law.kinks:  # a smooth term is zero nowhere but at points

@@ -35,7 +35,9 @@ def text_table(found: Discovery, certain: float) -> str:
         lines.append(link_title(found, link))
         lines += [next(table) for _ in link.coefficients]
     if len(links) > _LINKS:
-        lines.append(f"... and {len(links) - _LINKS} less certain links; every one stands in the result folder")
+        lines.append(
+            f"... and {len(links) - _LINKS} less certain links; every one stands in the result folder"
+        )
     blocks.append("\n".join(lines))
     doubted = doubt_rows(found, certain)
     if len(doubted) > 1:
@@ -57,7 +59,9 @@ def headline(found: Discovery) -> tuple[str, ...]:
     trust = "can be trusted" if found.trusted else "NOT to be trusted"
     if found.trusted and found.in_doubt:
         trust += f", but for {_counted(len(found.in_doubt), 'link')} in doubt: {', '.join(found.in_doubt)}"
-    chi = "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
+    chi = (
+        "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
+    )
     rounds = f"{found.rounds} round{'' if found.rounds == 1 else 's'}"
     settled = "" if found.settled else "The search did not settle: this is the best so far. "
     settled += "" if found.seen else "Not every displacement was measured: links or terms may be false. "
@@ -103,14 +107,21 @@ def term_rows(found: Discovery, each: LinkEstimate) -> Rows:
     """A row for every coefficient of a link."""
     evidence = {term.name: term for term in found.kept}
     return [
-        _term_row(coefficient, evidence.get(coefficient.name), marked=found.trusted) for coefficient in each.coefficients
+        _term_row(coefficient, evidence.get(coefficient.name), marked=found.trusted)
+        for coefficient in each.coefficients
     ]
 
 
 def _term_row(each: CoefficientEstimate, term: TermEvidence | None, *, marked: bool) -> tuple[str, ...]:
     """`z` is that of the numbers beside it: a model error widens them after the term was judged."""
     mark = "" if term is None or term.certain or not marked else "  in doubt"
-    error = "given" if each.known else "none" if each.standard_error is None else error_number(each.standard_error)
+    error = (
+        "given"
+        if each.known
+        else "none"
+        if each.standard_error is None
+        else error_number(each.standard_error)
+    )
     return (
         each.name.rpartition(".")[2],
         number(each.value, each.standard_error),
@@ -136,7 +147,14 @@ def doubt_rows(found: Discovery, certain: float) -> Rows:
         size = abs(term.standard_error) if isfinite(term.standard_error) else None
         value = f"{number(term.value, size)} {term.unit}" if term.told else "not told beside what was kept"
         rows.append(
-            (term.link, term.term, "kept" if term.kept else "dropped", rough(term.z), rough(term.margin), value)
+            (
+                term.link,
+                term.term,
+                "kept" if term.kept else "dropped",
+                rough(term.z),
+                rough(term.margin),
+                value,
+            )
         )
     return rows
 

@@ -177,5 +177,3 @@ def _name(text: str, place: int) -> str:
     if bare.startswith(("max(d", "min(d")):
         return "kc" if bare.startswith("max") else "kn"
     return _COEFFICIENTS.get(bare, f"a{place + 1}")
-
-

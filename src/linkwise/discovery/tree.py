@@ -19,9 +19,7 @@ from linkwise.motion import SeenMotion
 from linkwise.record import Record
 
 
-def tree(
-    records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates
-) -> frozenset[str]:
+def tree(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> frozenset[str]:
     """All candidates of the links that join every mass to the ground by those of its terms that stand highest in z.
 
     Empty where the links that stand do not reach every mass.
@@ -41,4 +39,3 @@ def tree(
         return frozenset()
     chosen = {pairs[int(one), int(other)] for one, other in zip(found.row, found.col, strict=True)}
     return frozenset(entry.name for entry in candidates.entries if entry.pair in chosen)
-

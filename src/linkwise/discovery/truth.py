@@ -65,7 +65,8 @@ def term_score(found: Structure, truth: Structure) -> TermScore:
     _require_masses(found, truth)
     first = {frozenset(link.between): link.between for link in found.links}
     ours, theirs = (
-        [part for link in each.links for part in _parts(link, first) if part.value != 0.0] for each in (found, truth)
+        [part for link in each.links for part in _parts(link, first) if part.value != 0.0]
+        for each in (found, truth)
     )
     right = [part for part in ours if any(_factor(part, other) is not None for other in theirs)]
     missing = [other for other in theirs if all(_factor(part, other) is None for part in ours)]
@@ -121,7 +122,9 @@ def _parts(link: Link, first: dict[frozenset[str], tuple[str, str]]) -> Iterator
     """The terms of a link, seen from the ends that `first` gives for its pair."""
     numbers: dict[str, Expression] = {name: Number(value) for name, value in link.values.items()}
     nonlinear = {name: numbers[name] for name in link.law.nonlinear}
-    terms = [(name, link.values[name], substitute(link.law.basis[name], nonlinear)) for name in link.law.linear]
+    terms = [
+        (name, link.values[name], substitute(link.law.basis[name], nonlinear)) for name in link.law.linear
+    ]
     rest = substitute(link.law.remainder, numbers)
     pieces = rest.parts if isinstance(rest, Sum) else (() if rest == Number(0.0) else (rest,))
     terms += [(to_text(piece), 1.0, piece) for piece in pieces]

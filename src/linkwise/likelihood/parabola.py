@@ -129,5 +129,3 @@ def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Array, Ar
     at_ends = np.concatenate([inputs.base[::refine, 0], last])
     middles = inputs.base[:, 2] if refine == 1 else inputs.base[refine // 2 :: refine, 0]
     return at_ends[:, :, None], middles[:, :, None]
-
-

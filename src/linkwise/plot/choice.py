@@ -40,7 +40,16 @@ def _draw_path(axes: Axes, found: Discovery) -> None:
         axes.plot(terms, values, "o-", color=color, markersize=3, label=label)
     for each in found.path:
         if each.chosen:
-            axes.plot(each.terms, each.criterion, "o", color=WELL, markersize=8, zorder=5, clip_on=False, label="chosen")
+            axes.plot(
+                each.terms,
+                each.criterion,
+                "o",
+                color=WELL,
+                markersize=8,
+                zorder=5,
+                clip_on=False,
+                label="chosen",
+            )
             axes.axvline(each.terms, color=WELL, linewidth=0.8, zorder=0)
     axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
     axes.set_yscale("symlog", linthresh=10.0, linscale=0.6)
@@ -94,4 +103,6 @@ def evidence_figure(found: Discovery) -> Figure:
 
 def _bars(axes: Axes, rows: list[TermEvidence], start: int, stop: int, color: str, label: str) -> None:
     if stop > start:
-        axes.barh(range(start, stop), [term.z**2 for term in rows[start:stop]], color=color, height=0.6, label=label)
+        axes.barh(
+            range(start, stop), [term.z**2 for term in rows[start:stop]], color=color, height=0.6, label=label
+        )

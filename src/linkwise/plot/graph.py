@@ -77,7 +77,9 @@ def graph_figure(found: Discovery) -> Figure:
             fill(headline(found)[0], int(13 * width)), x=0.01, horizontalalignment="left", fontsize=10
         )
         handles = _legend(edges)
-        figure.legend(handles=handles, loc="outside lower center", ncols=max(1, min(len(handles), int(width / 1.35))))
+        figure.legend(
+            handles=handles, loc="outside lower center", ncols=max(1, min(len(handles), int(width / 1.35)))
+        )
     return figure
 
 
@@ -105,7 +107,13 @@ def _edges(found: Discovery, names: Sequence[str]) -> tuple[list[Edge], list[str
     faint: list[tuple[str, str]] = []
     for term in found.doubtful:
         pair = frozenset(term.between)
-        if not term.kept and term.told and term.margin <= CERTAIN and pair not in linked and len(faint) < _FAINT:
+        if (
+            not term.kept
+            and term.told
+            and term.margin <= CERTAIN
+            and pair not in linked
+            and len(faint) < _FAINT
+        ):
             linked.add(pair)
             faint.append(term.between)
     edges += [Edge(*ends(between), "", 0.0, False, False, True) for between in faint]
@@ -135,7 +143,10 @@ def _draw_links(axes: Axes, edges: Sequence[Edge], points: Floats, *, labelled: 
             offset = 0.1 * (pairs[:number].count(pairs[number]) - 0.5 * (same - 1)) * aside
             a, b = a + offset, b + offset
         width = _width(edge, stiff)
-        dashes = (0, (_DASH / width, _GAP / width))  # matplotlib counts in widths; a stiff link would fall apart
+        dashes = (
+            0,
+            (_DASH / width, _GAP / width),
+        )  # matplotlib counts in widths; a stiff link would fall apart
         style = ":" if not edge.there else "-" if edge.certain else dashes
         axes.plot(
             *np.stack([a, b], axis=1), color=_color(edge), linestyle=style, linewidth=width, solid_capstyle="round", zorder=1,
@@ -170,7 +181,9 @@ def _draw_hold(axes: Axes, mass: Floats, place: Floats, name: str) -> None:
     axes.plot(*wall, color=TRUE, linewidth=1.6, zorder=2, solid_capstyle="butt")
     for share in np.linspace(-0.16, 0.2, 5):
         foot = place + share * across
-        axes.plot(*np.stack([foot, foot + 0.1 * along - 0.06 * across], axis=1), color=TRUE, linewidth=0.7, zorder=2)
+        axes.plot(
+            *np.stack([foot, foot + 0.1 * along - 0.06 * across], axis=1), color=TRUE, linewidth=0.7, zorder=2
+        )
     if name:
         x, y = place + 0.26 * along
         axes.text(x, y, name, fontsize=7, ha="center", va="center")
@@ -181,7 +194,9 @@ def _draw_masses(axes: Axes, found: Discovery, points: Floats, radii: Floats, in
     for number, mass in enumerate(found.structure.masses):
         x, y = points[number]
         radius = 72.0 * inch * radii[number]  # points
-        axes.plot(x, y, "o", ms=2.0 * radius, color="white", markeredgecolor=TRUE, markeredgewidth=1.2, zorder=5)
+        axes.plot(
+            x, y, "o", ms=2.0 * radius, color="white", markeredgecolor=TRUE, markeredgewidth=1.2, zorder=5
+        )
         fits = 0.3 * size * len(mass.name) < 0.9 * radius
         if fits:
             axes.text(x, y, mass.name, fontsize=size, ha="center", va="center", zorder=6)

@@ -59,7 +59,9 @@ def _rows(found: Discovery) -> list[tuple[str, ...]]:
     """A row for every term, links and their laws named once."""
     rows = []
     for each in by_certainty(found):
-        name = each.link.name + ("" if is_certain(found, each.link.name) or not found.trusted else " (in doubt)")
+        name = each.link.name + (
+            "" if is_certain(found, each.link.name) or not found.trusted else " (in doubt)"
+        )
         title = (name, " – ".join(each.link.between), each.kind)
         for number, row in enumerate(term_rows(found, each)):
             rows.append((*(title if number == 0 else ("", "", "")), *row))

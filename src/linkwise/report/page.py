@@ -70,7 +70,9 @@ def report(
     `pictured` names the links that get a picture; `truth` and `nmse` (in %, by link) compare with the true
     structure; `progress` is told the fraction done.
     """
-    parts = page_parts(estimate, version=version, pictured=pictured, truth=truth, nmse=nmse, progress=progress)
+    parts = page_parts(
+        estimate, version=version, pictured=pictured, truth=truth, nmse=nmse, progress=progress
+    )
     return TEMPLATES.get_template("page.html.jinja").render(parts)
 
 
@@ -99,7 +101,9 @@ def page_parts(
             (name, f"{found.sigma:.3g}", found.unit, f"{found.snr_db:.1f}")
             for name, found in estimate.noise.items()
         ],
-        "chi_square": "" if estimate.chi_square_per_sample is None else f"{estimate.chi_square_per_sample:.3f}",
+        "chi_square": ""
+        if estimate.chi_square_per_sample is None
+        else f"{estimate.chi_square_per_sample:.3f}",
         "histories": _picture(histories_page(estimate.record), "histories"),
         "structure": format_structure(estimate.structure),
         "plotly": Markup(get_plotlyjs()),
