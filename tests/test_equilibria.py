@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.chains import bnes_chain
 from linkwise.coefficient import Coefficient
 from linkwise.equilibria import Equilibria, equilibria
@@ -31,12 +31,12 @@ def bistable(name: str, first: str, second: str) -> Link:
     return link(name, first, second, "alpha*d + beta*d**3", alpha=-100.0, beta=1e6)
 
 
-def net_force(one: Structure, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def net_force(one: Structure, x: Floats) -> Floats:
     d = one.elongations(x, 0.0)
     return one.incidence @ np.array([float(held.force(d[i])) for i, held in enumerate(one.links)])
 
 
-def tangent_eigenvalues(one: Structure, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def tangent_eigenvalues(one: Structure, x: Floats) -> Floats:
     d = one.elongations(x, 0.0)
     incidence = one.incidence.toarray()
     slopes = np.array([float(held.stiffness(d[i])) for i, held in enumerate(one.links)])

@@ -13,7 +13,7 @@ import linkwise
 
 SOURCE = Path(linkwise.__file__).parent
 FLOORS = {  # from the ground up; a module may import from its own floor and those below it
-    "words": "errors memory units output threads expression",
+    "words": "arrays errors memory units output threads expression",
     "nouns": """law link coefficient sharing structure structure_file chains wells lawkind equilibria modes energy
         excitation channel timeline resampling decimation simulated record files""",
     "motion": "shape forces course kinks trajectory balance horizon engine ensemble simulate",

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.potentials import Potentials
@@ -15,13 +14,13 @@ from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDeca
 from linkwise.absorption.runs import runs_of
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration
+from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.errors import SimulationError
 from linkwise.excitation import Excitation
 from linkwise.simulate import Drives, Motion
 from linkwise.structure import Structure
 
-Floats = NDArray[np.float64]
 Passages = tuple[Floats, ...]
 
 

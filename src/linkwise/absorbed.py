@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.intervals import AbsorptionIntervals
 from linkwise.absorption.intervaltext import interval_headline, interval_rows
@@ -16,6 +15,7 @@ from linkwise.absorption.maptext import map_findings, map_headline, map_rows
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
+from linkwise.arrays import Floats
 from linkwise.output import ABSORPTION, to_json, whole_folder
 from linkwise.plot import save
 from linkwise.plot.absorb import Bands, crossings_figure, decay_figure, energy_figure
@@ -23,7 +23,6 @@ from linkwise.plot.absorb_map import map_figure
 from linkwise.report.sheet import Section, embedded, sheet_page
 from linkwise.structure_file import format_structure, write_structure
 
-Floats = NDArray[np.float64]
 Progress = Callable[[float, str], object]
 
 

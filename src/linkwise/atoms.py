@@ -6,14 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.layout import Group, Layout, Plan
 from linkwise.weakform import WeakPart
-
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +21,7 @@ class Atoms:
     """
 
     part: WeakPart
-    links: Places
+    links: Indices
     at: slice
     chain: tuple[Floats | float, ...]
 
@@ -39,9 +36,9 @@ def link_atoms(
     layout: Layout,
     values: Floats,
     *,
-    elongations: Callable[[Places], Floats],
+    elongations: Callable[[Indices], Floats],
     rates: Callable[[Floats], Floats],
-    variance: Callable[[Places], Floats],
+    variance: Callable[[Indices], Floats],
 ) -> list[Atoms]:
     """The atoms of all links of `layout`: of their `elongations` (m, N), whose noise has `variance` (m,), and smoothed `rates`
     of those, at the parameters `values` (p,), NaN where they have no value.

@@ -15,13 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.energy import kinetic_energy, potential_energy
 from linkwise.forces import Forces
 from linkwise.simulated import EnergyBalance
 from linkwise.trajectory import Manner, Travelled, travel
-
-Floats = NDArray[np.float64]
 
 _NOTHING = 1e-13  # of the run: edges closer than that are one, apart by rounding
 

@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.information import Precision
 from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
@@ -17,8 +18,6 @@ from linkwise.record import Record
 from linkwise.sharing import Parameter
 from linkwise.structure import Structure
 from linkwise.table import columns, number
-
-Floats = NDArray[np.float64]
 
 DETECTION = 3.605  # deviations: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
 _MANY = 40  # rows of a table that anybody reads

@@ -13,13 +13,11 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.derive import Method, States, differentiate
 from linkwise.errors import RecordError
 from linkwise.record import Record
 
-Array = NDArray[np.float64]
 Convention = Literal["displacement", "states", "differenced", "derivatives"]
 
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)

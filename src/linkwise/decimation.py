@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+
+from linkwise.arrays import Floats
 
 ATTENUATION = 80.0  # dB, for everything above the new Nyquist frequency
 PASSBAND = 0.8  # of the new Nyquist frequency: below it the gain is 1 within 10^(-ATTENUATION / 20)
@@ -17,7 +18,7 @@ class Lowpass:
     """A symmetric filter of `length` = 2 `half` + 1 taps that keeps every `factor`-th of its outputs."""
 
     factor: int
-    taps: NDArray[np.float64]
+    taps: Floats
 
     @property
     def length(self) -> int:
@@ -34,7 +35,7 @@ class Lowpass:
         """The factor by which the standard deviation of white noise shrinks."""
         return float(np.sqrt(np.sum(self.taps**2)))
 
-    def apply(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def apply(self, values: Floats) -> Floats:
         """(N, C) filtered along time, thinned, cut at both ends: ((N - length) // factor + 1, C)."""
         size = (
             1 << (len(values) - 1).bit_length()

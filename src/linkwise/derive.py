@@ -12,14 +12,13 @@ from math import factorial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.noise import bandwidth
 from linkwise.record import Record
 from linkwise.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
 
-Array = NDArray[np.float64]
 Method = Literal["spline", "savgol", "differences"]
 
 _METHODS = {
@@ -37,15 +36,15 @@ class States:
     of the base in m and m/s, None without one. `driven` names the masses with a force channel.
     """
 
-    time: Array
+    time: Floats
     masses: tuple[str, ...]
-    x: Array
-    v: Array
-    a: Array
-    forces: Array
+    x: Floats
+    v: Floats
+    a: Floats
+    forces: Floats
     driven: tuple[str, ...] = ()
-    base: Array | None = None
-    base_velocity: Array | None = None
+    base: Floats | None = None
+    base_velocity: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -95,7 +94,7 @@ def differentiate(record: Record, method: Method = "spline", *, order: int = 4) 
     )
 
 
-def finite_differences(samples: Array, rate: float, derivative: int, *, order: int = 4) -> Array:
+def finite_differences(samples: Floats, rate: float, derivative: int, *, order: int = 4) -> Floats:
     """The first or second time derivative (N, ...) of samples (N, ...) at `rate` Hz, of `order` 2, 4 or 6 up to both ends.
 
     Raises RecordError for another order or derivative, or too few samples.
@@ -121,16 +120,16 @@ def finite_differences(samples: Array, rate: float, derivative: int, *, order: i
 
 def _motions(
     record: Record, bodies: tuple[str, ...], method: Method, order: int
-) -> tuple[Array, Array, Array, int]:
+) -> tuple[Floats, Floats, Floats, int]:
     """x, v, a (N, len(bodies)) of masses or the base, and how many samples at each end are poor."""
     sources = {body: source for body in bodies if (source := _source(record, body))}
-    derived: dict[str, tuple[Array, ...]] = {}
+    derived: dict[str, tuple[Floats, ...]] = {}
     lost = 0
     if sources:
         samples = np.column_stack([record.channel(source) for source in sources.values()])
         *found, lost = _derivatives(samples, record.rate, method, order)
         derived = {body: tuple(one[:, column] for one in found) for column, body in enumerate(sources)}
-    motions: list[dict[str, Array]] = []
+    motions: list[dict[str, Floats]] = []
     for body in bodies:
         motion = {
             kind: record.channel(name) for kind in "xva" if (name := f"{kind}:{body}") in record.channels
@@ -158,7 +157,9 @@ def _source(record: Record, body: str) -> str | None:
     return None if has["a"] else f"v:{body}"
 
 
-def _derivatives(samples: Array, rate: float, method: Method, order: int) -> tuple[Array, Array, Array, int]:
+def _derivatives(
+    samples: Floats, rate: float, method: Method, order: int
+) -> tuple[Floats, Floats, Floats, int]:
     """Value, first and second derivative of channels (N, C), and the number of samples at each end that are poor."""
     if method == "differences":
         first, second = (finite_differences(samples, rate, which, order=order) for which in (1, 2))

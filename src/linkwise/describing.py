@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.link_estimate import NORMAL_95, LinkEstimate
-
-Floats = NDArray[np.float64]
 
 _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
 

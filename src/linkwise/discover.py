@@ -7,8 +7,8 @@ from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.channel import BASE, Channel
 from linkwise.coefficient import Coefficient
 from linkwise.discovery.candidates import Candidates, candidates
@@ -38,7 +38,6 @@ from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
 from linkwise.weakestimate import weak_search
 
-Floats = NDArray[np.float64]
 Tell = Callable[[float, str], None]
 
 _SCREENED = 0.1  # of the bar, when the screen is done

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.structure import Structure
 
-Array = NDArray[np.float64]
 
-
-def kinetic_energy(structure: Structure, v: ArrayLike) -> Array:
+def kinetic_energy(structure: Structure, v: ArrayLike) -> Floats:
     """(N,) in J from velocities `v` (N, n) in m/s."""
-    energy: Array = 0.5 * np.square(np.asarray(v, dtype=float)) @ structure.mass_values
+    energy: Floats = 0.5 * np.square(np.asarray(v, dtype=float)) @ structure.mass_values
     return energy
 
 
-def potential_energy(structure: Structure, x: ArrayLike, base: ArrayLike | None = None) -> Array:
+def potential_energy(structure: Structure, x: ArrayLike, base: ArrayLike | None = None) -> Floats:
     """(N, L) in J stored in each link, zero at zero elongation, from displacements `x` (N, n) and `base` (N,) in m."""
     d = structure.elongations(x, base)
     return np.stack([link.potential(d[..., column]) for column, link in enumerate(structure.links)], axis=-1)

@@ -24,6 +24,7 @@ import heyoka
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats
 from linkwise.expression import (
     Call,
     Expression,
@@ -40,7 +41,6 @@ from linkwise.expression import (
 )
 from linkwise.shape import SCALE, Layout, Shape, edges, power_lost
 
-Floats = NDArray[np.float64]
 Formula = Any  # heyoka.expression: the library ships no types
 
 TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
@@ -294,7 +294,7 @@ class Batch:
     integrator: Any
     passages: list[list[tuple[int, float]]]
 
-    def advance(self, grid: Floats, most_steps: int) -> tuple[Floats, NDArray[np.bool_]]:
+    def advance(self, grid: Floats, most_steps: int) -> tuple[Floats, Bools]:
         """States (M, variables, lanes) at `grid` (M,), whose first time is where the lanes stand, and which lanes failed.
 
         Where one lane fails, no longer finite or out of steps, the others may not come to the end either.

@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.course import Course
 from linkwise.engine import Batch, equations
 from linkwise.shape import SCALE, Layout
 from linkwise.trajectory import FARTHEST
-
-Floats = NDArray[np.float64]
 
 LANES = (
     4  # numbers in a register of most processors; more gains nothing, since all lanes wait for the slowest
@@ -40,7 +38,7 @@ class Flock:
     heat: Floats
     work: Floats
     passages: tuple[tuple[Floats, ...], ...]
-    alive: NDArray[np.bool_]
+    alive: Bools
 
 
 def can_fly(course: Course) -> bool:
@@ -92,7 +90,7 @@ class _Flight:
         self.masses = np.stack([each.structure.mass_values for each in courses], axis=1)
         self.next = 0
 
-    def run(self) -> NDArray[np.bool_]:
+    def run(self) -> Bools:
         """From stop to stop; returns which lanes failed."""
         course, integrator = self.courses[0], self.batch.integrator
         stops = course.stops
@@ -127,9 +125,7 @@ class _Flight:
         state[-1] += (self.masses * jumps * (speeds - 0.5 * jumps)).sum(axis=0)
 
 
-def _landed(
-    flight: _Flight, watched: tuple[int, ...], links: int, alive: NDArray[np.bool_], seats: NDArray[np.intp]
-) -> Flock:
+def _landed(flight: _Flight, watched: tuple[int, ...], links: int, alive: Bools, seats: Indices) -> Flock:
     """What the lanes brought home, run by run; NaN for those that did not come."""
     size, runs = flight.size, len(alive)
     table = flight.states[..., :runs]

@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 
-Array = NDArray[np.float64]
-Rows = slice | NDArray[np.intp]  # a piece of the rows, or their numbers
+Rows = slice | Indices  # a piece of the rows, or their numbers
 
 _BLOCK_BYTES = 8 * 2**20  # large enough to fill the pipelines of one BLAS call, small enough to stay in cache
 
@@ -46,7 +45,7 @@ class LinearSystem(ABC):
         """Number of rows R."""
 
     @abstractmethod
-    def rows_of(self, piece: Rows) -> tuple[Array, Array]:
+    def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
         """Weighted rows `piece`: A (B, p) in C or Fortran order, and b (B, T)."""
 
     @property
@@ -54,7 +53,7 @@ class LinearSystem(ABC):
         """What a fit of any regressor takes at its peak, beside the data: so many p x p matrices and a few blocks of rows."""
         return fit_bytes(len(self.names))
 
-    def blocks(self, rows: NDArray[np.intp] | None = None) -> Iterator[tuple[Array, Array]]:
+    def blocks(self, rows: Indices | None = None) -> Iterator[tuple[Floats, Floats]]:
         """All rows, or those of these numbers, in order, in blocks of about 8 MB, each as `rows_of` gives them."""
         step = int(np.clip(_BLOCK_BYTES // (8 * max(len(self.names), 1)), 64, 65536))
         for first in range(0, self.rows if rows is None else len(rows), step):
@@ -71,10 +70,10 @@ class Equations(LinearSystem):
     is not finite.
     """
 
-    matrix: Array
-    target: Array
+    matrix: Floats
+    target: Floats
     names: tuple[str, ...]
-    weights: Array | None = None
+    weights: Floats | None = None
     units: tuple[str, ...] = ()
     targets: tuple[str, ...] = ("b",)
 
@@ -99,7 +98,7 @@ class Equations(LinearSystem):
     def rows(self) -> int:
         return len(self.matrix)
 
-    def rows_of(self, piece: Rows) -> tuple[Array, Array]:
+    def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
         matrix, target = self.matrix[piece], self.target[piece]
         if self.weights is None:
             return matrix, target
@@ -137,7 +136,7 @@ class StreamedEquations(LinearSystem):
     `count` is the number of rows R. The matrix is never stored: memory stays at one block.
     """
 
-    compute: Callable[[Rows], tuple[Array, Array]]
+    compute: Callable[[Rows], tuple[Floats, Floats]]
     count: int
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -150,7 +149,7 @@ class StreamedEquations(LinearSystem):
     def rows(self) -> int:
         return self.count
 
-    def rows_of(self, piece: Rows) -> tuple[Array, Array]:
+    def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
         return self.compute(piece)
 
     def stored(self) -> Equations:
@@ -170,7 +169,7 @@ def _require_named(names: tuple[str, ...], units: tuple[str, ...], targets: tupl
         raise IdentificationError(f"{len(names)} columns need {len(names)} units, got {len(units)}")
 
 
-def _require_finite(matrix: Array, target: Array, weights: Array | None, names: tuple[str, ...]) -> None:
+def _require_finite(matrix: Floats, target: Floats, weights: Floats | None, names: tuple[str, ...]) -> None:
     bad_rows = ~np.isfinite(target).all(axis=1)
     if weights is not None:
         bad_rows |= ~np.isfinite(weights)

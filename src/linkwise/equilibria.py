@@ -14,16 +14,15 @@ from math import prod
 from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.link import Link
 from linkwise.structure import Structure
 from linkwise.wells import RestPoint, rest_points
-
-Array = NDArray[np.float64]
 
 _LIMIT = 4096  # starts, or equilibria listed, unless told otherwise
 _STEPS = 200  # of Newton's method: it converges linearly where the stiffness vanishes
@@ -41,7 +40,7 @@ class Equilibrium:
     and directions in which only a damper acts or the stiffness vanishes at that point.
     """
 
-    x: Array
+    x: Floats
     stable: bool
     energy: float
     neutral: int
@@ -88,13 +87,13 @@ class _Bond:
         """Equal for bonds of equal force."""
         return tuple((link.law, tuple(link.values.values()), sign) for link, sign in self.links)
 
-    def force(self, d: Array) -> Array:
+    def force(self, d: Floats) -> Floats:
         return sum((sign * link.force(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
-    def slope(self, d: Array) -> Array:
+    def slope(self, d: Floats) -> Floats:
         return sum((link.stiffness(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
-    def potential(self, d: Array) -> Array:
+    def potential(self, d: Floats) -> Floats:
         return sum((link.potential(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
 
@@ -157,7 +156,7 @@ def _bonds(structure: Structure) -> list[_Bond]:
     return [_Bond(nodes, tuple(links)) for nodes, links in found.items()]
 
 
-def _incidence(bonds: Sequence[_Bond], size: int) -> Array:
+def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
     """(n, bonds) incidence of the bonds."""
     incidence = np.zeros((size + 1, len(bonds)))
     for column, bond in enumerate(bonds):
@@ -197,7 +196,7 @@ def _wells_first(rests: Sequence[tuple[RestPoint, ...]]) -> Iterator[tuple[RestP
             yield from product(*[(high[i] if i in up else low[i]) or (None,) for i in range(len(rests))])
 
 
-def _weights(bonds: Sequence[_Bond], rests: Sequence[tuple[RestPoint, ...]]) -> Array:
+def _weights(bonds: Sequence[_Bond], rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
     """(bonds,) how firmly a bond holds its rest point against the others: the root of its stiffness there."""
     stiffest = [max((abs(point.stiffness) for point in rest), default=0.0) for rest in rests]
     largest = max(stiffest, default=0.0) or 1.0
@@ -206,10 +205,10 @@ def _weights(bonds: Sequence[_Bond], rests: Sequence[tuple[RestPoint, ...]]) -> 
 
 def _of_tree(
     bonds: Sequence[_Bond],
-    incidence: Array,
+    incidence: Floats,
     rests: Sequence[tuple[RestPoint, ...]],
     choices: Sequence[tuple[RestPoint | None, ...]],
-    places: Array,
+    places: Floats,
     cut: str,
 ) -> Equilibria:
     """The products of rest points. By Sylvester's law of inertia B diag(k) B' has as many negative eigenvalues as k."""
@@ -230,7 +229,7 @@ def _of_tree(
 
 
 def _from_starts(
-    bonds: Sequence[_Bond], incidence: Array, starts: Array, size: float, note: str
+    bonds: Sequence[_Bond], incidence: Floats, starts: Floats, size: float, note: str
 ) -> Equilibria:
     """Newton's method from every row of `starts`; `size` in m is what displacements are measured by."""
     n = incidence.shape[0]
@@ -242,7 +241,7 @@ def _from_starts(
         settled.append(done)
     x, done = np.concatenate(ends), np.concatenate(settled)
     size = max(size, float(np.abs(x[done]).max(initial=0.0)))
-    distinct: list[Array] = []
+    distinct: list[Floats] = []
     for candidate in x[done]:
         if not any(np.abs(candidate - other).max() <= 1e-6 * size for other in distinct):
             distinct.append(candidate)
@@ -263,9 +262,7 @@ def _from_starts(
     return Equilibria(_sorted(points), False, "; ".join(filter(None, [note, lost, _floating(free)])))
 
 
-def _newton(
-    bonds: Sequence[_Bond], incidence: Array, x: Array, size: float
-) -> tuple[Array, NDArray[np.bool_]]:
+def _newton(bonds: Sequence[_Bond], incidence: Floats, x: Floats, size: float) -> tuple[Floats, Bools]:
     """(S, n) the end of each search and (S,) whether the forces balance there. Steps are halved until the residual falls."""
     x = x.copy()
     done = np.zeros(len(x), dtype=bool)
@@ -296,14 +293,14 @@ def _newton(
     return x, done
 
 
-def _residual(bonds: Sequence[_Bond], incidence: Array, x: Array) -> Array:
+def _residual(bonds: Sequence[_Bond], incidence: Floats, x: Floats) -> Floats:
     """(S, n) the force of the links on each mass, sign reversed."""
     d = x @ incidence
     forces = np.stack([bond.force(d[:, column]) for column, bond in enumerate(bonds)], axis=1) if bonds else d
     return forces @ incidence.T
 
 
-def _stiffness(bonds: Sequence[_Bond], incidence: Array, x: Array) -> Array:
+def _stiffness(bonds: Sequence[_Bond], incidence: Floats, x: Floats) -> Floats:
     """(S, n, n) tangent stiffness."""
     d = x @ incidence
     slopes = np.stack([bond.slope(d[:, column]) for column, bond in enumerate(bonds)], axis=1) if bonds else d

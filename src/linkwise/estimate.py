@@ -8,9 +8,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
+from linkwise.arrays import Bools, Floats
 from linkwise.channel import Channel
 from linkwise.errors import StructureError
 from linkwise.findings import link_findings
@@ -21,8 +22,6 @@ from linkwise.record import Record
 from linkwise.sharing import Parameter
 from linkwise.structure import Structure
 from linkwise.table import text_table
-
-Floats = NDArray[np.float64]
 
 CONVERGED = "converged"
 NOT_CONVERGED = "not converged"
@@ -76,7 +75,7 @@ class Estimate:
     parameters: tuple[Parameter, ...]
     values: Floats
     covariance: Floats | csc_array
-    free: NDArray[np.bool_]
+    free: Bools
     noise: Mapping[str, NoiseEstimate]
     chi_square_per_sample: float | None
     samples: int

@@ -12,14 +12,13 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
+from linkwise.arrays import Floats
 from linkwise.errors import LawError, SimulationError
 from linkwise.expression import Expression, Program, differentiate, parse_with_places, symbols
 from linkwise.expression.tree import Symbol
-
-Floats = NDArray[np.float64]
 
 ORDERS = (0, 1, 3, 5, 7)
 _UPSAMPLING = 4  # samples put into one interval before the spline where the signal is taken as band-limited

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.link_estimate import NORMAL_95, LinkEstimate
-
-Floats = NDArray[np.float64]
 
 _TOGETHER = 0.995  # correlation beyond which two coefficients are one piece of knowledge
 

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.excitation import Excitation
 from linkwise.expression import Program, symbols
 from linkwise.law import Law
 from linkwise.shape import power_lost
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

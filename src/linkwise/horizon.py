@@ -9,12 +9,10 @@ tighter tolerance without compiling anew, and every rounding error is another on
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.trajectory import Manner, Travelled, travel
-
-Floats = NDArray[np.float64]
 
 DEPARTURE = 1e-3  # of the largest displacement
 _PART = 0.6  # of the mean step of the first run

@@ -11,11 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.engine import Equations, peek
-
-Floats = NDArray[np.float64]
 
 _MOMENT = 1e-3  # of a step: far enough that g stands above rounding, near enough that it keeps its sign
 _SHORTEST = 1e-12  # of a step

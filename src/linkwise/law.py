@@ -13,8 +13,9 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.errors import LawError
 from linkwise.expression import (
     Expression,
@@ -43,16 +44,14 @@ _MISUSED = {
     "t": "A law does not depend on time. A force that does is an excitation: give it to the simulation.",
 }
 
-Array = NDArray[np.float64]
-
 
 class Partials(NamedTuple):
     """A law's force (N) and its partial derivatives, all of the shape that d, v and the coefficients broadcast to."""
 
-    force: Array
-    by_d: Array
-    by_v: Array
-    by_coefficient: dict[str, Array]
+    force: Floats
+    by_d: Floats
+    by_v: Floats
+    by_coefficient: dict[str, Floats]
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ class Law:
         """Expressions in d and v at whose zeros the force is not smooth, each once."""
         return tuple(kink for kink in kinks(self.expression) if set(symbols(kink)) & set(VARIABLES))
 
-    def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Array:
+    def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """The force in N at elongation d (m) and rate v (m/s), broadcast with the coefficients; read-only.
 
         Raises LawError where `values` lacks a coefficient; further names in it are ignored.
@@ -161,7 +160,7 @@ class Law:
         force, by_d, by_v, *others = outputs
         return Partials(force, by_d, by_v, dict(zip(self.coefficients, others, strict=True)))
 
-    def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Array:
+    def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """The energy (J) stored at elongation d (m): the integral of the force at v = 0 from 0 to d.
 
         In closed form where one is known; else, and where that form is not finite, by Gauss-Legendre quadrature between the

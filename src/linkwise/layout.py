@@ -10,14 +10,11 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.law import Law
 from linkwise.structure import BASE, GROUND, Structure
 from linkwise.weakform import PHI, PHI_2, WeakLaw, WeakPart, weak_law
-
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 _GROUND, _BASE = -1, -2
 
@@ -26,7 +23,7 @@ _GROUND, _BASE = -1, -2
 class Numbers:
     """Numbers (m,): parameter number `parameter` (m,) or, where that is -1, `known` (m,)."""
 
-    parameter: Places
+    parameter: Indices
     known: Floats
 
     def at(self, values: Floats) -> Floats:
@@ -49,8 +46,8 @@ class Group:
     """
 
     weak: WeakLaw
-    at: Places
-    links: Places
+    at: Indices
+    links: Indices
     coefficients: Mapping[str, Numbers]
 
 
@@ -69,10 +66,10 @@ class Ear:
     `sign` (s,), and over its links, at `links` (k,) of `Layout.links`, the `others` (k) at their other ends.
     """
 
-    terms: Places
-    parameter: Places
+    terms: Indices
+    parameter: Indices
     sign: Floats
-    links: Places
+    links: Indices
     others: tuple[int, ...]
 
 
@@ -87,33 +84,33 @@ class Layout:
     on to at their other ends, the ground where they do not hold the mass.
     """
 
-    masses: Places
-    links: Places
+    masses: Indices
+    links: Indices
     forced: tuple[int, ...]
     groups: tuple[Group, ...]
     parts: tuple[Terms, ...]
     inertia: Numbers
-    kernel: Places
+    kernel: Indices
     signs: Floats
     numbers: Numbers
-    increment: NDArray[np.bool_]
-    nodes: Places
+    increment: Bools
+    nodes: Indices
     incidence: Floats
     holds: Floats
-    others: Places
+    others: Indices
 
     @cached_property
-    def asked(self) -> Places:
+    def asked(self) -> Indices:
         """The terms with a parameter."""
         return np.flatnonzero(self.numbers.parameter >= 0)
 
     @cached_property
-    def parameter(self) -> Places:
+    def parameter(self) -> Indices:
         """The parameters of those terms."""
         return self.numbers.parameter[self.asked]
 
     @cached_property
-    def asked_under(self) -> tuple[Places, ...]:
+    def asked_under(self) -> tuple[Indices, ...]:
         """The terms with a parameter that meet each of the kernels."""
         return tuple(self.asked[self.kernel[self.asked] == kernel] for kernel in range(3))
 
@@ -140,7 +137,7 @@ class Plan:
     structure: Structure
     names: tuple[str, ...]
     places: Mapping[tuple[int, str], int]
-    ends: Places
+    ends: Indices
     links_at: tuple[tuple[int, ...], ...]
     _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], Layout] = field(default_factory=dict, repr=False)
 
@@ -173,7 +170,7 @@ class Plan:
             for mass, links in enumerate(self.links_at)
         )
 
-    def groups(self, links: Sequence[int] | Places) -> Iterator[Group]:
+    def groups(self, links: Sequence[int] | Indices) -> Iterator[Group]:
         """The `links` by their laws."""
         found: dict[tuple[Law, frozenset[str]], list[int]] = {}
         looked = np.array(links, dtype=np.intp)
@@ -195,7 +192,7 @@ class Plan:
             self._layouts[key] = self._layout(np.array(key[0]), key[1])
         return self._layouts[key]
 
-    def _layout(self, masses: Places, forced: tuple[int, ...]) -> Layout:
+    def _layout(self, masses: Indices, forced: tuple[int, ...]) -> Layout:
         links = np.unique([link for mass in masses for link in self.links_at[mass]])
         groups = tuple(self.groups(links))
         parts, numbers, stop = [], [], 0
@@ -268,12 +265,12 @@ def _multipliers(group: Group, part: WeakPart) -> Numbers:
     return group.coefficients[part.coefficient]
 
 
-def _nodes_of(masses: Places, forced: tuple[int, ...]) -> tuple[Places, Places]:
+def _nodes_of(masses: Indices, forced: tuple[int, ...]) -> tuple[Indices, Indices]:
     """Between which nodes inertia (m, 2) and forces (f, 2) lie: a mass and the ground; nowhere."""
     return np.stack([masses, np.full(len(masses), _GROUND)], axis=1), np.full((len(forced), 2), _GROUND)
 
 
-def _incidence(ends: Places) -> tuple[Places, Floats]:
+def _incidence(ends: Indices) -> tuple[Indices, Floats]:
     """The nodes (c,) between which `ends` (q, 2) lie, and (q, c): 1 at the first of them, -1 at the second."""
     nodes, at = np.unique(ends, return_inverse=True)
     at, every = at.reshape(ends.shape), np.arange(len(ends))

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.derive import States
 from linkwise.equations import Equations, Rows, StreamedEquations, fit_bytes
 from linkwise.errors import IdentificationError, RecordError
@@ -18,8 +18,6 @@ from linkwise.link import Link
 from linkwise.memory import available_memory
 from linkwise.monomials import Monomials, tags
 from linkwise.structure import Structure
-
-Array = NDArray[np.float64]
 
 _MOST_BYTES = 2 * 2**30  # of stored link columns
 
@@ -51,7 +49,7 @@ def monomial_equations(
     variables = _interleaved(states.x[:, columns_at], states.v[:, columns_at])
     targets = _interleaved(states.v[:, targets_at], states.a[:, targets_at])
 
-    def compute(piece: Rows) -> tuple[Array, Array]:
+    def compute(piece: Rows) -> tuple[Floats, Floats]:
         columns = library.evaluate(variables[piece])
         if names:
             columns = np.asfortranarray(np.concatenate([columns, inputs[piece]], axis=1))
@@ -132,12 +130,12 @@ def link_columns(states: States, structure: Structure) -> Equations:
     )
 
 
-def _interleaved(first: Array, second: Array) -> Array:
+def _interleaved(first: Floats, second: Floats) -> Floats:
     """Columns of two (N, n) arrays in turn: (N, 2 n)."""
     return np.stack([first, second], axis=2).reshape(len(first), -1)
 
 
-def _inputs(states: States, tagged: dict[str, str]) -> tuple[tuple[str, ...], Array]:
+def _inputs(states: States, tagged: dict[str, str]) -> tuple[tuple[str, ...], Floats]:
     """Names and columns (N, k) of what drives the masses in `tagged`, and of the base motion."""
     driven = [mass for mass in states.driven if mass in tagged]
     names = [f"f{tagged[mass]}" for mass in driven]
@@ -190,7 +188,7 @@ def _gigabytes(size: int) -> str:
     return f"{size / 1e9:.{0 if size > 1e10 else 2}f} GB"
 
 
-def _order(states: States, structure: Structure) -> NDArray[np.intp]:
+def _order(states: States, structure: Structure) -> Indices:
     """Where each mass of the structure stands in the states."""
     absent = [name for name in structure.mass_names if name not in states.masses]
     if absent:
@@ -215,7 +213,7 @@ def _require_solvable(structure: Structure, samples: int) -> None:
         )
 
 
-def _evaluate(link: Link, d: Array, v: Array) -> tuple[Array, dict[str, Array]]:
+def _evaluate(link: Link, d: Floats, v: Floats) -> tuple[Floats, dict[str, Floats]]:
     """The known part of a link's force (N,), and for each unknown coefficient what it multiplies (N,)."""
     unknown = {name for name, coefficient in link.coefficients.items() if not coefficient.known}
     for name in unknown:

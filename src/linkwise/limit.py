@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.bound import Limit
 from linkwise.errors import IdentificationError
 from linkwise.excitation import Impulse
@@ -19,8 +19,6 @@ from linkwise.likelihood.segments import Point, Scales
 from linkwise.record import Record
 from linkwise.simulate import Drives, simulate
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
 _TURN = 0.25  # radians of the fastest motion in one step of the tangents

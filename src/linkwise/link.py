@@ -13,8 +13,9 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
 from linkwise.law import Law
@@ -112,25 +113,25 @@ class Link:
             values[name] = coefficient.value
         return values
 
-    def force(self, d: ArrayLike, v: ArrayLike = 0.0) -> NDArray[np.float64]:
+    def force(self, d: ArrayLike, v: ArrayLike = 0.0) -> Floats:
         """Force in N at elongation `d` in m and its rate `v` in m/s (shapes broadcast)."""
         return _full(self.law.force(d, v, self.values), d, v)
 
-    def stiffness(self, d: ArrayLike) -> NDArray[np.float64]:
+    def stiffness(self, d: ArrayLike) -> Floats:
         """Slope of the force by d in N/m at rest (v = 0), in the shape of `d`."""
         return self.tangent(d)[0]
 
-    def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Slopes of the force by d in N/m and by v in N s/m, each in the broadcast shape of `d` and `v`."""
         partials = self.law.partials(d, v, self.values)
         return _full(partials.by_d, d, v), _full(partials.by_v, d, v)
 
-    def potential(self, d: ArrayLike) -> NDArray[np.float64]:
+    def potential(self, d: ArrayLike) -> Floats:
         """Energy in J stored in the elastic part f(d, 0) of the law, zero at d = 0, in the shape of `d`."""
         return _full(self.law.potential(d, self.values), d, 0.0)
 
 
-def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
+def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> Floats:
     """`values` in the broadcast shape of `d` and `v`: a constant term gives a number where an array is asked for."""
     return np.array(np.broadcast_to(values, np.broadcast_shapes(np.shape(d), np.shape(v))), dtype=float)
 

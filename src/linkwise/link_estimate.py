@@ -8,15 +8,15 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
 from linkwise.lawkind import law_kind
 from linkwise.structure import Link
 from linkwise.wells import way_out, wells
 
-Floats = NDArray[np.float64]
 Found = TypeVar("Found")
 
 NORMAL_95 = 1.959963984540054  # deviations that hold 95 % of a normal distribution

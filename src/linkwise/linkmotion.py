@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.structure import Structure
 from linkwise.weak import WeakEquations
 from linkwise.weakform import PHI
-
-Floats = NDArray[np.float64]
 
 _DENSE = 64  # masses up to which all link forces are solved for together
 _DETERMINED = 1e-9  # smallest singular value of the incidence, relative, that still tells forces apart

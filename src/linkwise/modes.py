@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
+from linkwise.arrays import Floats
 from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
 from linkwise.structure import Structure
-
-Array = NDArray[np.float64]
 
 _ZERO = (
     1e-14  # times the masses, ten or more: squared frequencies below this part of the largest are rounding
@@ -36,10 +35,10 @@ class Modes:
     by rising modulus. `note` says in words what is not an ordinary vibration about an equilibrium.
     """
 
-    at: Array
-    frequencies: Array
-    damping: Array
-    shapes: Array
+    at: Floats
+    frequencies: Floats
+    damping: Floats
+    shapes: Floats
     eigenvalues: NDArray[np.complex128]
     note: str
 
@@ -72,7 +71,7 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     )
 
 
-def _uncoupled(squares: Array, shapes: Array, damping: Array) -> Array:
+def _uncoupled(squares: Floats, shapes: Floats, damping: Floats) -> Floats:
     """`shapes` with those of a repeated frequency, which may be mixed at will, chosen so that damping does not couple them."""
     shapes = shapes.copy()
     apart = np.flatnonzero(np.diff(squares) > _EQUAL * np.abs(squares).max(initial=0.0)) + 1
@@ -82,7 +81,7 @@ def _uncoupled(squares: Array, shapes: Array, damping: Array) -> Array:
     return shapes
 
 
-def _rest(structure: Structure) -> Array:
+def _rest(structure: Structure) -> Floats:
     found = equilibria(structure)
     if not found.stable:
         raise StructureError(
@@ -91,7 +90,7 @@ def _rest(structure: Structure) -> Array:
     return found.stable[0].x
 
 
-def _tangent(structure: Structure, x: Array) -> tuple[Array, Array, Array]:
+def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
     """Stiffness (n, n), damping (n, n) and the net forces (n,) of the links at rest at `x`; the base is at its zero."""
     d = structure.elongations(x, 0.0)
     slopes = np.array([link.tangent(place) for link, place in zip(structure.links, d, strict=True)])
@@ -105,7 +104,7 @@ def _tangent(structure: Structure, x: Array) -> tuple[Array, Array, Array]:
     return stiffness.toarray(), damping.toarray(), np.where(at_rest, 0.0, net)
 
 
-def _eigenvalues(squares: Array, modal: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def _eigenvalues(squares: Floats, modal: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """All 2n eigenvalues of the state matrix, and (n, 2) the two that belong to each undamped mode.
 
     In modal coordinates the state matrix is [[0, 1], [-squares, -modal]]. Eigenvectors are given to modes, two to each, so
@@ -126,7 +125,7 @@ def _eigenvalues(squares: Array, modal: Array) -> tuple[NDArray[np.complex128], 
     return values, values[columns[np.argsort(rows)]].reshape(n, 2)
 
 
-def _note(structure: Structure, squares: Array, residual: Array) -> str:
+def _note(structure: Structure, squares: Floats, residual: Floats) -> str:
     notes = []
     if np.any(residual):
         worst = int(np.argmax(np.abs(residual)))

@@ -11,8 +11,8 @@ from itertools import count
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import polynomial
 from linkwise.link import Link
@@ -21,7 +21,6 @@ from linkwise.record import Record
 from linkwise.sparse.regressor import Fit
 from linkwise.structure import Structure
 
-Array = NDArray[np.float64]
 Reading = Literal["coefficients", "ends", "displacements"]
 
 READINGS: tuple[Reading, ...] = get_args(Reading)
@@ -29,7 +28,7 @@ READINGS: tuple[Reading, ...] = get_args(Reading)
 
 def monomial_force(
     fit: Fit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Elongations d (N,) in m of the named link in the clean simulated `record`, and the stiffness force (N,) in N that `fit`
     finds along them.
 

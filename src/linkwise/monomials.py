@@ -8,11 +8,9 @@ from itertools import combinations_with_replacement
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class Monomials:
         """(p,) names such as "1", "x1", "x1*v2", "x1**2*x2"."""
         return tuple(_product(self.variables, chosen) for degree in self._degrees for chosen in degree)
 
-    def evaluate(self, values: Array) -> Array:
+    def evaluate(self, values: Floats) -> Floats:
         """Columns (B, p) in Fortran order at values (B, q) of the variables, each one product away from a column before it."""
         columns = np.empty((len(self), len(values)))
         columns[0] = 1.0
@@ -77,11 +75,11 @@ class Monomials:
         ]
 
     @cached_property
-    def _products(self) -> list[tuple[int, slice | NDArray[np.intp], int]]:
+    def _products(self) -> list[tuple[int, slice | Indices, int]]:
         """In the order of the columns: a variable, the columns of the degree before that it multiplies, and how many they are.
         These are the monomials that begin with this variable or a later one, where they leave room for it.
         """
-        steps: list[tuple[int, slice | NDArray[np.intp], int]] = []
+        steps: list[tuple[int, slice | Indices, int]] = []
         first = 0
         for before in self._degrees[:-1]:
             for variable in range(len(self.variables)):

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.noise import bandwidth, noise_and_bandwidth, noise_sigma
 from linkwise.record import Record
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 _RESOLVED = 1e-5  # of the motion: what the sums that stand for integrals tell of a smooth motion
 _QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when a window is chosen
@@ -33,8 +31,8 @@ class SeenMotion:
     variance: Floats
     base_variance: float
     power: Floats
-    seen: NDArray[np.bool_]
-    missing: NDArray[np.bool_] | None
+    seen: Bools
+    missing: Bools | None
     highest: float
 
     @property
@@ -67,7 +65,7 @@ class SeenMotion:
         return np.maximum(self.noise, _RESOLVED**2 * self.power)
 
 
-def differences(values: Floats, ends: NDArray[np.intp]) -> Floats:
+def differences(values: Floats, ends: Indices) -> Floats:
     """(m, N) rows of `values` at the first less those at the second of `ends` (m, 2)."""
     found = np.empty((len(ends), values.shape[1]))
     for row, (first, second) in zip(found, ends.tolist(), strict=True):

@@ -12,11 +12,10 @@ from functools import lru_cache
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats, Indices
 from linkwise.errors import RecordError
-
-Array = NDArray[np.float64]
 
 _ORDER = 4  # differences before the window: they keep a strong slow motion from leaking into high bins
 _DIFFERENCES = np.array([(-1.0) ** lag * comb(_ORDER, lag) for lag in range(_ORDER + 1)])
@@ -44,12 +43,12 @@ class Look:
     """
 
     block: int
-    mean: Array
-    counts: NDArray[np.intp]
-    cells: Array
+    mean: Floats
+    counts: Indices
+    cells: Floats
 
 
-def noise_sigma(samples: ArrayLike) -> Array:
+def noise_sigma(samples: ArrayLike) -> Floats:
     """Standard deviation of the white measurement noise of each channel.
 
     `samples` is (N, C) or (N,), any unit, NaN where a sample is missing; the answer is (C,) in that unit, or
@@ -62,7 +61,7 @@ def noise_sigma(samples: ArrayLike) -> Array:
     return _sigma(_channels(samples), None)
 
 
-def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Array:
+def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Floats:
     """Highest frequency in Hz at which each channel's motion stands above its noise.
 
     `samples` is (N, C) or (N,), `rate` the sampling rate in Hz, `sigma` (C,) the noise where it is known, else found by
@@ -83,7 +82,7 @@ def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -
 
 def noise_and_bandwidth(
     samples: ArrayLike, rate: float, stated: ArrayLike | None = None
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """`noise_sigma` (C,) and `bandwidth` (C,), NaN where it cannot be told, of `samples` (N, C) or (N,), in one look.
 
     Noise that is `stated` (C,), not NaN, is not looked for.
@@ -98,18 +97,18 @@ def noise_and_bandwidth(
     return sigma, np.where(look.counts > 0, loud * rate / look.block, np.nan)
 
 
-def _channels(samples: ArrayLike) -> Array:
+def _channels(samples: ArrayLike) -> Floats:
     """(C, N), each channel in one piece."""
     values = np.asarray(samples, dtype=np.float64)
     return np.ascontiguousarray(np.atleast_2d(values.T))
 
 
-def _block(channels: Array) -> int:
+def _block(channels: Floats) -> int:
     """Samples of a block that resolves the band: a third of the record at most."""
     return int(min(256, 2 ** int(np.log2(max(channels.shape[1] // 3, 16)))))
 
 
-def _sigma(channels: Array, seen: Look | None) -> Array:
+def _sigma(channels: Floats, seen: Look | None) -> Floats:
     """(C,) noise of the channels, of which `seen` may be known."""
     sigma = np.full(len(channels), np.nan)
     for block, fewest in _FEWEST.items():
@@ -122,7 +121,7 @@ def _sigma(channels: Array, seen: Look | None) -> Array:
     return sigma
 
 
-def _shared_level(look: Look, fewest: int) -> Array:
+def _shared_level(look: Look, fewest: int) -> Floats:
     """(C,) power that the quiet cells of each channel share, NaN with fewer than so many whole blocks."""
     deep = _CELLS[look.block][1]
     if look.cells.shape[1] >= fewest and (look.counts == look.cells.shape[1]).all():
@@ -134,7 +133,7 @@ def _shared_level(look: Look, fewest: int) -> Array:
     return level
 
 
-def _quiet_level(power: Array, deep: int) -> Array:
+def _quiet_level(power: Floats, deep: int) -> Floats:
     """(C,) mean power of the cells that hold noise alone; power (C, B, G), all finite, cells `deep` blocks long."""
     channels, blocks, groups = power.shape
     deep = min(deep, blocks)
@@ -148,7 +147,7 @@ def _quiet_level(power: Array, deep: int) -> Array:
     return np.asarray(level)
 
 
-def _look(channels: Array, block: int) -> Look:
+def _look(channels: Floats, block: int) -> Look:
     """At `channels` (C, N), in blocks of so many samples."""
     hann, unit, groups = _spectrum(block)
     blocks = max(0, (channels.shape[1] - _ORDER - block) // (block // 2) + 1)
@@ -171,7 +170,7 @@ def _look(channels: Array, block: int) -> Look:
 
 
 @lru_cache(maxsize=32)
-def _spectrum(block: int) -> tuple[Array, Array, Array]:
+def _spectrum(block: int) -> tuple[Floats, Floats, Floats]:
     """The Hann window (block,), what takes the power of white noise, once differenced, to 1 in each bin (K,), and what takes
     squares of cosines and sines in turn to such power in groups of the bins where noise is looked for, (2 K, G).
     """

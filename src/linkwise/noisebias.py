@@ -16,13 +16,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.atoms import Atoms
 from linkwise.layout import Layout
 from linkwise.window import Window
-
-Floats = NDArray[np.float64]
 
 
 def noise_bias(

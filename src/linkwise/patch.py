@@ -16,17 +16,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.atoms import Atoms, link_atoms
 from linkwise.layout import Layout, Plan
 from linkwise.motion import SeenMotion, differences
 from linkwise.noisebias import noise_bias
 from linkwise.weakform import PHI_2
 from linkwise.window import Window
-
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +45,7 @@ class Patch:
     slopes: Floats
 
     @property
-    def masses(self) -> Places:
+    def masses(self) -> Indices:
         """(m,)"""
         return self.layout.masses
 

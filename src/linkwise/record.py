@@ -12,13 +12,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from linkwise.arrays import Bools, Floats
 from linkwise.channel import Channel
 from linkwise.decimation import lowpass
 from linkwise.errors import RecordError
 from linkwise.simulated import Simulated
 from linkwise.timeline import Timeline
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,7 +162,7 @@ class Record:
         return (len(self) - 1) / self.rate
 
     @cached_property
-    def missing(self) -> NDArray[np.bool_]:
+    def missing(self) -> Bools:
         """(N, C), True where a sample is missing."""
         absent = np.isnan(self.values)
         absent.setflags(write=False)

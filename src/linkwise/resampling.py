@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.timeline import FEWEST, refuse_disorder
-
-Floats = NDArray[np.float64]
 
 ORDER = 5
 WIDEST = 3.0  # typical steps: across a longer gap a spline invents motion

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
+from linkwise.arrays import Floats, Indices
 
 _STEP = 1e-30  # e, beside matrices of order 1
 
 
-def sandwich(h: csc_array, j: csc_array, rows: Places, columns: Places) -> Floats:
+def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Floats:
     """Entries (k,) of h^-1 j h^-1 at `rows` and `columns` (k,), places where h or j is not empty.
 
     `h` (p, p) is symmetric and positive definite, `j` (p, p) symmetric.
@@ -44,7 +43,7 @@ def sandwich(h: csc_array, j: csc_array, rows: Places, columns: Places) -> Float
 
 
 def _inverse(
-    rows: Places, columns: Places, data: NDArray[np.complex128], count: int
+    rows: Indices, columns: Indices, data: NDArray[np.complex128], count: int
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """The inverse of a symmetric matrix, sum of `data` at `rows` and `columns`, in blocks as wide as its band.
 

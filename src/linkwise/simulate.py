@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.balance import energy_balance
 from linkwise.channel import Channel
 from linkwise.course import Course
@@ -23,8 +24,6 @@ from linkwise.record import Record
 from linkwise.simulated import EnergyBalance, Simulated
 from linkwise.structure import Structure
 from linkwise.trajectory import Travelled, travel
-
-Floats = NDArray[np.float64]
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
 

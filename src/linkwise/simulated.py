@@ -7,13 +7,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, final
 
-import numpy as np
-from numpy.typing import NDArray
+from linkwise.arrays import Floats
 
 if TYPE_CHECKING:
     from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from math import ceil, comb, factorial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-
-Array = NDArray[np.float64]
 
 _VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120  # quintic B-splines and their derivatives at a knot
 _SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24
@@ -27,7 +26,7 @@ _SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/20
 
 def savitzky_golay(
     samples: ArrayLike, rate: float, *, half: int, degree: int = 5
-) -> tuple[Array, Array, Array]:
+) -> tuple[Floats, Floats, Floats]:
     """Value, first and second time derivative, each (N, C), of the polynomial fitted to 2 `half` + 1 samples around each.
 
     Nearer than `half` to an end the polynomial of the first or last whole window is evaluated off its centre. (Savitzky, Golay
@@ -76,19 +75,19 @@ class SmoothingSpline:
     The weight lies between 1e-8, which interpolates, and 1e12, which passes 1/200 of the sampling rate.
     """
 
-    coefficients: Array
+    coefficients: Floats
     rate: float
-    smoothing: Array
+    smoothing: Floats
 
-    def value(self) -> Array:
+    def value(self) -> Floats:
         """(N, C) smoothed samples."""
         return _stencil(self.coefficients, _VALUE)
 
-    def first(self) -> Array:
+    def first(self) -> Floats:
         """(N, C) first derivative by time."""
         return _stencil(self.coefficients, _SLOPE) * self.rate
 
-    def second(self) -> Array:
+    def second(self) -> Floats:
         """(N, C) second derivative by time."""
         return _stencil(self.coefficients, _BEND) * self.rate**2
 
@@ -131,7 +130,7 @@ def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None
     return SmoothingSpline(coefficients, rate, chosen)
 
 
-def _refined(factor: Array, solved: Array, values: Array, weight: float) -> Array:
+def _refined(factor: Floats, solved: Floats, values: Floats, weight: float) -> Floats:
     """Spline coefficients with the digits that a strong penalty costs: two corrections against the residual."""
     for _ in range(2):
         rest = _transposed(values - _stencil(solved, _VALUE), _VALUE)
@@ -140,7 +139,7 @@ def _refined(factor: Array, solved: Array, values: Array, weight: float) -> Arra
     return solved
 
 
-def _columns(samples: ArrayLike) -> Array:
+def _columns(samples: ArrayLike) -> Floats:
     values = np.asarray(samples, dtype=np.float64)
     values = values[:, None] if values.ndim == 1 else values
     missing = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -152,7 +151,7 @@ def _columns(samples: ArrayLike) -> Array:
     return values
 
 
-def _derivative_rows(u: Array, degree: int, order: int) -> Array:
+def _derivative_rows(u: Floats, degree: int, order: int) -> Floats:
     """Rows (len(u), degree + 1) that evaluate the derivative of that order of a polynomial in rising powers."""
     rows = np.zeros((len(u), degree + 1))
     for power in range(order, degree + 1):
@@ -160,7 +159,7 @@ def _derivative_rows(u: Array, degree: int, order: int) -> Array:
     return rows
 
 
-def _stencil(coefficients: Array, weights: Array) -> Array:
+def _stencil(coefficients: Floats, weights: Floats) -> Floats:
     """Weighted sums of neighbouring rows: (N + 4, C) -> (N, C)."""
     count = len(coefficients) - len(weights) + 1
     total = weights[0] * coefficients[:count]
@@ -170,7 +169,7 @@ def _stencil(coefficients: Array, weights: Array) -> Array:
     return np.asarray(total)
 
 
-def _transposed(rows: Array, weights: Array) -> Array:
+def _transposed(rows: Floats, weights: Floats) -> Floats:
     """The transpose of `_stencil`: (N, C) -> (N + 4, C)."""
     total = np.zeros((len(rows) + len(weights) - 1, rows.shape[1]))
     for lag, weight in enumerate(weights):
@@ -178,11 +177,11 @@ def _transposed(rows: Array, weights: Array) -> Array:
     return total
 
 
-def _differences() -> Array:
+def _differences() -> Floats:
     return np.array([(-1.0) ** lag * comb(_PENALTY, lag) for lag in range(_PENALTY + 1)])
 
 
-def _normal_bands(stencil: Array, rows: int) -> Array:
+def _normal_bands(stencil: Floats, rows: int) -> Floats:
     """S'S in LAPACK's lower banded form, S (rows, rows + len - 1) with `stencil` along its diagonals."""
     bands = np.zeros((len(stencil), rows + len(stencil) - 1))
     for left, one in enumerate(stencil):

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
+from linkwise.arrays import Floats
 from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
 from linkwise.link import BASE, GROUND, Link, Mass, near_miss
@@ -93,7 +94,7 @@ class Structure:
         return tuple(mass.name for mass in self.masses)
 
     @cached_property
-    def mass_values(self) -> NDArray[np.float64]:
+    def mass_values(self) -> Floats:
         """(n,) masses in kg, the start where one is unknown. Raises StructureError where there is neither."""
         for mass in self.masses:
             if mass.mass.value is None:
@@ -134,13 +135,13 @@ class Structure:
         return csr_array((signs, (rows, columns)), shape=(self.size, len(self.links)))
 
     @cached_property
-    def base_incidence(self) -> NDArray[np.float64]:
+    def base_incidence(self) -> Floats:
         """e, (L,): +1 where the base is the first end of a link, -1 where it is the second, else 0."""
         ends = np.array([(link.between[0] == BASE) - float(link.between[1] == BASE) for link in self.links])
         ends.flags.writeable = False
         return ends
 
-    def elongations(self, x: ArrayLike, base: ArrayLike | None = None) -> NDArray[np.float64]:
+    def elongations(self, x: ArrayLike, base: ArrayLike | None = None) -> Floats:
         """(N, L) elongations of the links from displacements `x` (N, n), or (L,) from (n,); rates from velocities alike.
 
         `base` is the motion of the base, (N,) or a number; StructureError where a link needs it and it is None.

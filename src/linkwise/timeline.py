@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-
-Floats = NDArray[np.float64]
 
 FEWEST = 32  # samples: fewer do not hold one period of anything together with its noise
 JITTER = 1e-3  # of a step: what a clock may wander before its samples no longer count as even

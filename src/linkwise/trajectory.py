@@ -14,13 +14,13 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.engine import advance, equations, last_finite
 from linkwise.errors import SimulationError
 from linkwise.kinks import settle
 from linkwise.shape import SCALE
 
-Floats = NDArray[np.float64]
 Receiver = Callable[[int, Floats], object]
 
 EXTENDED_STEPS = 128

@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from linkwise.arrays import Floats
 from linkwise.channel import Channel
 from linkwise.errors import RecordError
 from linkwise.excitation import Sampled
 from linkwise.record import Record
 from linkwise.simulate import simulate
 from linkwise.structure import BASE, GROUND, Link, Structure
-
-Floats = NDArray[np.float64]
 
 _STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
 _AFTER = 8  # samples of input beyond the settling: the spline through them then has no end there

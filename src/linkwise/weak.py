@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.layout import Plan, plan
 from linkwise.motion import SeenMotion, differences
@@ -21,9 +21,6 @@ from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.weakform import PHI, PHI_1, PHI_2
 from linkwise.window import Window
-
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 _FEWEST = 8  # windows
 _PATCH = 12  # masses: their dense products are small change, and shared work is not yet lost
@@ -57,7 +54,7 @@ class WeakEquations:
         return self.plan.names
 
     @property
-    def ends(self) -> Places:
+    def ends(self) -> Indices:
         """(L, 2) mass indices of the ends of the links, -1 for the ground and -2 for the base."""
         return self.plan.ends
 
@@ -67,7 +64,7 @@ class WeakEquations:
         return len(self.time)
 
     @cached_property
-    def places(self) -> Places:
+    def places(self) -> Indices:
         """The windows near the places of `Window.spread`."""
         return self.window.places(self.windows, self.thin)
 
@@ -176,7 +173,7 @@ def _patches(scene: Scene, pushes: dict[int, Floats], together: int) -> tuple[Pa
     return tuple(patches)
 
 
-def _lost(motion: SeenMotion, masses: list[int], push: Floats | None) -> NDArray[np.bool_] | None:
+def _lost(motion: SeenMotion, masses: list[int], push: Floats | None) -> Bools | None:
     """(N,) where a sample of `masses` or of the force `push` (N,) is missing, or None where none is."""
     if motion.missing is None and push is None:
         return None
@@ -188,7 +185,7 @@ def _lost(motion: SeenMotion, masses: list[int], push: Floats | None) -> NDArray
     return lost if lost.any() else None
 
 
-def _without_rate(lost: NDArray[np.bool_] | None, scene: Scene) -> NDArray[np.bool_]:
+def _without_rate(lost: Bools | None, scene: Scene) -> Bools:
     """(N,) where v cannot be told, since a window around the sample misses one or leaves the record."""
     if lost is None:
         lost = np.zeros(scene.motion.ends.shape[1], dtype=bool)
@@ -198,7 +195,7 @@ def _without_rate(lost: NDArray[np.bool_] | None, scene: Scene) -> NDArray[np.bo
     return np.asarray(around.any(axis=1))
 
 
-def _valid(lost: NDArray[np.bool_], window: Window) -> Floats:
+def _valid(lost: Bools, window: Window) -> Floats:
     """(R,) 1 for windows without a lost sample, 0 for others."""
     count = window.filter(lost[None].astype(float), np.ones((1, window.length)))[0, 0]
     return np.asarray(count < 0.5, dtype=float)

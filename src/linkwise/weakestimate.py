@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
@@ -19,8 +19,6 @@ from linkwise.threads import one_blas_thread
 from linkwise.weak import WeakEquations, weak_equations
 from linkwise.weakfit import WeakFit, weak_fit
 from linkwise.weakform import weak_law
-
-Floats = NDArray[np.float64]
 
 _LARGEST_EXCESS = 1.7  # residual power over what noise explains; wrong laws and wrong noise leave more
 _NOTED_EXCESS = 1.3  # right laws stay below it from 10 dB on

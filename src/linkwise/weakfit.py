@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.layout import Plan
 from linkwise.patch import Patch
@@ -24,8 +24,6 @@ from linkwise.sandwich import sandwich
 from linkwise.structure import Structure
 from linkwise.weak import WeakEquations
 from linkwise.weaknoise import FLOOR, Slopes, residual_excess, score_blocks
-
-Floats = NDArray[np.float64]
 
 _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of weighting the masses: the second changes weights by per cents, the third by next to nothing
@@ -43,7 +41,7 @@ class WeakFit:
 
     values: Floats
     covariance: Floats | csc_array
-    free: NDArray[np.bool_]
+    free: Bools
     excess: float
 
 
@@ -116,7 +114,7 @@ def normal_equations(
     return assembled(blocks, count), g
 
 
-def assembled(blocks: Iterable[tuple[NDArray[np.intp], Floats]], count: int) -> Floats | csc_array:
+def assembled(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | csc_array:
     """The sum of square blocks at their places in (count, count); a place may stand in one block twice."""
     parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
     places, data = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -127,7 +125,7 @@ def assembled(blocks: Iterable[tuple[NDArray[np.intp], Floats]], count: int) -> 
 
 def _bounded(
     h: Floats | csc_array, g: Floats, lower: Floats, upper: Floats, names: tuple[str, ...]
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Bools]:
     """The minimum within bounds: a parameter that leaves them is held at its bound and the others are solved again."""
     free = np.ones(len(g), dtype=bool)
     values = np.zeros(len(g))
@@ -142,11 +140,11 @@ def _bounded(
     return values, free
 
 
-def _part(h: Floats | csc_array, free: NDArray[np.bool_]) -> Floats | csc_array:
+def _part(h: Floats | csc_array, free: Bools) -> Floats | csc_array:
     return h if free.all() else h[free][:, free]
 
 
-def _named(names: tuple[str, ...], free: NDArray[np.bool_]) -> list[str]:
+def _named(names: tuple[str, ...], free: Bools) -> list[str]:
     return [name for name, each in zip(names, free, strict=True) if each]
 
 
@@ -198,7 +196,7 @@ def _raise_together(names: list[str]) -> NoReturn:
 
 
 def _covariance(
-    normal: Floats | csc_array, scatter: Floats | csc_array, free: NDArray[np.bool_], system: WeakEquations
+    normal: Floats | csc_array, scatter: Floats | csc_array, free: Bools, system: WeakEquations
 ) -> Floats | csc_array:
     """H^-1 J H^-1 for the free parameters; for large structures only between parameters of one link."""
     count, at = len(free), np.flatnonzero(free)
@@ -218,7 +216,7 @@ def _covariance(
     return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
 
 
-def _within_links(plan: Plan, free: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _within_links(plan: Plan, free: Bools) -> tuple[Indices, Indices]:
     """Pairs of free parameters of one link, or twice the same one."""
     members: dict[int, list[int]] = {}
     for (index, _), number in plan.places.items():

@@ -19,15 +19,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-import numpy as np
-from numpy.typing import NDArray
-
+from linkwise.arrays import Floats
 from linkwise.expression.calculus import antiderivative, differentiate, polynomial
 from linkwise.expression.program import Program
 from linkwise.expression.tree import ZERO, Expression, Number, Symbol, add, multiply, substitute, symbols
 from linkwise.law import Law
-
-Floats = NDArray[np.float64]
 
 PHI, PHI_1, PHI_2 = 0, 1, 2  # phi, phi', phi'': rows of Window.kernels
 

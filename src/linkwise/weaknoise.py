@@ -19,16 +19,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
 from linkwise.law import VARIABLES, Law
 from linkwise.patch import Patch
 from linkwise.weak import WeakEquations
 from linkwise.weakform import PHI, PHI_1, PHI_2
-
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 FLOOR = 1e-24  # of the terms' power: residuals below are rounding
 _MEETING = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
@@ -43,7 +40,7 @@ class Slopes:
     what noise makes of a curved law, right to its fourth power. `masses` (m,) are in kg.
     """
 
-    places: Places
+    places: Indices
     inside: int
     masses: Floats
     mean: Floats
@@ -109,11 +106,11 @@ def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, syste
 
 def score_blocks(
     noisy: Sequence[tuple[Patch, Slopes]], weights: Sequence[Floats], system: WeakEquations
-) -> Iterator[tuple[Places, Floats]]:
+) -> Iterator[tuple[Indices, Floats]]:
     """The covariance of the sum that is solved, in blocks: parameters (s,), some perhaps twice, and their (s, s)."""
     doubt = system.motion.doubt
     awaited = Counter(channel for patch, _ in noisy for channel in _channels(patch, system))
-    heard: dict[int, list[tuple[Places, Floats, Floats]]] = {channel: [] for channel in awaited}
+    heard: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in awaited}
     for (patch, here), weight in zip(noisy, weights, strict=True):
         yield _twice_noisy(patch, here, weight, system)
         for channel, part in _hearing(patch, here, weight, system):
@@ -135,7 +132,7 @@ def _channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
 
 def _hearing(
     patch: Patch, here: Slopes, weight: Floats, system: WeakEquations
-) -> Iterator[tuple[int, tuple[Places, Floats, Floats]]]:
+) -> Iterator[tuple[int, tuple[Indices, Floats, Floats]]]:
     """For each of `_channels` that the equation of a mass hears: parameters (s,), and G (s, P), to be scaled by (s,)."""
     spread = system.window.spread(patch.rows[patch.layout.asked], system.thin)
     doubt = system.motion.doubt
@@ -151,7 +148,7 @@ def _hearing(
                 yield other, (ear.parameter, scale, far[link])
 
 
-def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquations) -> tuple[Places, Floats]:
+def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquations) -> tuple[Indices, Floats]:
     """tr(Q Q) for the noise in each mass's own displacement, over all masses: parameters (s,) and (s, s).
 
     Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs.

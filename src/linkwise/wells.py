@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.link import Link
 
-Array = NDArray[np.float64]
-Function = Callable[[Array], Array]
+Function = Callable[[Floats], Floats]
 
 _PER_DECADE = 64  # an extremum of the force between two points is looked for by its slope, so this need not resolve zeros
 _DECADES = (-12, 6)  # elongations from a picometre to a thousand kilometres
@@ -129,7 +128,7 @@ def _of_link(link: Link, lo: float | None, hi: float | None) -> tuple[RestPoint,
         raise StructureError(error.message, f'link "{link.name}"') from None
 
 
-def _grid(lo: float | None, hi: float | None) -> Array:
+def _grid(lo: float | None, hi: float | None) -> Floats:
     """Elongations to look between: log-spaced on both sides of zero, and evenly spaced across a range that is given."""
     if lo is not None and hi is not None and not lo < hi:
         raise StructureError(f"the range of d from {lo!r} to {hi!r} is empty")
@@ -142,7 +141,7 @@ def _grid(lo: float | None, hi: float | None) -> Array:
     return np.unique(np.concatenate([inner, across, [low, high]]))
 
 
-def _edge_zeros(grid: Array, signs: Array) -> Array:
+def _edge_zeros(grid: Floats, signs: Floats) -> Floats:
     """Single zeros exactly on the first or last point, which lie between no two others."""
     if grid.size < 2:
         return np.empty(0)
@@ -150,7 +149,7 @@ def _edge_zeros(grid: Array, signs: Array) -> Array:
     return np.array([grid[end] for end, inner in ends if signs[end] == 0 and signs[inner] != 0])
 
 
-def _crossings(function: Function, grid: Array) -> Array:
+def _crossings(function: Function, grid: Floats) -> Floats:
     """Where `function` changes sign between neighbouring points of the grid."""
     values = function(grid)
     signs = np.sign(np.where(np.isfinite(values), values, 0.0))
@@ -158,7 +157,7 @@ def _crossings(function: Function, grid: Array) -> Array:
     return _bisect(function, grid[before], grid[before + 1])
 
 
-def _bisect(function: Function, left: Array, right: Array) -> Array:
+def _bisect(function: Function, left: Floats, right: Floats) -> Floats:
     """The sign changes of `function` between `left` and `right` (same shapes), to neighbouring numbers."""
     left, right = left.copy(), right.copy()
     below = np.sign(function(left))

@@ -12,9 +12,8 @@ from functools import cached_property, lru_cache
 from math import ceil, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from linkwise.arrays import Floats, Indices
 
 ORDER = 8
 _NARROWEST = 1.8  # samples of deviation: the alias of a narrower phi shows above noise of 40 dB
@@ -124,7 +123,7 @@ class Window:
         np.matmul(windows, taps.reshape(len(kernels), reach, self.stride)[:, ::-1], out=inside)
         return covered[:, :samples]
 
-    def places(self, windows: int, thin: int) -> NDArray[np.intp]:
+    def places(self, windows: int, thin: int) -> Indices:
         """(P,) the window that is nearest to each place of `spread`.
 
         First every second of every `thin`-th window, then the others of them, then `half` times the first and the last.

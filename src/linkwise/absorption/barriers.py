@@ -10,15 +10,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Number, Program, polynomial
 from linkwise.law import Law
 from linkwise.wells import RestPoint, rest_points
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _HIGHEST = 12  # order of a polynomial law that is done by its roots
 _REAL = 1e-7  # of the largest root: an imaginary part below this is rounding of a double root
@@ -48,7 +45,7 @@ def barriers(law: Law, values: Mapping[str, Floats], runs: int) -> Barriers:
     return Barriers(result.tops[back], result.floor[back])
 
 
-def _between(law: Law, rows: Floats, places: Floats, wells: Flags) -> Barriers:
+def _between(law: Law, rows: Floats, places: Floats, wells: Bools) -> Barriers:
     """From rest points (R, K), ascending with NaN at the end, and which of them are wells: the highest between two wells."""
     runs = len(rows)
     there = np.isfinite(places)
@@ -70,7 +67,7 @@ def _between(law: Law, rows: Floats, places: Floats, wells: Flags) -> Barriers:
     return Barriers(table[:, :most], np.where(np.isfinite(floor), floor, 0.0))
 
 
-def _one_by_one(law: Law, rows: Floats) -> tuple[Floats, Flags]:
+def _one_by_one(law: Law, rows: Floats) -> tuple[Floats, Bools]:
     """Rest points of any law."""
     found = [_rest_points(law, dict(zip(law.coefficients, row.tolist(), strict=True))) for row in rows]
     width = max((len(each) for each in found), default=0)
@@ -94,7 +91,7 @@ def _rest_points(law: Law, values: Mapping[str, float]) -> tuple[RestPoint, ...]
         return ()
 
 
-def _of_polynomial(law: Law, rows: Floats) -> tuple[Floats, Flags] | None:
+def _of_polynomial(law: Law, rows: Floats) -> tuple[Floats, Bools] | None:
     """Rest points of a law that is a polynomial in d; None for another one."""
     terms = polynomial(law.elastic, ("d",))
     if terms is None or not terms or max(power for (power,) in terms) > _HIGHEST:

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.course import Course
 from linkwise.trajectory import Manner, Travelled, travel
-
-Floats = NDArray[np.float64]
 
 _NEWTON = 5  # runs after the cubic at most; two make its error of 1e-6 of a step one of rounding
 _AGREED = 1e-6  # of a step: the last move of a root that was found
@@ -90,7 +88,7 @@ def _motion(course: Course, run: Travelled, times: Floats) -> tuple[Floats, Floa
 
 def _guesses(
     edges: Floats, d: Floats, rate: Floats, tops: Sequence[Floats]
-) -> tuple[NDArray[np.intp], Floats, Floats]:
+) -> tuple[Indices, Floats, Floats]:
     """Link, level and time of every root of the cubics through `d` and `rate` at the `edges`."""
     links: list[int] = []
     levels: list[float] = []

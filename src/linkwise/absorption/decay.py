@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Rows = tuple[NDArray[np.intp], ...]
+from linkwise.arrays import Floats, Indices
+
+Rows = tuple[Indices, ...]
 
 TAIL = 0.05  # of the run: a mass that leaves its band so late has not settled within it
 _BISECTIONS = 48

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorb import answer
 from linkwise.absorption.harvesters import with_harvesters
@@ -17,11 +16,10 @@ from linkwise.absorption.result import CLOSURE, Absorption
 from linkwise.absorption.survey import Progress, Survey, survey
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
+from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
 from linkwise.estimate import Estimate
 from linkwise.excitation import Excitation
-
-Floats = NDArray[np.float64]
 
 COVERED = 0.95
 _LIVING = 0.9  # of the draws that must come to their end

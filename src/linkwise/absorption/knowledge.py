@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimate import Estimate
 from linkwise.output import RESULT
 from linkwise.structure import Structure
 from linkwise.structure_file import read_structure
-
-Floats = NDArray[np.float64]
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.barriers import Barriers, barriers
+from linkwise.arrays import Floats, Indices
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Potentials:
         """(K,) m of each link in one structure."""
         return [each.tops[run][np.isfinite(each.tops[run])] for each in self.barriers]
 
-    def rows(self, which: NDArray[np.intp]) -> Potentials:
+    def rows(self, which: Indices) -> Potentials:
         """Those of some of the structures."""
         return Potentials(
             self.first,

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.runs import Runs
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration, reduction, together
-
-Floats = NDArray[np.float64]
+from linkwise.arrays import Floats, Indices
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class Reference:
     level: Floats
     settled: Floats
 
-    def of(self, which: NDArray[np.intp]) -> Reference:
+    def of(self, which: Indices) -> Reference:
         """That of some of the runs, or of some several times."""
         return Reference(*(each[:, which] for each in (self.peak, self.rms, self.level, self.settled)))
 

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.potentials import Potentials
+from linkwise.arrays import Floats
 from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.sinks import Sink
 from linkwise.absorption.table import text_table
+from linkwise.arrays import Floats
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 CLOSURE = 1e-6  # of the energy put in: a worse balance is not to be trusted
 

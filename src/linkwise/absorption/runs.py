@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.crossings import begun, crossings, distinct
 from linkwise.absorption.potentials import Potentials, elongations
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.course import Course
 from linkwise.ensemble import can_fly, fly
 from linkwise.errors import SimulationError
 from linkwise.simulate import Motion
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +32,7 @@ class Runs:
     put_in: Floats
     passages: tuple[tuple[Floats, ...], ...]
 
-    def only(self, which: NDArray[np.intp]) -> Runs:
+    def only(self, which: Indices) -> Runs:
         """Some of the runs."""
         passages = tuple(self.passages[run] for run in which)
         return Runs(
@@ -66,7 +64,7 @@ def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
 
 def runs_together(
     courses: Sequence[Course], potentials: Potentials, alone: bool = False
-) -> tuple[Runs, NDArray[np.bool_]]:
+) -> tuple[Runs, Bools]:
     """Courses that differ in numbers only, `potentials` those of their structures, and (W,) which came to their end.
 
     They are run side by side in double precision; one by one where laws are not smooth, and on request: `alone`.
@@ -95,7 +93,7 @@ def runs_together(
     return Runs(flock.time, flock.x, flock.v, flock.heat, flock.work + energy, tuple(passages)), flock.alive
 
 
-def _one_by_one(courses: Sequence[Course], potentials: Potentials) -> tuple[Runs, NDArray[np.bool_]]:
+def _one_by_one(courses: Sequence[Course], potentials: Potentials) -> tuple[Runs, Bools]:
     points, structure = len(courses[0].times), courses[0].structure
     size, links, count = structure.size, len(structure.links), len(courses)
     x, v = np.full((points, size, count), np.nan), np.full((points, size, count), np.nan)

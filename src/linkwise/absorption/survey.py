@@ -18,12 +18,11 @@ from linkwise.absorption.rest import RestingPlaces, resting_places
 from linkwise.absorption.runs import Runs, runs_together
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.course import Course
 from linkwise.ensemble import LANES
 from linkwise.threads import one_blas_thread
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Progress = Callable[[float, str], object]
 T = TypeVar("T")
 
@@ -39,7 +38,7 @@ class Survey:
 
     quantities: tuple[Quantity, ...]
     values: Floats
-    alive: Flags
+    alive: Bools
     envelopes: NDArray[np.float32] | None = None
 
     def column(self, name: str) -> Floats:
@@ -59,14 +58,14 @@ class _Crew:
         self,
         courses: Sequence[Course],
         potentials: Potentials,
-        note: Callable[[Runs, NDArray[np.intp]], None],
-    ) -> Flags:
+        note: Callable[[Runs, Indices], None],
+    ) -> Bools:
         """Run all courses and `note` what the living ones did; returns which are."""
         alive = np.zeros(len(courses), dtype=bool)
         every = np.arange(len(courses))
         stopped = Event()
 
-        def task(which: NDArray[np.intp]) -> int:
+        def task(which: Indices) -> int:
             for first in range(0, len(which), LANES):
                 if stopped.is_set():
                     break
@@ -129,7 +128,7 @@ def survey(
         )  # fmt: skip
 
 
-def _distinct(objects: Sequence[T]) -> tuple[list[T], NDArray[np.intp]]:
+def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:
     """The different objects in a sequence, and for each place which of them stands there."""
     found = {id(each): each for each in objects}
     order = {key: number for number, key in enumerate(found)}
@@ -146,7 +145,7 @@ def _reference(
     masses = len(trials[0].primaries)
     found = np.full((4, masses, len(trials)), np.nan)
 
-    def note(runs: Runs, which: NDArray[np.intp]) -> None:
+    def note(runs: Runs, which: Indices) -> None:
         columns = [courses[0].structure.mass_names.index(name) for name in trials[0].primaries]
         vibration = Vibration(runs, columns, [resting[run] for run in which])
         level = trials[0].settle * vibration.peak
@@ -174,7 +173,7 @@ def _with_sinks(
     )
     columns = [trials[0].structure.mass_names.index(name) for name in trials[0].primaries]
 
-    def note(runs: Runs, which: NDArray[np.intp]) -> None:
+    def note(runs: Runs, which: Indices) -> None:
         vibration = Vibration(runs, columns, [resting[run] for run in which])
         told = told_by(trials[0], runs, vibration, potentials.rows(which), reference.of(which))
         values[which] = np.stack([told[each.name] for each in quantities], axis=1)

@@ -9,7 +9,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.maptext import map_findings, map_text
@@ -19,13 +19,12 @@ from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.survey import Progress, survey
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.excitation import Excitation
 from linkwise.memory import available_memory
 from linkwise.simulate import Motion
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 _RUN_BYTES, _MASS_BYTES = 4000, 1000  # of one run until the last has ended, and of each of its masses
 _GEOMETRIC = 1e-6  # of a ratio: steps that are equal in ratio are drawn on a logarithmic axis
@@ -65,7 +64,7 @@ class AbsorptionMap:
     axes: tuple[Axis, ...]
     quantities: tuple[Quantity, ...]
     values: Floats
-    alive: NDArray[np.bool_]
+    alive: Bools
     horizon: float | None
 
     def __getitem__(self, name: str) -> Floats:

@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.bare import Bare, without_sinks
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
+from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.errors import SimulationError, StructureError
 from linkwise.excitation import Excitation
 from linkwise.modes import modes
 from linkwise.simulate import check_excitation, output_times
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 _PER_PERIOD = 20  # samples of the fastest mode, without a rate: cubics between them are right to 3e-5
 _FEWEST = 1000  # samples, without a rate

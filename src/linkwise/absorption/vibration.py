@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.absorption.decay import Decay
 from linkwise.absorption.rest import RestingPlaces
 from linkwise.absorption.runs import Runs
-
-Floats = NDArray[np.float64]
+from linkwise.arrays import Floats
 
 
 @dataclass(frozen=True, eq=False)

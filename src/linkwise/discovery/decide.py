@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.price import Price
 from linkwise.discovery.quadratic import Quadratic
@@ -20,7 +20,6 @@ from linkwise.link import BASE, GROUND
 from linkwise.record import Record
 from linkwise.structure import Structure
 
-Floats = NDArray[np.float64]
 Start = Callable[[Structure], tuple[Floats, Floats | None]]
 Report = Callable[[int, Progress], None]
 

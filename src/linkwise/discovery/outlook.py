@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.start import channel_noise
 from linkwise.record import Record
-
-Floats = NDArray[np.float64]
 
 _REST = 0.1  # of the noise's power: less motion than this is not seen (-10 dB)
 _FAINT = 3.0  # (5 dB): less tells little

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Indices
 from linkwise.discovery.candidates import Candidates
 
 
@@ -25,7 +25,7 @@ class Price:
 
     term: float
     link: float
-    pair: NDArray[np.intp]
+    pair: Indices
     stated: frozenset[int]
 
     @classmethod

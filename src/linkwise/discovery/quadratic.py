@@ -14,11 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
+from linkwise.arrays import Floats, Indices
 
 _DEPENDENT = (
     1e-9  # of its own square: a column of which less than this stands out of the others is one of them
@@ -42,7 +40,7 @@ class Quadratic:
     g: Floats
     scatter: Floats | None = None
 
-    def solve(self, chosen: Sequence[int] | Places) -> Solved:
+    def solve(self, chosen: Sequence[int] | Indices) -> Solved:
         """The best of the chosen coefficients, by number. Raises numpy.linalg.LinAlgError where they move together."""
         inside = np.asarray(chosen, dtype=np.intp)
         inverse = _inverse(self.h[np.ix_(inside, inside)])
@@ -52,12 +50,12 @@ class Quadratic:
         )
         return Solved(values, values / np.sqrt(covariance.diagonal()))
 
-    def cost(self, chosen: Sequence[int] | Places) -> float:
+    def cost(self, chosen: Sequence[int] | Indices) -> float:
         """-2 log likelihood of the chosen coefficients at their best, less that of none."""
         inside = np.asarray(chosen, dtype=np.intp)
         return -float(self.g[inside] @ self.solve(inside).values)
 
-    def outside(self, chosen: Sequence[int] | Places) -> tuple[Places, Floats, Floats, Floats]:
+    def outside(self, chosen: Sequence[int] | Indices) -> tuple[Indices, Floats, Floats, Floats]:
         """Every other coefficient alone beside the chosen ones: numbers (r,), values, z, and what part of each stands out.
 
         z is 0 and the value NaN where nothing of it stands out of the others.

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
+from linkwise.arrays import Floats, Indices
 from linkwise.discovery.quadratic import Quadratic
 from linkwise.patch import Patch
 from linkwise.weak import WeakEquations
 from linkwise.weakfit import assembled, normal_equations, residual_power
 from linkwise.weaknoise import Slopes, score_blocks
 
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
 Pieces = Sequence[tuple[Sequence[Patch], WeakEquations]]
 
 _ROUNDS = 2  # of weighting the masses by what they leave
@@ -35,7 +33,7 @@ class Regression:
     pieces: Pieces
     weights: tuple[tuple[Floats, ...], ...]
     names: tuple[str, ...]
-    numbers: Places
+    numbers: Indices
     scatter: Floats
 
     @classmethod
@@ -72,7 +70,7 @@ class Regression:
 
 
 def _normal(
-    pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Places, bias: float
+    pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Indices, bias: float
 ) -> tuple[Floats, Floats]:
     h, g = np.zeros((len(here), len(here))), np.zeros(len(here))
     for (patches, equations), weight in zip(pieces, weights, strict=True):
@@ -82,7 +80,7 @@ def _normal(
     return h, g
 
 
-def _scatter(pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Places, values: Floats) -> Floats:
+def _scatter(pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Indices, values: Floats) -> Floats:
     total = np.zeros((len(here), len(here)))
     for (patches, equations), weight in zip(pieces, weights, strict=True):
         noisy = [(patch, Slopes.along(patch, equations, values)) for patch in patches]
@@ -90,7 +88,7 @@ def _scatter(pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Places, 
     return total
 
 
-def _dense(matrix: Floats | csc_array, here: Places) -> Floats:
+def _dense(matrix: Floats | csc_array, here: Indices) -> Floats:
     """The rows and columns `here`."""
     if isinstance(matrix, np.ndarray):
         return np.asarray(matrix[np.ix_(here, here)])

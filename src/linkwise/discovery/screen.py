@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.price import Price
 from linkwise.discovery.regression import Regression
@@ -22,8 +22,6 @@ from linkwise.motion import SeenMotion
 from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.weak import WeakEquations, weak_equations
-
-Floats = NDArray[np.float64]
 
 _TOGETHER = 12  # masses whose candidates are regressed at once without the first sieve
 _SIEVE = 2.5  # deviations that a term needs in the equation of one mass to be looked at again

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.discovery.price import Price
 from linkwise.discovery.quadratic import Quadratic
-
-Floats = NDArray[np.float64]
 
 _MOVES = 400  # far more than any search takes; a search that needs them goes in circles
 _GAIN = 1e-6  # a move that gains less is none

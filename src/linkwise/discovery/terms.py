@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, symbols
 from linkwise.law import Law
@@ -103,7 +103,7 @@ def _require_independent(terms: Sequence[Term]) -> None:
                 "abs and sign, as in sign(d)*sqrt(abs(d))"
             )
     values = values[:, np.all(np.abs(values) < _HUGE, axis=0)]
-    columns: list[NDArray[np.float64]] = []
+    columns: list[Floats] = []
     for number, (term, column) in enumerate(zip(terms, values, strict=True)):
         left = column
         for _ in range(2):  # the second time takes off what rounding left

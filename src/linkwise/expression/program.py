@@ -7,8 +7,9 @@ from functools import reduce
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.expression.tree import Call, Expression, Number, Power, Product, Sum, Symbol, multiply
 
 _UFUNCS: dict[str, Callable[..., Any]] = {
@@ -47,7 +48,7 @@ class Program:
     def __len__(self) -> int:
         return len(self._tape)
 
-    def __call__(self, *arrays: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+    def __call__(self, *arrays: ArrayLike) -> tuple[Floats, ...]:
         if len(arrays) != len(self.inputs):
             raise ValueError(
                 f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.expression.program import Program
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
@@ -16,10 +17,8 @@ _PANELS = (
 _BLOCK = 65536  # panels at once, which bounds the memory
 _BISECTIONS = 60  # to the last bit of a double
 
-Array = NDArray[np.float64]
 
-
-def integral_from_zero(program: Program, upper: ArrayLike, parameters: Sequence[ArrayLike]) -> Array:
+def integral_from_zero(program: Program, upper: ArrayLike, parameters: Sequence[ArrayLike]) -> Floats:
     """The integral of the program's first output over its first input, from 0 to each of `upper`.
 
     The program's other outputs are the kinks of the first: their zeros become panel borders. `parameters` are its other
@@ -45,7 +44,7 @@ def integral_from_zero(program: Program, upper: ArrayLike, parameters: Sequence[
     return result.reshape(columns[0].shape)
 
 
-def _from_zero(program: Program, upper: Array, parameters: Array) -> Array:
+def _from_zero(program: Program, upper: Floats, parameters: Floats) -> Floats:
     low, high = min(0.0, float(upper.min())), max(0.0, float(upper.max()))
     grid = np.linspace(low, high, _PANELS + 1)
     borders = np.unique(np.concatenate([grid, upper, [0.0], _zeros(program, grid, parameters)]))
@@ -59,7 +58,7 @@ def _from_zero(program: Program, upper: Array, parameters: Array) -> Array:
     return np.asarray(total[np.searchsorted(borders, upper)] - total[np.searchsorted(borders, 0.0)])
 
 
-def _zeros(program: Program, grid: Array, parameters: Array) -> Array:
+def _zeros(program: Program, grid: Floats, parameters: Floats) -> Floats:
     """Where the kinks change sign on the grid, by bisection."""
     found = [np.empty(0)]
     for index, values in enumerate(program(grid, *parameters)[1:], start=1):

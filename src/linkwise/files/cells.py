@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.files.table import BadCell, Column
-
-Floats = NDArray[np.float64]
 
 _MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--"})
 

@@ -17,8 +17,6 @@ from linkwise.record import Record
 from linkwise.resampling import resample_evenly
 from linkwise.timeline import JITTER
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Options:

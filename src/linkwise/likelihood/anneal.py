@@ -14,10 +14,10 @@ from enum import Enum
 
 import numpy as np
 
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.bordered import Factor
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.mechanics import Array, Mask
 from linkwise.likelihood.segments import Linear, Misfit, Point, Scales, Segments, evaluate, linearise
 
 _HOPELESS = 1e8  # damping at which no step is one
@@ -105,8 +105,8 @@ class Fit:
     misfit: Misfit
     q: float
     scales: Scales
-    covariance: Array
-    at_bound: Mask
+    covariance: Floats
+    at_bound: Bools
     chi_square: float
     samples: int
     status: Status
@@ -263,7 +263,7 @@ def _step(
     return point, (2.0 - control.stride) * equations.drop(nodes, border)
 
 
-def _bounds(segments: Segments) -> tuple[Array, Array]:
+def _bounds(segments: Segments) -> tuple[Floats, Floats]:
     """Of theta, offsets and gains; the latter two have none."""
     open_ = np.full(segments.sensors.offsets + segments.sensors.gains, np.inf)
     parameters = segments.system.parameters
@@ -278,7 +278,7 @@ def _freedom(segments: Segments) -> float:
     )
 
 
-def covariance(factor: Factor | None, scales: Scales, free: Mask) -> Array:
+def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:
     """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
     size = len(scales.theta)
     unknown = np.full((size, size), np.inf)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.likelihood.anneal import Progress, Status
@@ -23,8 +23,6 @@ from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.weak import weak_equations
 from linkwise.weakestimate import weak_search
-
-Array = NDArray[np.float64]
 
 _LITTLE = 0.1  # of the forces on a mass: a model error beyond it is no small one
 
@@ -83,7 +81,7 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
 
 def _start(
     records: Sequence[Record], structure: Structure, starts: dict[str, float]
-) -> tuple[Array, Array | None]:
+) -> tuple[Floats, Floats | None]:
     """theta (p,) and, where the weak form gave it, its deviations."""
     parameters = structure.parameters
     given = {p.name: p.start for p in parameters if p.start is not None} | starts
@@ -164,7 +162,7 @@ def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]
     )
 
 
-def _residual(identified: Structure, records: Sequence[Record]) -> Array | None:
+def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None:
     """(N, n) of the weak equations at the samples, where the records have the displacements that they need."""
     columns = []
     for record in records:

@@ -9,13 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from linkwise.arrays import Floats
 from linkwise.likelihood.anneal import Status
 from linkwise.likelihood.fit import LikelihoodFit, Options
-
-Array = NDArray[np.float64]
 
 _ATTEMPTS = 3
 
@@ -23,10 +19,10 @@ _ATTEMPTS = 3
 class Fitted(Protocol):
     """`likelihood_fit` with everything said but the start and the options."""
 
-    def __call__(self, theta: Array, *, options: Options) -> LikelihoodFit: ...
+    def __call__(self, theta: Floats, *, options: Options) -> LikelihoodFit: ...
 
 
-def first_good(fitted: Fitted, theta: Array, options: Options) -> LikelihoodFit:
+def first_good(fitted: Fitted, theta: Floats, options: Options) -> LikelihoodFit:
     """The first fit that converges with the noise that was stated or found, each started from the values of the one before.
 
     Where none does, the best start decides with a model error allowed. An interrupt ends the search.

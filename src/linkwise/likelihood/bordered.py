@@ -13,26 +13,26 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, lapack
 
-from linkwise.likelihood.mechanics import Array, Mask
+from linkwise.arrays import Bools, Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Damping:
     """What Levenberg and Marquardt add to the diagonal: nodes (K, m), border (p,)."""
 
-    nodes: Array
-    border: Array
+    nodes: Floats
+    border: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Bordered:
     """The equations. right holds the border's columns and, last, the gradient, each as (K, m)."""
 
-    diagonal: Array  # (K, m, m) symmetric
-    coupling: Array  # (K - 1, m, m), rows: the later node
-    right: Array  # (p + 1, K, m)
-    corner: Array  # (p, p)
-    corner_gradient: Array  # (p,)
+    diagonal: Floats  # (K, m, m) symmetric
+    coupling: Floats  # (K - 1, m, m), rows: the later node
+    right: Floats  # (p + 1, K, m)
+    corner: Floats  # (p, p)
+    corner_gradient: Floats  # (p,)
 
     def factor(self, damping: Damping | None = None) -> Factor | None:
         """Cholesky factor of the equations, damped if so wanted, or None where they are not positive."""
@@ -58,7 +58,7 @@ class Bordered:
             return None
         return Factor(chol, forward, schur, self.corner_gradient - moment[p, :p], (K, m))
 
-    def drop(self, nodes: Array, border: Array) -> float:
+    def drop(self, nodes: Floats, border: Floats) -> float:
         """g's: what a full Gauss-Newton step (nodes, border) takes off the cost."""
         return float(np.vdot(self.right[-1], nodes) + self.corner_gradient @ border)
 
@@ -67,13 +67,13 @@ class Bordered:
 class Factor:
     """chol: band of the nodes' factor; forward (p + 1, K m); schur (p, p), reduced (p,): the border's equations."""
 
-    chol: Array
-    forward: Array
-    schur: Array
-    reduced: Array
+    chol: Floats
+    forward: Floats
+    schur: Floats
+    reduced: Floats
     shape: tuple[int, int]
 
-    def solve(self, free: Mask) -> tuple[Array, Array] | None:
+    def solve(self, free: Bools) -> tuple[Floats, Floats] | None:
         """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at zero; None where not positive."""
         border = np.zeros(len(self.reduced))
         if free.any():
@@ -86,7 +86,7 @@ class Factor:
         nodes, _ = lapack.dtbtrs(self.chol, right[:, None], uplo="L", trans="T")
         return nodes.reshape(self.shape), border
 
-    def log_determinant(self, free: Mask) -> float:
+    def log_determinant(self, free: Bools) -> float:
         """Of the whole matrix, border restricted to `free`."""
         _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
         return 2.0 * float(np.log(self.chol[0]).sum()) + float(border)

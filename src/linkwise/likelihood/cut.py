@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.channel import Channel
 from linkwise.errors import IdentificationError
 from linkwise.excitation import Sampled
@@ -16,8 +16,6 @@ from linkwise.likelihood.segments import A, Segments, Sensors, V, X
 from linkwise.likelihood.tableau import POINTS
 from linkwise.record import Record
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 _KINDS = {"x": X, "v": V, "a": A}
 

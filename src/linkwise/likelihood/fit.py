@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats
 from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status
 from linkwise.likelihood.gaps import broken, carried
 from linkwise.likelihood.loss import Gaussian, Loss
@@ -22,8 +22,6 @@ from linkwise.likelihood.start import nodes, start_states
 from linkwise.record import Record
 from linkwise.structure import Structure
 from linkwise.threads import one_blas_thread
-
-Array = NDArray[np.float64]
 
 _NEAR = Schedule(loose=0.1, fast=0.01, trust=10.0)  # from a start with known deviations: the weak fit's
 _WARM = Schedule(loose=0.01, fast=0.003, trust=10.0)  # from the states of a fit to nearly the same laws
@@ -48,16 +46,16 @@ class LikelihoodFit:
     that means.
     """
 
-    values: Array
-    covariance: Array
-    free: NDArray[np.bool_]
+    values: Floats
+    covariance: Floats
+    free: Bools
     offsets: dict[str, float]
     gains: dict[str, float]
     noise: dict[str, float]
     chi_square: float
     chi_square_off: bool
     model_error: float
-    force_error: Array
+    force_error: Floats
     samples: int
     status: Status
     path: tuple[Progress, ...]
@@ -81,7 +79,7 @@ class Options:
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     report: Callable[[Progress], None] | None = None
-    nodes: Array | None = None
+    nodes: Floats | None = None
     ceiling: float = np.inf
     steps: int = Schedule.steps
 
@@ -94,9 +92,9 @@ def _workers() -> int:
 def likelihood_fit(
     records: Sequence[Record],
     structure: Structure,
-    theta: Array,
+    theta: Floats,
     *,
-    spread: Array | None = None,
+    spread: Floats | None = None,
     options: Options | None = None,
 ) -> LikelihoodFit:
     """The most likely parameters of `structure` given `records`, from a start `theta` (p,) with deviations `spread` (p,).
@@ -114,8 +112,8 @@ def likelihood_fit(
 def _fitted(
     records: Sequence[Record],
     structure: Structure,
-    theta: Array,
-    spread: Array | None,
+    theta: Floats,
+    spread: Floats | None,
     sensing: Sensing,
     options: Options,
     annealer: Annealer,
@@ -172,7 +170,7 @@ def _fitted(
 
 
 def _problem(
-    records: Sequence[Record], structure: Structure, theta: Array, spread: Array | None, sensing: Sensing
+    records: Sequence[Record], structure: Structure, theta: Floats, spread: Floats | None, sensing: Sensing
 ) -> tuple[Segments, Point, Scales]:
     """The records cut into segments, where the search starts, and the units in which it works."""
     system = System.of(structure)
@@ -218,7 +216,7 @@ def _fine_enough(
     return segments
 
 
-def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> Array:
+def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> Floats:
     """The residuals of some of the segments."""
     which = slice(None, None, every)
     some = replace(
@@ -249,7 +247,7 @@ def _found_noise(fit: Fit, channels: Sequence[str]) -> dict[str, float]:
     return dict(zip(channels, map(float, fit.scales.sigma * np.sqrt(squares / counts)), strict=True))
 
 
-def _force_error(fit: Fit, system: System, segments: Segments) -> Array:
+def _force_error(fit: Fit, system: System, segments: Segments) -> Floats:
     """(n,) root mean square in N of the force that the velocity defects stand for."""
     n = len(fit.scales.state) // 2
     duration = np.mean(segments.step) * segments.steps

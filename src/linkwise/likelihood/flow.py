@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.likelihood.mechanics import Array, Indices, Mechanics
+from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.mechanics import Mechanics
 from linkwise.likelihood.tableau import (
     CLOSING,
     MIDDLE,
@@ -35,8 +36,8 @@ class Inputs:
     force: (J, 5, n, K) N on the masses; base: (J, 5, 2, K) displacement and velocity of the base.
     """
 
-    force: Array | None = None
-    base: Array | None = None
+    force: Floats | None = None
+    base: Floats | None = None
 
     def part(self, segments: slice | Indices) -> Inputs:
         return Inputs(*(None if a is None else a[..., segments] for a in (self.force, self.base)))
@@ -46,11 +47,11 @@ class Inputs:
 class Orbit:
     """J steps from the nodes of K segments, with what tangents and sensors need; SI units except u = h v."""
 
-    states: Array  # (J + 1, 2, n, K) x and u at the steps' ends
-    links: Array  # (J + 1, 2, L, K) d and v there
-    accelerations: Array  # (J + 1, n, K) there
-    middle_links: Array  # (J, 2, L, K) d and v in the middles of the steps
-    middle_accelerations: Array  # (J, n, K)
+    states: Floats  # (J + 1, 2, n, K) x and u at the steps' ends
+    links: Floats  # (J + 1, 2, L, K) d and v there
+    accelerations: Floats  # (J + 1, n, K) there
+    middle_links: Floats  # (J, 2, L, K) d and v in the middles of the steps
+    middle_accelerations: Floats  # (J, n, K)
 
     def part(self, segments: slice) -> Orbit:
         return Orbit(
@@ -92,14 +93,14 @@ class Pushes:
 
     first: Indices
     second: Indices
-    starts: Array
-    middles: Array
+    starts: Floats
+    middles: Floats
 
     def part(self, segments: slice) -> Pushes:
         return Pushes(self.first, self.second, self.starts[..., segments], self.middles[..., segments])
 
 
-def flow(mechanics: Mechanics, start: Array, step: Array, steps: int, inputs: Inputs) -> Orbit:
+def flow(mechanics: Mechanics, start: Floats, step: Floats, steps: int, inputs: Inputs) -> Orbit:
     """Carry states `start` (2, n, K) (x in m, v in m/s) `steps` steps of `step` (K,) seconds on."""
     _, n, K = start.shape
     L = mechanics.gain.shape[1]
@@ -157,13 +158,18 @@ def flow(mechanics: Mechanics, start: Array, step: Array, steps: int, inputs: In
     return orbit
 
 
-def _add_base(mechanics: Mechanics, motion: Array, inputs: Inputs, j: int, point: int) -> None:
+def _add_base(mechanics: Mechanics, motion: Floats, inputs: Inputs, j: int, point: int) -> None:
     if inputs.base is not None:
         motion += mechanics.system.base[:, None] * inputs.base[j, point, :, None]
 
 
 def tangents(
-    mechanics: Mechanics, orbit: Orbit, step: Array, scale: Array, unit: Array, pushes: Pushes | None = None
+    mechanics: Mechanics,
+    orbit: Orbit,
+    step: Floats,
+    scale: Floats,
+    unit: Floats,
+    pushes: Pushes | None = None,
 ) -> Iterator[tuple[Single, Single | None]]:
     """Sensitivities along an orbit to the node's state, theta and the sizes of `pushes`, one column each: P = 2n + p + c.
 
@@ -225,7 +231,7 @@ class _Pull:
     """Tangent link forces h^2 df, and what an unknown mass does to its own acceleration."""
 
     def __init__(
-        self, mechanics: Mechanics, links: Array, accelerations: Array, step: Array, unit: Array
+        self, mechanics: Mechanics, links: Floats, accelerations: Floats, step: Floats, unit: Floats
     ) -> None:
         system, step2, first = mechanics.system, step * step, 2 * len(mechanics.masses)
         slopes = mechanics.slopes(links[:, 0], links[:, 1])
@@ -245,7 +251,7 @@ class _Pull:
             )
         self.mass_values = mechanics.masses
 
-    def push(self, pushes: Pushes, force: Array, step: Array) -> None:
+    def push(self, pushes: Pushes, force: Floats, step: Floats) -> None:
         """Take in `force` (..., c, K) of pushes that no link exerts yet."""
         for ends, sign in ((pushes.first, -1.0), (pushes.second, 1.0)):
             held = np.flatnonzero(ends >= 0)

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from linkwise.arrays import Bools
 from linkwise.likelihood.flow import flow
-from linkwise.likelihood.mechanics import Mask
 from linkwise.likelihood.segments import Point, Segments
 
 _BRIDGED = 2  # segments without a sample of a mass over which a rough start leads from one side to the other
@@ -32,7 +32,7 @@ def broken(segments: Segments) -> Segments:
     return replace(segments, linked=linked)
 
 
-def _gaps(seen: Mask) -> list[tuple[int, int]]:
+def _gaps(seen: Bools) -> list[tuple[int, int]]:
     """First segment of every long gap in the channels (M, C, K) and the first after it."""
     silent = np.concatenate([[False], ~seen.any(axis=(0, 1)), [False]])
     turns = np.flatnonzero(np.diff(silent)).reshape(-1, 2)

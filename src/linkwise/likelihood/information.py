@@ -10,13 +10,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.flow import flow, tangents
 from linkwise.likelihood.segments import A, Point, Scales, Segments, V, X
-
-Array = NDArray[np.float64]
 
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
 _BLIND = 1e-9  # of what would be known beside known states: below it single-precision tangents say nothing
@@ -28,8 +26,8 @@ _RELATED = 0.01  # cosine between the blind parts of two parameters that are con
 class Information:
     """`fisher` (p, p) with the starts of all segments unknown, `beside` (p,) its diagonal if they were known."""
 
-    fisher: Array
-    beside: Array
+    fisher: Floats
+    beside: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +37,9 @@ class Precision:
     `blind` (p, b) holds orthonormal directions of `scale` * theta that leave no trace in the sensors.
     """
 
-    root: Array
-    blind: Array
-    scale: Array
+    root: Floats
+    blind: Floats
+    scale: Floats
 
     @classmethod
     def of(cls, information: Information) -> Precision:
@@ -51,7 +49,7 @@ class Precision:
         told = values > _BLIND
         return cls(vectors[:, told] / np.sqrt(values[told]) / scale[:, None], vectors[:, ~told], scale)
 
-    def variance(self, gradient: Array) -> Array:
+    def variance(self, gradient: Floats) -> Floats:
         """(...) of gradient (..., p) times theta; infinite where blind directions have a part in it."""
         scaled = gradient / self.scale
         lost = np.linalg.norm(scaled @ self.blind, axis=-1)
@@ -59,7 +57,7 @@ class Precision:
         return np.where(lost > _SEEN_TOGETHER * np.linalg.norm(scaled, axis=-1), np.inf, variance)
 
     @property
-    def confused(self) -> tuple[NDArray[np.intp], ...]:
+    def confused(self) -> tuple[Indices, ...]:
         """Groups of parameters that are seen only together; a group of one leaves no trace at all."""
         shares = np.linalg.norm(self.blind, axis=1)
         lost = np.flatnonzero(shares > _SEEN_TOGETHER)
@@ -80,7 +78,7 @@ def information(segments: Segments, point: Point, scales: Scales) -> Information
     fisher, beside = np.zeros((p, p)), np.zeros(p)
     for first in range(0, segments.count, size):
         rows = _sensitivities(segments, point, scales, slice(first, min(first + size, segments.count)))
-        triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+        triangle: Floats = np.asarray(np.linalg.qr(rows, mode="r"))
         left = triangle[:, m:, m:].reshape(-1, p)
         fisher += left.T @ left
         beside += np.sum(triangle[..., m:] ** 2, axis=(0, 1))
@@ -88,13 +86,13 @@ def information(segments: Segments, point: Point, scales: Scales) -> Information
     return Information(fisher / np.outer(unit, unit), beside / unit**2)
 
 
-def _sensitivities(segments: Segments, point: Point, scales: Scales, part: slice) -> Array:
+def _sensitivities(segments: Segments, point: Point, scales: Scales, part: slice) -> Floats:
     """(k, rows, 2n + p) of all samples that are seen, in noise deviations, by scaled states and theta."""
     blocks = list(_samples(segments, point, scales, part))
     return np.concatenate(blocks, axis=1)
 
 
-def _samples(segments: Segments, point: Point, scales: Scales, part: slice) -> Iterator[Array]:
+def _samples(segments: Segments, point: Point, scales: Scales, part: slice) -> Iterator[Floats]:
     """(k, C, 2n + p) sample by sample."""
     mechanics, step = segments.system.at(point.theta), segments.step[part]
     orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, segments.inputs.part(part))

@@ -9,13 +9,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.likelihood.lines import Lines, Windows, candidates
 from linkwise.likelihood.seen import SeenLinks, window_half
 from linkwise.link import Link
-
-Array = NDArray[np.float64]
 
 _PERIODS = 0.8  # that a window spans: shorter ones have more candidates, longer ones bend with the drift
 _OVERLAP = 3
@@ -24,7 +22,7 @@ _DEAR = 30.0  # times the noise of a window: a candidate so bad is as bad as any
 _IMPASSABLE = 1e4
 
 
-def follow(windows: Windows, lines: Lines, seen: SeenLinks, link: int) -> Array:
+def follow(windows: Windows, lines: Lines, seen: SeenLinks, link: int) -> Floats:
     """(2, K) what to add to D and its rate at the centre of every window.
 
     It is the chain of candidates that explains the forces best while offset and slope drift no more than noise drives them.
@@ -58,7 +56,7 @@ def follow(windows: Windows, lines: Lines, seen: SeenLinks, link: int) -> Array:
     return np.stack([value[path, which], slope[path, which]])
 
 
-def inverted(seen: SeenLinks, links: tuple[Link, ...]) -> tuple[Array, Array]:
+def inverted(seen: SeenLinks, links: tuple[Link, ...]) -> tuple[Floats, Floats]:
     """Elongations and rates (L, N) of links whose coefficients are all numbers."""
     d, v = seen.d.copy(), seen.v.copy()
     at = np.arange(seen.d.shape[1])

@@ -11,16 +11,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.lines import Windows, candidates
 from linkwise.likelihood.seen import SeenLinks, highpassed, seen_links, window_half
 from linkwise.link import Link
 from linkwise.record import Record
 from linkwise.structure import Structure
-
-Array = NDArray[np.float64]
 
 _PERIODS = 1.5  # that a window spans: long enough to tell the coefficients apart
 _CUTS = (2.0, 5.0, 10.0)  # Hz, below which a first guess takes motion for drift
@@ -54,18 +52,18 @@ def link_start(
 
 def _regressed(
     link: Link,
-    d: Array,
-    v: Array,
-    force: Array,
+    d: Floats,
+    v: Floats,
+    force: Floats,
     values: Mapping[str, float],
     free: tuple[str, ...],
-) -> Array:
+) -> Floats:
     found = link.law.partials(d, v, dict(values) | dict.fromkeys(free, 0.0))
     columns = np.stack([np.broadcast_to(found.by_coefficient[name], d.shape) for name in free], axis=1)
     return _least_squares(columns, force - found.force)
 
 
-def _least_squares(columns: Array, right: Array) -> Array:
+def _least_squares(columns: Floats, right: Floats) -> Floats:
     size = np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns)), np.finfo(float).tiny)
     return np.asarray(np.linalg.lstsq(columns / size, right, rcond=None)[0] / size)
 
@@ -97,8 +95,8 @@ def _projected_step(
     link: Link,
     values: dict[str, float],
     free: tuple[str, ...],
-    line: Array,
-) -> Array:
+    line: Floats,
+) -> Floats:
     """The Gauss-Newton step of the coefficients with the lines of all windows eliminated."""
     d, v = windows.motion(line)
     found = link.law.partials(d, v, values)

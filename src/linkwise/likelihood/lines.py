@@ -10,13 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.seen import SeenLinks
 from linkwise.link import Link
-
-Array = NDArray[np.float64]
 
 _REACH = 3.0  # of the largest motion within a window: how far off its centre may be
 _OFFSETS, _SLOPES = 81, 15  # on the grid: basins of attraction are about a well wide
@@ -35,12 +33,12 @@ class Windows:
     many of the two are unknown; `step` s a sample.
     """
 
-    d: Array
-    v: Array
-    force: Array
-    at: Array
-    taken: Array
-    center: NDArray[np.intp]
+    d: Floats
+    v: Floats
+    force: Floats
+    at: Floats
+    taken: Floats
+    center: Indices
     lost: int
     step: float
 
@@ -68,7 +66,7 @@ class Windows:
             seen.step,
         )
 
-    def motion(self, line: Array) -> tuple[Array, Array]:
+    def motion(self, line: Floats) -> tuple[Floats, Floats]:
         """d, v (..., K, T) with a line (2, ..., K) of value and slope at the centre put back."""
         offset, slope = line[0][..., None], line[1][..., None]
         return self.d + offset + slope * self.at, self.v + slope
@@ -78,9 +76,9 @@ class Windows:
 class Lines:
     """Candidates: `line` (2, C, K), squared force error `cost` (C, K), and `spread` (2, C, K) a unit of force error makes."""
 
-    line: Array
-    cost: Array
-    spread: Array
+    line: Floats
+    cost: Floats
+    spread: Floats
 
 
 def candidates(windows: Windows, link: Link, values: dict[str, float], *, rounds: int = 0) -> Lines:
@@ -104,7 +102,7 @@ def candidates(windows: Windows, link: Link, values: dict[str, float], *, rounds
     return lines
 
 
-def _passed_on(windows: Windows, line: Array) -> Array:
+def _passed_on(windows: Windows, line: Floats) -> Floats:
     """(2, 2 C, K) what the line of a window is in the windows after and before it; at the ends they keep their own."""
     drift = line - windows.taken[:, None]
     lag = np.diff(windows.center) * windows.step
@@ -136,7 +134,7 @@ def _distinct(lines: Lines) -> Lines:
     )
 
 
-def _polished(windows: Windows, link: Link, values: dict[str, float], line: Array) -> Lines:
+def _polished(windows: Windows, link: Link, values: dict[str, float], line: Floats) -> Lines:
     """Each line (2, C, K) moved to the minimum near it."""
     cost, gradient, h = _normal(windows, link, values, line)
     cost = np.nan_to_num(cost, nan=np.inf)
@@ -153,8 +151,8 @@ def _polished(windows: Windows, link: Link, values: dict[str, float], line: Arra
 
 
 def _normal(
-    windows: Windows, link: Link, values: dict[str, float], line: Array
-) -> tuple[Array, Array, Array]:
+    windows: Windows, link: Link, values: dict[str, float], line: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Squared force error (C, K), its gradient (2, C, K) and matrix (2, 2, C, K) by offset and slope."""
     d, v = windows.motion(line)
     found = link.law.partials(d, v, values)
@@ -167,7 +165,7 @@ def _normal(
     return np.einsum("ckt,ckt->ck", error, error), gradient, h
 
 
-def _inverse(h: Array, damping: Array) -> Array:
+def _inverse(h: Floats, damping: Floats) -> Floats:
     """(2, 2, C, K) of a damped 2 by 2 matrix; the slope stays where nothing depends on it."""
     tiny = np.finfo(float).tiny
     a, b = h[0, 0] * (1.0 + damping) + tiny, h[1, 1] * (1.0 + damping)
@@ -180,7 +178,7 @@ def _inverse(h: Array, damping: Array) -> Array:
     return np.asarray(inverse)
 
 
-def _minima(windows: Windows, link: Link, values: dict[str, float]) -> Array:
+def _minima(windows: Windows, link: Link, values: dict[str, float]) -> Floats:
     """(2, C, K) the lowest local minima on a grid of offsets and slopes."""
     thin = slice(None, None, max(1, len(windows.at) // _COARSE))
     d, v, force, at = (

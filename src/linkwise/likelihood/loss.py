@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.likelihood.mechanics import Array
+from linkwise.arrays import Floats
 
 _REACH, _POINTS = 10.0, 4001  # standard deviations and points of the sum that stands for an expectation
 
@@ -16,14 +16,14 @@ class Loss(ABC):
     """What residuals cost, each a number of standard deviations."""
 
     @abstractmethod
-    def costs(self, residuals: Array) -> Array:
+    def costs(self, residuals: Floats) -> Floats:
         """Twice the negative log likelihood of each, up to a constant."""
 
     @abstractmethod
-    def weight(self, residuals: Array) -> Array:
+    def weight(self, residuals: Floats) -> Floats:
         """Weights of iteratively reweighted least squares: derivative of the loss over 2 r."""
 
-    def total(self, residuals: Array) -> float:
+    def total(self, residuals: Floats) -> float:
         """Over all residuals."""
         return float(self.costs(residuals).sum())
 
@@ -38,13 +38,13 @@ class Loss(ABC):
 class Gaussian(Loss):
     """Squares."""
 
-    def costs(self, residuals: Array) -> Array:
+    def costs(self, residuals: Floats) -> Floats:
         return np.asarray(residuals**2)
 
-    def weight(self, residuals: Array) -> Array:
+    def weight(self, residuals: Floats) -> Floats:
         return np.ones_like(residuals)
 
-    def total(self, residuals: Array) -> float:
+    def total(self, residuals: Floats) -> float:
         return float(np.vdot(residuals, residuals))
 
     @property
@@ -58,11 +58,11 @@ class Huber(Loss):
 
     corner: float = 1.345
 
-    def costs(self, residuals: Array) -> Array:
+    def costs(self, residuals: Floats) -> Floats:
         size = np.abs(residuals)
         return np.where(size < self.corner, size**2, 2 * self.corner * size - self.corner**2)
 
-    def weight(self, residuals: Array) -> Array:
+    def weight(self, residuals: Floats) -> Floats:
         return np.asarray(self.corner / np.maximum(np.abs(residuals), self.corner))
 
 
@@ -72,8 +72,8 @@ class Student(Loss):
 
     freedom: float = 4.0
 
-    def costs(self, residuals: Array) -> Array:
+    def costs(self, residuals: Floats) -> Floats:
         return np.asarray((self.freedom + 1) * np.log1p(residuals**2 / self.freedom))
 
-    def weight(self, residuals: Array) -> Array:
+    def weight(self, residuals: Floats) -> Floats:
         return np.asarray((self.freedom + 1) / (self.freedom + residuals**2))

@@ -11,15 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate
 from linkwise.law import VARIABLES, Law
 from linkwise.structure import Structure
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -64,12 +60,12 @@ class Parameters:
     """Free parameters theta (p,): coefficients = constant + map @ theta, masses = mass_constant + mass_map @ theta."""
 
     names: tuple[str, ...]
-    constant: Array
-    map: Array
-    mass_constant: Array
-    mass_map: Array
-    lower: Array
-    upper: Array
+    constant: Floats
+    map: Floats
+    mass_constant: Floats
+    mass_map: Floats
+    lower: Floats
+    upper: Floats
 
     @property
     def size(self) -> int:
@@ -80,8 +76,8 @@ class Parameters:
 class System:
     """Topology, laws and parameters; `at(theta)` puts numbers in. `order` (L,) are the structure's links, sorted by law."""
 
-    incidence: Array
-    base: Array
+    incidence: Floats
+    base: Floats
     groups: tuple[Group, ...]
     parameters: Parameters
     order: Indices
@@ -109,7 +105,7 @@ class System:
             order=order,
         )
 
-    def at(self, theta: Array) -> Mechanics:
+    def at(self, theta: Floats) -> Mechanics:
         """The system with numbers (p,) for its parameters."""
         parameters = self.parameters
         return Mechanics(
@@ -174,9 +170,9 @@ def _parameters(structure: Structure, groups: list[Group], order: Indices, rows:
 class Slopes:
     """Partials of the link forces: by elongation and its rate (..., L, K), by interacting parameter (..., E, K)."""
 
-    by_d: Array
-    by_v: Array
-    by_parameter: Array
+    by_d: Floats
+    by_v: Floats
+    by_parameter: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,11 +180,11 @@ class Mechanics:
     """A system with numbers: M x'' = -B f(d, v) + w."""
 
     system: System
-    coefficients: Array
-    masses: Array
+    coefficients: Floats
+    masses: Floats
 
     @cached_property
-    def _values(self) -> list[Array]:
+    def _values(self) -> list[Floats]:
         """Per group its coefficients (names, links, 1), to broadcast against (links, K)."""
         return [
             self.coefficients[group.rows].reshape(len(group.law.coefficients), group.size, 1)
@@ -196,21 +192,21 @@ class Mechanics:
         ]
 
     @cached_property
-    def gain(self) -> Array:
+    def gain(self) -> Floats:
         """-M^-1 B (n, L): accelerations of masses by link forces."""
         return -self.system.incidence / self.masses[:, None]
 
     @cached_property
-    def link_gain(self) -> Array:
+    def link_gain(self) -> Floats:
         """-B^T M^-1 B (L, L): accelerations of elongations by link forces."""
         return np.asarray(self.system.incidence.T @ self.gain)
 
-    def force(self, d: Array, v: Array, out: Array) -> None:
+    def force(self, d: Floats, v: Floats, out: Floats) -> None:
         """Link forces (L, K) at elongations and rates (L, K), written to `out`."""
         for group, values in zip(self.system.groups, self._values, strict=True):
             out[group.links] = group.force(d[group.links], v[group.links], *values)[0]
 
-    def slopes(self, d: Array, v: Array) -> Slopes:
+    def slopes(self, d: Floats, v: Floats) -> Slopes:
         """Partials at elongations and rates (..., L, K)."""
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))

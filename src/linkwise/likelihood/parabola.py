@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.expression import Program
 from linkwise.law import VARIABLES, Law
 from linkwise.likelihood.flow import Inputs, Orbit, Pushes
-from linkwise.likelihood.mechanics import Array
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import evaluate, linearise
 from linkwise.threads import one_blas_thread
@@ -39,8 +39,8 @@ class Parabola:
     `curvature` (p + f, p + f) H and `slope` (p + f,) g, z from zero, with nodes, offsets and gains at their best.
     """
 
-    curvature: Array
-    slope: Array
+    curvature: Floats
+    slope: Floats
 
 
 def parabola(optimum: Optimum, forces: Sequence[Force]) -> Parabola:
@@ -72,7 +72,7 @@ def parabola(optimum: Optimum, forces: Sequence[Force]) -> Parabola:
     return Parabola(curvature, slope / unit / optimum.noise**2 + curvature @ here)
 
 
-def _pushes(optimum: Optimum, orbit: Orbit, forces: Sequence[Force]) -> tuple[Pushes, Array]:
+def _pushes(optimum: Optimum, orbit: Orbit, forces: Sequence[Force]) -> tuple[Pushes, Floats]:
     """The forces along the orbit, and the size of each that is one unit: the reciprocal of its root mean square."""
     segments = optimum.segments
     ends, middles = _states(orbit, segments.refine, segments.step, segments.inputs)
@@ -98,7 +98,7 @@ def _pushes(optimum: Optimum, orbit: Orbit, forces: Sequence[Force]) -> tuple[Pu
     return Pushes(first, second, starts, between), units
 
 
-def _states(orbit: Orbit, refine: int, step: Array, inputs: Inputs) -> tuple[Array, Array]:
+def _states(orbit: Orbit, refine: int, step: Floats, inputs: Inputs) -> tuple[Floats, Floats]:
     """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
 
     Behind the masses stand the base and the ground. The middles follow from x, v and a at both ends, to the sixth order.
@@ -115,13 +115,13 @@ def _states(orbit: Orbit, refine: int, step: Array, inputs: Inputs) -> tuple[Arr
     return _with_holds(ends, base_ends), _with_holds(middles, base_middles)
 
 
-def _with_holds(motion: Array, base: Array) -> Array:
+def _with_holds(motion: Floats, base: Floats) -> Floats:
     """(J, 2, n + 2, K): behind the masses the base (index -2) and the ground (index -1)."""
     ground = np.zeros_like(base)
     return np.concatenate([motion, base, ground], axis=2)
 
 
-def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Array, Array]:
+def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Floats, Floats]:
     """(J + 1, 2, 1, K) and (J, 2, 1, K) of the base, at rest where it has no record."""
     if inputs.base is None:
         return np.zeros((ends, 2, 1, count)), np.zeros((ends - 1, 2, 1, count))

@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 
+from linkwise.arrays import Floats, Indices
 from linkwise.noise import bandwidth
 from linkwise.record import Record
 from linkwise.smooth import savitzky_golay, savitzky_golay_half
 from linkwise.structure import Structure
-
-Array = NDArray[np.float64]
 
 DRIFT = 3.0  # Hz: below it a twice integrated acceleration is drift
 _DEGREE = 5
@@ -34,11 +32,11 @@ class SeenLinks:
     sample.
     """
 
-    d: Array
-    v: Array
-    force: Array
-    lost: NDArray[np.intp]
-    jitter: Array
+    d: Floats
+    v: Floats
+    force: Floats
+    lost: Indices
+    jitter: Floats
     step: float
 
 
@@ -90,7 +88,7 @@ def seen_links(record: Record, structure: Structure, sigma: dict[str, float]) ->
     )
 
 
-def masses_from_links(record: Record, structure: Structure, d: Array, v: Array) -> tuple[Array, Array]:
+def masses_from_links(record: Record, structure: Structure, d: Floats, v: Floats) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N) of the masses from elongations and rates (L, N) of a tree."""
     base = record.channel("x:base") if "x:base" in record.channels else np.zeros(len(record))
     still = np.zeros((len(record), structure.size))
@@ -100,7 +98,7 @@ def masses_from_links(record: Record, structure: Structure, d: Array, v: Array) 
     return np.linalg.solve(across, d - fixed), np.linalg.solve(across, v - rates)
 
 
-def filled(record: Record, name: str) -> Array:
+def filled(record: Record, name: str) -> Floats:
     """A channel (N,) with missing samples bridged by straight lines, which only a start may do."""
     values = record.channel(name)
     lost = np.isnan(values)
@@ -110,7 +108,7 @@ def filled(record: Record, name: str) -> Array:
     return values
 
 
-def smoothed(record: Record, name: str, sigma: dict[str, float]) -> tuple[Array, Array, Array]:
+def smoothed(record: Record, name: str, sigma: dict[str, float]) -> tuple[Floats, Floats, Floats]:
     """Value, rate and second rate (N,) of a channel."""
     values = filled(record, name)
     highest = float(bandwidth(values, record.rate, [sigma[name]])[0])
@@ -122,12 +120,12 @@ def smoothed(record: Record, name: str, sigma: dict[str, float]) -> tuple[Array,
     return value[:, 0], rate[:, 0], bend[:, 0]
 
 
-def summed(values: Array, step: float) -> Array:
+def summed(values: Floats, step: float) -> Floats:
     """The integral (N,) from the first sample on, by Simpson's rule."""
     return np.asarray(cumulative_simpson(values, dx=step, initial=0.0))
 
 
-def _motion(record: Record, name: str, kind: str, sigma: dict[str, float]) -> Array:
+def _motion(record: Record, name: str, kind: str, sigma: dict[str, float]) -> Floats:
     """(3, N) displacement, velocity and acceleration, the sums starting at 0."""
     if kind == "x":
         return np.stack(smoothed(record, name, sigma))
@@ -139,7 +137,7 @@ def _motion(record: Record, name: str, kind: str, sigma: dict[str, float]) -> Ar
     return np.stack([summed(velocity, record.step), velocity, values])
 
 
-def highpassed(values: Array, rate: float, cut: float) -> Array:
+def highpassed(values: Floats, rate: float, cut: float) -> Floats:
     """`values` (N,) without what is slower than `cut` Hz: a Gaussian in frequency, ends mirrored."""
     mirrored = np.concatenate([values, values[::-1]])
     frequency = np.fft.rfftfreq(len(mirrored), 1.0 / rate)

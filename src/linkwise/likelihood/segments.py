@@ -13,10 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.bordered import Bordered, Damping
 from linkwise.likelihood.flow import Inputs, Orbit, Pushes, flow, tangents
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.mechanics import Array, Indices, Mask, System
+from linkwise.likelihood.mechanics import System
 
 X, V, A = 0, 1, 2
 
@@ -55,13 +56,13 @@ class Segments:
 
     system: System
     sensors: Sensors
-    samples: Array
-    seen: Mask
-    step: Array
-    linked: Mask
+    samples: Floats
+    seen: Bools
+    step: Floats
+    linked: Bools
     inputs: Inputs
     refine: int = 1
-    loudness: Array | None = None
+    loudness: Floats | None = None
 
     @property
     def count(self) -> int:
@@ -76,7 +77,7 @@ class Segments:
         return int(self.system.parameters.size + self.sensors.offsets + self.sensors.gains)
 
     @cached_property
-    def lone(self) -> Mask:
+    def lone(self) -> Bools:
         """(K,) segments of which nothing is known: neither a sample nor a link."""
         before, after = np.append(False, self.linked), np.append(self.linked, False)
         return np.asarray(~(before | after | self.seen.any(axis=(0, 1))))
@@ -91,13 +92,13 @@ class Segments:
 class Point:
     """The unknowns: nodes (2, n, K) in m and m/s, theta (p,), offsets (o,) and gains (g,) of sensors."""
 
-    nodes: Array
-    theta: Array
-    offsets: Array
-    gains: Array = field(default_factory=lambda: np.ones(0))
+    nodes: Floats
+    theta: Floats
+    offsets: Floats
+    gains: Floats = field(default_factory=lambda: np.ones(0))
 
     @property
-    def border(self) -> Array:
+    def border(self) -> Floats:
         """(p + o + g,) all that the nodes share."""
         return np.concatenate([self.theta, self.offsets, self.gains])
 
@@ -106,9 +107,9 @@ class Point:
 class Scales:
     """Units of the unknowns: sigma (C,) noise of the channels; state (2n,): a defect's natural size; theta (p + o + g,)."""
 
-    sigma: Array
-    state: Array
-    theta: Array
+    sigma: Floats
+    state: Floats
+    theta: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +118,8 @@ class Misfit:
 
     point: Point
     orbit: Orbit
-    residuals: Array
-    defects: Array
+    residuals: Floats
+    defects: Floats
     data: float
     continuity: float
 
@@ -161,16 +162,16 @@ def evaluate(segments: Segments, point: Point, scales: Scales, loss: Loss) -> Mi
 class Blocks:
     """One quadratic form over scaled unknowns: state (K, m, m), right (p + 1, K, m) border and gradient, corner."""
 
-    state: Array
-    right: Array
-    corner: Array
-    corner_gradient: Array
+    state: Floats
+    right: Floats
+    corner: Floats
+    corner_gradient: Floats
 
     @classmethod
     def empty(cls, K: int, m: int, p: int) -> Blocks:
         return cls(np.empty((K, m, m)), np.empty((p + 1, K, m)), np.zeros((p, p)), np.zeros(p))
 
-    def put(self, part: slice, product: Array) -> tuple[Array, Array]:
+    def put(self, part: slice, product: Floats) -> tuple[Floats, Floats]:
         """Store [J r]'[J r] (k, P + 1, P + 1) of a chunk; returns its share of the corner and of its gradient."""
         m = self.state.shape[1]
         self.state[part] = product[:, :m, :m]
@@ -185,9 +186,9 @@ class Linear:
 
     data: Blocks
     defects: Blocks
-    state_ends: Array  # (K - 1, m, m) end of a segment by its node
-    right_ends: Array  # (p + 1, K - 1, m) end by theta and offsets; last the defect, sign reversed
-    linked: Mask  # (K - 1,)
+    state_ends: Floats  # (K - 1, m, m) end of a segment by its node
+    right_ends: Floats  # (p + 1, K - 1, m) end by theta and offsets; last the defect, sign reversed
+    linked: Bools  # (K - 1,)
 
     def equations(self, q: float) -> Bordered:
         """Normal equations with squared defects weighted by 1 / q^2."""
@@ -238,7 +239,7 @@ def linearise(
     missed[:-1] = misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
 
-    def work(part: slice) -> tuple[Array, Array, Array, Array]:
+    def work(part: slice) -> tuple[Floats, Floats, Floats, Floats]:
         rows, ends = _chunk(segments, misfit, scales, loss, part, pushes)
         corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
         ends = np.concatenate([ends, missed[part, :, None]], axis=2)
@@ -260,7 +261,7 @@ def linearise(
 
 def _chunk(
     segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice, pushes: Pushes | None
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
     sensors, step = segments.sensors, segments.step[part] * segments.refine
     M, C, K = segments.samples[..., part].shape
@@ -300,7 +301,7 @@ def _chunk(
 
 
 def _calibrate_gains(
-    jacobian: Array, segments: Segments, misfit: Misfit, scales: Scales, root: Array, part: slice
+    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
 ) -> None:
     """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened as they are.
 

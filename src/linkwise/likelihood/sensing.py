@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.likelihood.cut import cut
-from linkwise.likelihood.mechanics import Array, System
+from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.start import channel_noise
 from linkwise.record import Record
@@ -31,7 +32,7 @@ class Sensing:
         return cls(tuple(offsets), tuple(gains), tuple(channel_noise(record) for record in records))
 
     @property
-    def sigma(self) -> Array:
+    def sigma(self) -> Floats:
         """(C,) noise in the first record; that of the others is `cut` in as a factor."""
         return np.array(list(self.noise[0].values()))
 

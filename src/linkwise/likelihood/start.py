@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.likelihood.inversion import inverted
 from linkwise.likelihood.seen import (
     DRIFT,
@@ -26,8 +26,6 @@ from linkwise.noise import noise_sigma
 from linkwise.record import Record
 from linkwise.structure import Structure
 
-Array = NDArray[np.float64]
-
 _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden mass is free to move at q = 1
 
 
@@ -35,9 +33,9 @@ _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden ma
 class States:
     """Displacements and velocities (n, N) of all masses, `sigma` (n,) of what their sensor makes of both, (2n,)."""
 
-    x: Array
-    v: Array
-    scale: Array
+    x: Floats
+    v: Floats
+    scale: Floats
 
 
 def channel_noise(record: Record) -> dict[str, float]:
@@ -82,7 +80,7 @@ def _told(
     structure: Structure,
     sigma: dict[str, float],
     kinds: dict[str, list[str]],
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N), zero for masses without a sensor."""
     lost = any(kinds[name][:1] in (["v"], ["a"]) for name in structure.mass_names)
     if lost and tells_links(record, structure) and _numbered(structure):
@@ -118,7 +116,7 @@ def _numbered(structure: Structure) -> bool:
     )
 
 
-def nodes(states: Sequence[States], samples: int) -> Array:
+def nodes(states: Sequence[States], samples: int) -> Floats:
     """(2, n, K) the states at the first sample of every segment, record after record."""
     return np.concatenate(
         [np.stack([each.x[:, ::samples], each.v[:, ::samples]]) for each in states],
@@ -126,5 +124,5 @@ def nodes(states: Sequence[States], samples: int) -> Array:
     )
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))

@@ -8,15 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from linkwise.absorption.decay import TAIL
 from linkwise.absorption.result import Absorption, MassChange, Side
+from linkwise.arrays import Bools, Floats
 from linkwise.plot.palette import IDENTIFIED, SEEN, SERIES, TRUE, VISITED, WELL, scale
 from linkwise.plot.paper import sheet
 from linkwise.plot.thin import envelope
 
-Floats = NDArray[np.float64]
 Bands = tuple[Floats, Floats]
 
 MOST = 8  # strips that one page can hold
@@ -81,7 +80,7 @@ def _band(axes: Axes, found: Absorption, mass: MassChange, ends: Bands) -> None:
     )  # fmt: skip
 
 
-def _before_tail(found: Absorption) -> NDArray[np.bool_]:
+def _before_tail(found: Absorption) -> Bools:
     """Samples after which enough is to come for an envelope."""
     return np.asarray(found.time <= found.time[-1] - TAIL * (found.time[-1] - found.time[0]))
 

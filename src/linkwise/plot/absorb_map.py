@@ -7,14 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.sweep import AbsorptionMap, Axis
+from linkwise.arrays import Floats
 from linkwise.plot.palette import IDENTIFIED, SEEN, WELL
 from linkwise.plot.paper import sheet
-
-Floats = NDArray[np.float64]
 
 SHOWN = ("settled", "sinks_share", "rms_reduction", "crossings")
 _WIDE = 50.0  # largest over smallest from which colours go by ratio

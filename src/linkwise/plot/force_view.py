@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.estimate import Estimate
 from linkwise.plot.thin import scattered
 from linkwise.structure import Link, Structure
 
-Floats = NDArray[np.float64]
 GRID = 401
 BEYOND = 0.08  # of the visited range, drawn on both sides of it
 

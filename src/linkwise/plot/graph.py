@@ -11,16 +11,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.discovery.found import CERTAIN, Discovery
 from linkwise.discovery.table import headline, is_certain
 from linkwise.lawkind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.plot.palette import SEEN, SERIES, TRUE, scale
 from linkwise.plot.paper import sheet
 from linkwise.plot.placing import places
-
-Floats = NDArray[np.float64]
 
 _COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: SEEN}
 _OTHER = SERIES[5]

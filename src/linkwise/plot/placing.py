@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, shortest_path
 
-Floats = NDArray[np.float64]
+from linkwise.arrays import Floats
+
 Edges = Sequence[tuple[int, int]]
 
 _STEPS = 150

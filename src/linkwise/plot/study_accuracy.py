@@ -11,13 +11,11 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.plot.palette import SEEN, SERIES, TRUE
 from linkwise.plot.paper import sheet
 from linkwise.study.cells import StudyTable
-
-Floats = NDArray[np.float64]
 
 _KNOWN = {"ml": (SERIES[0], "o"), "weak": (SERIES[4], "^"), "physics-informed": (SERIES[2], "D")}
 _REST, _MARKERS = (SERIES[1], SERIES[5], SERIES[3], SEEN), "sv<>"

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.plot.palette import TRUE, scale
 from linkwise.plot.paper import sheet
 from linkwise.structure import Link
 
-Floats = NDArray[np.float64]
 _GRID = 801
 _DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there
 

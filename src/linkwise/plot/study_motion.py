@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.record import Record
 from linkwise.simulate import simulate
 from linkwise.structure import Structure
-
-Floats = NDArray[np.float64]
 
 NEIGHBOURS = 12
 APART = 1e-12  # of the release, from one neighbour to the next: less than any test rig could repeat

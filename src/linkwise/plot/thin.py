@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from linkwise.arrays import Floats
 
 
 def envelope(time: Floats, values: Floats, points: int = 4000) -> tuple[Floats, Floats]:

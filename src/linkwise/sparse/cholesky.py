@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-Array = NDArray[np.float64]
-Factor = tuple[Array, bool]  # as `cho_solve` wants it
+from linkwise.arrays import Floats
+
+Factor = tuple[Floats, bool]  # as `cho_solve` wants it
 
 _DEPENDENT = 3e-8  # a column whose part outside the span of the others is smaller is one of them, rounded
 _RIDGE = 1e-14  # added to the unit diagonal of dependent columns
 
 
-def cholesky(block: Array) -> Factor | None:
+def cholesky(block: Floats) -> Factor | None:
     """The factor of a Gram matrix of unit columns; None where its columns are dependent."""
     try:
         factor: Factor = cho_factor(block, lower=True, check_finite=False)
@@ -22,7 +22,7 @@ def cholesky(block: Array) -> Factor | None:
     return factor if np.min(np.diagonal(factor[0])) > _DEPENDENT else None
 
 
-def ridged(block: Array) -> Factor:
+def ridged(block: Floats) -> Factor:
     """The factor of a Gram matrix, with the smallest ridge that keeps dependent columns apart."""
     factor, ridge = cholesky(block), _RIDGE
     while factor is None:
@@ -30,7 +30,7 @@ def ridged(block: Array) -> Factor:
     return factor
 
 
-def vanishing(block: Array) -> Array:
+def vanishing(block: Floats) -> Floats:
     """The combination (p,) of dependent columns that all but vanishes, its largest entry 1: inverse iteration."""
     combination = np.random.default_rng(0).normal(size=len(block))
     for _ in range(3):

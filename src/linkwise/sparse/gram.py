@@ -12,19 +12,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.linalg.blas import dsymm, dsymv, dtrsm
 from scipy.linalg.lapack import dpotri
 
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
 from linkwise.sparse.cholesky import Factor, cholesky, ridged, vanishing
 from linkwise.sparse.sums import Remainder, held_out, mirror, products, remainders
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 _PASSES = 3  # over the rows at most to refine the anchor; one does unless columns are all but dependent
 _ROUNDING = 1e-13  # a residual this far below its target cannot be refined
@@ -41,23 +37,23 @@ class Sums:
     """
 
     rows: int
-    matrix: Array
-    slope: Array
-    squares: Array
-    norms: Array
+    matrix: Floats
+    slope: Floats
+    squares: Floats
+    norms: Floats
 
-    def moved(self, change: Array) -> Sums:
+    def moved(self, change: Floats) -> Sums:
         """The same sums about an anchor that is `change` (p, T) further."""
         pull = dsymm(1.0, self.matrix, change, lower=1)
         squares = np.maximum(self.squares + np.sum(change * (pull - 2 * self.slope), axis=0), 0.0)
         return Sums(self.rows, self.matrix, self.slope - pull, squares, self.norms)
 
-    def squares_at(self, change: Array, target: int) -> float:
+    def squares_at(self, change: Floats, target: int) -> float:
         """||b - A (anchor + change)||^2 of one target, `change` (p,)."""
         pull = dsymv(1.0, self.matrix, change, lower=1)
         return max(float(self.squares[target] + change @ (pull - 2 * self.slope[:, target])), 0.0)
 
-    def confined(self, kept: Indices, change: Array, target: int) -> Sums:
+    def confined(self, kept: Indices, change: Floats, target: int) -> Sums:
         """The sums of some columns and one target about an anchor that is `change` (p,) further and zero in the rest."""
         pull = dsymv(1.0, self.matrix, change, lower=1)
         slope = self.slope[:, target]
@@ -85,10 +81,10 @@ class Gram:
 
     names: tuple[str, ...]
     sums: Sums
-    moments: Array
-    scale: Array
-    alive: Mask
-    anchor: Array
+    moments: Floats
+    scale: Floats
+    alive: Bools
+    anchor: Floats
     held: Sums | None
     factor: Factor | None = None
 
@@ -142,12 +138,12 @@ class Gram:
         return self.sums.rows
 
     @property
-    def matrix(self) -> Array:
+    def matrix(self) -> Floats:
         """(p, p) A'A."""
         return self.sums.matrix
 
     @property
-    def norms(self) -> Array:
+    def norms(self) -> Floats:
         """(T,) ||b||."""
         return self.sums.norms
 
@@ -183,7 +179,7 @@ class Gram:
             factor,
         )
 
-    def restricted(self, support: Mask, target: int) -> Gram:
+    def restricted(self, support: Bools, target: int) -> Gram:
         """Only the columns in `support` (p,) and one target, about the least squares solution there: what is solved within a
         small support then costs no more than its size.
         """
@@ -200,7 +196,7 @@ class Gram:
             None if self.held is None else self.held.confined(kept, change, target),
         )
 
-    def project(self, support: Mask, target: int) -> tuple[Array, float]:
+    def project(self, support: Bools, target: int) -> tuple[Floats, float]:
         """Least squares over the columns in `support` (p,) for one target: scaled coefficients (p,), zero elsewhere,
         and the sum of squared residuals.
 
@@ -220,18 +216,18 @@ class Gram:
         change = self._change(kept, dropped, target)
         return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
 
-    def solve(self, support: Mask, target: int) -> Array:
+    def solve(self, support: Bools, target: int) -> Floats:
         """The scaled coefficients (p,) of `project` alone."""
         kept = np.flatnonzero(support & self.alive)
         change = self._change(kept, np.flatnonzero(~support & self.alive), target)
         return np.where(support & self.alive, self.anchor[:, target] + change, 0.0)
 
-    def unscaled(self, scaled: Array) -> Array:
+    def unscaled(self, scaled: Floats) -> Floats:
         """Coefficients c in their own units from scaled ones (p,) or (p, T); zero for columns that are zero throughout."""
         inverse = np.divide(1.0, self.scale, out=np.zeros_like(self.scale), where=self.alive)
         return scaled * (inverse if scaled.ndim == 1 else inverse[:, None])
 
-    def variances(self, support: Mask) -> Array:
+    def variances(self, support: Bools) -> Floats:
         """Diagonal (p,) of (A'A)^-1 over `support` in the coefficients' own units, zero elsewhere.
 
         Raises IdentificationError, naming columns, where columns of the support are dependent.
@@ -254,7 +250,7 @@ class Gram:
             answer[kept] = np.diagonal(dpotri(factor[0], lower=1)[0]) / self.scale[kept] ** 2
         return answer
 
-    def _worth_inverting(self, kept: Indices, dropped: Indices) -> Array | None:
+    def _worth_inverting(self, kept: Indices, dropped: Indices) -> Floats | None:
         """The inverse of the matrix where fewer columns are dropped than kept; None where not, where columns are
         dependent, and of a restricted matrix, which no other target shares.
         """
@@ -262,15 +258,15 @@ class Gram:
         return self._inverse if worth else None
 
     @cached_property
-    def _inverse(self) -> Array | None:
+    def _inverse(self) -> Floats | None:
         """(p, p) inverse of the matrix, None where columns are dependent."""
         if self.factor is None:
             return None
-        inverse: Array = dpotri(self.factor[0], lower=1)[0]
+        inverse: Floats = dpotri(self.factor[0], lower=1)[0]
         mirror(inverse)
         return inverse
 
-    def _eliminated(self, kept: Indices, dropped: Indices, target: int, inverse: Array) -> Array:
+    def _eliminated(self, kept: Indices, dropped: Indices, target: int, inverse: Floats) -> Floats:
         """The change (p,) of the anchor that takes the coefficients in `dropped` to zero: few columns are taken out of the
         inverse of all at the cost of their own number. The inverse has lost digits, so the slope is looked at and the solution
         refined until it is stationary; each refinement squares the share that is left.
@@ -293,7 +289,7 @@ class Gram:
         change[dropped] = -anchor[dropped]
         return np.asarray(change)
 
-    def _change(self, kept: Indices, dropped: Indices, target: int) -> Array:
+    def _change(self, kept: Indices, dropped: Indices, target: int) -> Floats:
         """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by the cheaper way."""
         if not dropped.size:
             return np.zeros(len(self.names))
@@ -302,7 +298,7 @@ class Gram:
             return self._corrected(kept, target)
         return self._eliminated(kept, dropped, target, inverse)
 
-    def _corrected(self, kept: Indices, target: int) -> Array:
+    def _corrected(self, kept: Indices, target: int) -> Floats:
         """The change (p,) of the anchor that takes all coefficients but those in `kept` to zero."""
         change = -self.anchor[:, target]
         change[kept] = 0.0
@@ -312,7 +308,7 @@ class Gram:
             change[kept] = cho_solve(factor, (self.sums.slope[:, target] - pull)[kept], check_finite=False)
         return change
 
-    def _directly(self, kept: Indices, target: int) -> tuple[Array, float]:
+    def _directly(self, kept: Indices, target: int) -> tuple[Floats, float]:
         """`project` without the anchor: cheaper for few columns, and as good where the residual is not tiny."""
         moments = self.moments[kept, target]
         solved = cho_solve(ridged(self.matrix[np.ix_(kept, kept)].T), moments, check_finite=False)
@@ -320,7 +316,7 @@ class Gram:
         scaled[kept] = solved
         return scaled, float(self.norms[target] ** 2 - solved @ moments)
 
-    def _dependent(self, kept: Indices, block: Array) -> IdentificationError:
+    def _dependent(self, kept: Indices, block: Floats) -> IdentificationError:
         if kept.size > self.rows:
             return IdentificationError(
                 f"{kept.size} terms cannot be told apart by {self.rows} equations; take a longer record, a smaller library "
@@ -335,8 +331,8 @@ class Gram:
 
 
 def _anchored(
-    system: LinearSystem, factor: Factor, moments: Array, inverse: Array, norms: Array
-) -> tuple[Array, Array, list[Remainder]]:
+    system: LinearSystem, factor: Factor, moments: Floats, inverse: Floats, norms: Floats
+) -> tuple[Floats, Floats, list[Remainder]]:
     """An approximate solution (p, T), a last correction (p, T) to it, and what it leaves of the rows, in scaled columns."""
     anchor = np.asarray(cho_solve(factor, moments))
     for last in (*[False] * (_PASSES - 1), True):

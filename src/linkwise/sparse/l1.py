@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.sparse.cholesky import cholesky
-from linkwise.sparse.gram import Array, Gram
+from linkwise.sparse.gram import Gram
 from linkwise.sparse.regressor import Candidate, Regressor
 from linkwise.sparse.selection import best, candidate
 from linkwise.threads import one_blas_thread
@@ -50,7 +50,7 @@ class L1(Regressor):
                 "explain beyond the others to be let in, 0 < penalty <= 1"
             )
 
-    def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
         path: tuple[Candidate, ...] = ()
         if self.penalty is None:
             training = gram.training
@@ -65,9 +65,9 @@ class L1(Regressor):
         return scaled, setting, path
 
 
-def _chosen(gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
+def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
     """The kink of the path whose support has the smallest BIC, its penalty, and all supports that were compared."""
-    found: dict[bytes, tuple[Candidate, Array]] = {}
+    found: dict[bytes, tuple[Candidate, Floats]] = {}
     worse, lowest = 0, np.inf
     for penalty, scaled in _path(gram, target):
         support = scaled != 0
@@ -86,7 +86,7 @@ def _chosen(gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...
     return found[chosen.support.tobytes()][1], chosen.setting, tuple(one for one, _ in found.values())
 
 
-def _at(gram: Gram, target: int, penalty: float) -> Array:
+def _at(gram: Gram, target: int, penalty: float) -> Floats:
     """Scaled coefficients (p,) at one penalty: the path is linear between the kinks on its two sides."""
     before = np.zeros(len(gram.names))
     if not gram.norms[target]:
@@ -102,7 +102,7 @@ def _at(gram: Gram, target: int, penalty: float) -> Array:
     return before
 
 
-def _path(gram: Gram, target: int) -> Iterator[tuple[float, Array]]:
+def _path(gram: Gram, target: int) -> Iterator[tuple[float, Floats]]:
     """Kinks of the path from the largest penalty down: the penalty as a share of ||b||, and the scaled coefficients there."""
     norm = float(gram.norms[target])
     if norm == 0:
@@ -142,14 +142,14 @@ def _path(gram: Gram, target: int) -> Iterator[tuple[float, Array]]:
             return
 
 
-def _direction(matrix: Array, active: list[int], signs: list[float]) -> Array | None:
+def _direction(matrix: Floats, active: list[int], signs: list[float]) -> Floats | None:
     """How the coefficients in play grow per unit of falling penalty; None where their columns are dependent."""
     factor = cholesky(matrix[np.ix_(active, active)])
     return None if factor is None else np.asarray(cho_solve(factor, np.array(signs), check_finite=False))
 
 
 def _next_entry(
-    correlation: Array, drop: Array, penalty: float, free: NDArray[np.bool_], active: list[int], left: int
+    correlation: Floats, drop: Floats, penalty: float, free: Bools, active: list[int], left: int
 ) -> tuple[float, int]:
     """The step at which another column's correlation meets the penalty, and that column (-1: none before the penalty is 0)."""
     steps = np.full(len(correlation), np.inf)
@@ -167,7 +167,7 @@ def _next_entry(
     return (float(steps[entering]), entering) if steps[entering] < penalty else (penalty, -1)
 
 
-def _first_exit(values: Array, speed: Array, step: float) -> tuple[float, int]:
+def _first_exit(values: Floats, speed: Floats, step: float) -> tuple[float, int]:
     """The step at which a coefficient in play returns to zero, and its place (-1: none within `step`)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = np.where(values * speed < 0, -values / speed, np.inf)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import final
 
-from linkwise.sparse.gram import Array, Gram
+from linkwise.arrays import Floats
+from linkwise.sparse.gram import Gram
 from linkwise.sparse.regressor import Candidate, Regressor
 
 
@@ -12,5 +13,5 @@ from linkwise.sparse.regressor import Candidate, Regressor
 class LeastSquares(Regressor):
     """Every column that is not zero throughout takes part."""
 
-    def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
         return gram.solve(gram.alive, target), 0.0, ()

@@ -6,14 +6,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats
 from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
 from linkwise.sparse.gram import Gram
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +22,7 @@ class Candidate:
     and `bic` the Bayesian information criterion of the latter (smaller is better).
     """
 
-    support: Mask
+    support: Bools
     setting: float
     terms: int
     residual: float
@@ -46,12 +43,12 @@ class Fit:
     names: tuple[str, ...]
     units: tuple[str, ...]
     targets: tuple[str, ...]
-    coefficients: Array
-    support: Mask
-    standard_error: Array
-    contribution: Array
-    residual: Array
-    setting: Array
+    coefficients: Floats
+    support: Bools
+    standard_error: Floats
+    contribution: Floats
+    residual: Floats
+    setting: Floats
     paths: tuple[tuple[Candidate, ...], ...]
 
     def terms(self, target: str) -> dict[str, float]:
@@ -115,16 +112,16 @@ class Regressor(ABC):
         return _fit(gram, scaled, units, targets, setting, tuple(paths))
 
     @abstractmethod
-    def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
         """Scaled coefficients (p,) of one target, the setting in force, and the candidates that were compared."""
 
 
 def _fit(
     gram: Gram,
-    scaled: Array,
+    scaled: Floats,
     units: tuple[str, ...],
     targets: tuple[str, ...],
-    setting: Array,
+    setting: Floats,
     paths: tuple[tuple[Candidate, ...], ...],
 ) -> Fit:
     """Fill in what follows from the coefficients alone."""
@@ -147,9 +144,9 @@ def _fit(
     )
 
 
-def _variances(gram: Gram, support: Mask) -> Array:
+def _variances(gram: Gram, support: Bools) -> Floats:
     """`Gram.variances` of each target's support (p, T); targets that share a support share the work."""
-    found: dict[bytes, Array] = {}
+    found: dict[bytes, Floats] = {}
     for column in support.T:
         key = column.tobytes()
         if key not in found:

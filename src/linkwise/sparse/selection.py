@@ -11,13 +11,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from linkwise.sparse.gram import Array, Gram
+from linkwise.arrays import Floats
+from linkwise.sparse.gram import Gram
 from linkwise.sparse.regressor import Candidate
 
 EXACT = 1e-11  # a residual this far below its target is rounding: below it fewer terms always win
 
 
-def candidate(training: Gram, target: int, scaled: Array, squares: float, setting: float) -> Candidate:
+def candidate(training: Gram, target: int, scaled: Floats, squares: float, setting: float) -> Candidate:
     """A least squares solution `scaled` (p,) on its support in the rows of `training`, which leaves `squares` there, judged by
     the rows held out.
 

@@ -8,8 +8,9 @@ from typing import final
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.sparse.gram import Array, Gram
+from linkwise.sparse.gram import Gram
 from linkwise.sparse.regressor import Candidate, Regressor
 from linkwise.sparse.selection import EXACT, best, candidate
 from linkwise.threads import one_blas_thread
@@ -41,7 +42,7 @@ class Stlsq(Regressor):
                 "term is dropped, 0 <= threshold < 1"
             )
 
-    def solve(self, gram: Gram, target: int) -> tuple[Array, float, tuple[Candidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
         if self.threshold is not None:
             scaled = gram.solve(gram.alive, target)
             return _shrink(gram, target, scaled, self.threshold), self.threshold, ()
@@ -52,7 +53,7 @@ class Stlsq(Regressor):
         return gram.solve(chosen.support, target), chosen.setting, path
 
 
-def _shrink(gram: Gram, target: int, scaled: Array, threshold: float) -> Array:
+def _shrink(gram: Gram, target: int, scaled: Floats, threshold: float) -> Floats:
     """Scaled coefficients after dropping, from those of a larger support, until every term left reaches the threshold."""
     for _ in range(_PASSES):
         kept = (np.abs(scaled) >= threshold * gram.norms[target]) & (scaled != 0)

@@ -10,12 +10,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dsyrk
 
+from linkwise.arrays import Bools, Floats
 from linkwise.equations import LinearSystem
-
-Array = NDArray[np.float64]
 
 _RUNS = 100
 _ONE_IN = 5
@@ -26,19 +24,19 @@ _FEWEST = 25  # rows below which none are held out: five must be left to judge b
 class Products(NamedTuple):
     """A'A (p, p), A'b (p, T) and ||b||^2 (T,) over some rows."""
 
-    matrix: Array
-    moments: Array
-    squares: Array
+    matrix: Floats
+    moments: Floats
+    squares: Floats
 
 
 class Remainder(NamedTuple):
     """||b - A c||^2 (T,) and A'(b - A c) (p, T) over some rows."""
 
-    squares: Array
-    slope: Array
+    squares: Floats
+    slope: Floats
 
 
-def held_out(rows: int) -> NDArray[np.bool_]:
+def held_out(rows: int) -> Bools:
     """(R,) True for the rows that are held out: the middle one of every five runs; none of fewer than 25 rows."""
     if rows < _FEWEST:
         return np.zeros(rows, dtype=bool)
@@ -72,7 +70,7 @@ def products(system: LinearSystem) -> list[Products]:
     return parts
 
 
-def remainders(system: LinearSystem, coefficients: Array) -> list[Remainder]:
+def remainders(system: LinearSystem, coefficients: Floats) -> list[Remainder]:
     """Of coefficients c (p, T), from the rows themselves, in the parts of `products`."""
     parts = [
         Remainder(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
@@ -85,7 +83,7 @@ def remainders(system: LinearSystem, coefficients: Array) -> list[Remainder]:
     return parts
 
 
-def mirror(matrix: Array) -> None:
+def mirror(matrix: Floats) -> None:
     """Copy the lower triangle of a square matrix over its upper one, in tiles that stay in the cache."""
     edges = range(0, len(matrix), _TILE)
     for row in edges:
@@ -96,7 +94,7 @@ def mirror(matrix: Array) -> None:
         corner[...] = np.tril(corner) + np.tril(corner, -1).T
 
 
-def times(rows: Array, right: Array, *, transposed: bool = False) -> Array:
+def times(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
     """rows @ right, or rows.T @ right, by SciPy's BLAS.
 
     NumPy brings a BLAS of its own; where each keeps threads, calling both in turn lets them spin in each other's way.
@@ -106,7 +104,7 @@ def times(rows: Array, right: Array, *, transposed: bool = False) -> Array:
     return np.asarray(dgemm(1.0, rows, right, trans_a=transposed))
 
 
-def _blocks(system: LinearSystem) -> Iterator[tuple[int, Array, Array]]:
+def _blocks(system: LinearSystem) -> Iterator[tuple[int, Floats, Floats]]:
     """All rows in blocks, first those that are seen (0), then those held out (1)."""
     held = held_out(system.rows)
     for part, chosen in enumerate((~held, held)):

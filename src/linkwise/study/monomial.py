@@ -9,13 +9,14 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.conventions import Convention, noisy_states
 from linkwise.equations import StreamedEquations
 from linkwise.estimate import CONVERGED
 from linkwise.expression import polynomial
 from linkwise.library import monomial_equations
 from linkwise.link import Link
-from linkwise.monomialforce import Array, Reading, monomial_force, monomial_nmse
+from linkwise.monomialforce import Reading, monomial_force, monomial_nmse
 from linkwise.monomials import tags
 from linkwise.record import Record
 from linkwise.sparse.gram import Gram
@@ -119,7 +120,7 @@ def _fit(equations: StreamedEquations, gram: Gram, structure: Structure, regress
     )
 
 
-def _coefficients(link: Link, d: Array, force: Array) -> dict[str, float]:
+def _coefficients(link: Link, d: Floats, force: Floats) -> dict[str, float]:
     """The coefficients of a polynomial law, those of its stiffness, that come closest to a force (N,) at elongations d (N,);
     none for another law.
     """
