@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.atomic import to_json
 from linkwise.estimate import NoiseEstimate
 from linkwise.link_estimate import LinkEstimate
-from linkwise.output import to_json
 
 ALPHA, BETA, MOVING = -100.0, 1e6, 0.0099
 COVARIANCE = (

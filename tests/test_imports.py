@@ -13,10 +13,10 @@ import linkwise
 
 SOURCE = Path(linkwise.__file__).parent
 FLOORS = {  # from the ground up; a module may import from its own floor and those below it
-    "words": "arrays errors memory units output threads expression",
+    "words": "arrays atomic runtime text errors memory units output threads expression",
     "nouns": """law link coefficient sharing structure structure_file chains wells lawkind equilibria modes energy
         excitation channel timeline resampling decimation simulated record files""",
-    "motion": "shape forces course kinks trajectory balance horizon engine ensemble simulate",
+    "motion": "model records shape forces course kinks trajectory balance horizon engine ensemble simulate",
     "views": """noise smooth derive conventions monomials library equations window weakform layout atoms noisebias weaknoise
         motion patch weak""",
     "estimators": """sparse sandwich weakfit likelihood linkmotion link_estimate findings table estimate describing

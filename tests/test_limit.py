@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import linkwise as lw
-from linkwise.output import to_json
+from linkwise.atomic import to_json
 
 RELEASE = {"v:m1": 1.0}
 SHORT = {"duration": 0.1, "rate": 500.0, "segment": 0.05, "release": RELEASE}  # two segments of 25 samples

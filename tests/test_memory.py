@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from linkwise import memory
+from linkwise import runtime as memory
 
 GIGA = 2**30
 

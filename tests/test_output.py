@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from linkwise.output import OutputError, check_result_folder, to_json, whole_file, whole_folder
+from linkwise.atomic import OutputError, check_result_folder, to_json, whole_file, whole_folder
 
 
 def write_result(folder: Path, **files: str) -> None:

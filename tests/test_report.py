@@ -12,7 +12,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.report import report
-from linkwise.table import number
+from linkwise.text import number
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 import linkwise as lw
 from linkwise.estimate import NoiseEstimate
 from linkwise.linkmotion import LinkMotion
-from linkwise.table import error_number, number
+from linkwise.text import error_number, number
 
 GOOD = """\
 bistable chain of 2 masses: weak, converged, can be trusted

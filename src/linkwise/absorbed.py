@@ -16,7 +16,7 @@ from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.arrays import Floats
-from linkwise.output import ABSORPTION, to_json, whole_folder
+from linkwise.atomic import ABSORPTION, to_json, whole_folder
 from linkwise.plot import save
 from linkwise.plot.absorb import Bands, crossings_figure, decay_figure, energy_figure
 from linkwise.plot.absorb_map import map_figure

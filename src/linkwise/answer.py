@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from linkwise.absorption.knowledge import COVARIANCE, Knowledge, write_covariance
+from linkwise.atomic import RESULT, to_json, whole_folder
 from linkwise.errors import RecordError
 from linkwise.estimate import Estimate
-from linkwise.output import RESULT, to_json, whole_folder
 from linkwise.plot import force_figure, histories_figure, save
 from linkwise.plot.force_view import GRID
 from linkwise.record import Record

@@ -17,7 +17,7 @@ from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, Link
 from linkwise.record import Record
 from linkwise.sharing import Parameter
 from linkwise.structure import Structure
-from linkwise.table import columns, number
+from linkwise.text import columns, number
 
 DETECTION = 3.605  # deviations: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
 _MANY = 40  # rows of a table that anybody reads

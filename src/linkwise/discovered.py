@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from linkwise.answer import result_of, write_links, write_page
+from linkwise.atomic import whole_folder
 from linkwise.discovery.found import Discovery, TermEvidence
 from linkwise.discovery.truth import term_score, truth_beside
 from linkwise.estimate import Estimate
-from linkwise.output import whole_folder
 from linkwise.plot import save
 from linkwise.plot.choice import evidence_figure, path_figure
 from linkwise.plot.graph import graph_figure

@@ -21,7 +21,7 @@ from linkwise.linkmotion import LinkMotion
 from linkwise.record import Record
 from linkwise.sharing import Parameter
 from linkwise.structure import Structure
-from linkwise.table import text_table
+from linkwise.text import text_table
 
 CONVERGED = "converged"
 NOT_CONVERGED = "not converged"

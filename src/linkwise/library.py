@@ -15,8 +15,8 @@ from linkwise.equations import Equations, Rows, StreamedEquations, fit_bytes
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
 from linkwise.link import Link
-from linkwise.memory import available_memory
 from linkwise.monomials import Monomials, tags
+from linkwise.runtime import available_memory
 from linkwise.structure import Structure
 
 _MOST_BYTES = 2 * 2**30  # of stored link columns

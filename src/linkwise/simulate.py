@@ -19,8 +19,8 @@ from linkwise.excitation import Drive, Excitation, Impulse, Sampled
 from linkwise.forces import Forces
 from linkwise.horizon import horizon
 from linkwise.link import BASE, near_miss
-from linkwise.memory import available_memory
 from linkwise.record import Record
+from linkwise.runtime import available_memory
 from linkwise.simulated import EnergyBalance, Simulated
 from linkwise.structure import Structure
 from linkwise.trajectory import Travelled, travel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from linkwise.absorption.maptext import value_text
-from linkwise.table import columns
+from linkwise.text import columns
 
 if TYPE_CHECKING:
     from linkwise.absorption.intervals import AbsorptionIntervals, Likely

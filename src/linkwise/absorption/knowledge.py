@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.atomic import RESULT
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimate import Estimate
-from linkwise.output import RESULT
 from linkwise.structure import Structure
 from linkwise.structure_file import read_structure
 

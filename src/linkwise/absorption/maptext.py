@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from linkwise.absorption.table import percent
-from linkwise.table import columns
+from linkwise.text import columns
 
 if TYPE_CHECKING:
     from linkwise.absorption.quantities import Quantity

@@ -22,7 +22,7 @@ from linkwise.absorption.variants import Variants
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.excitation import Excitation
-from linkwise.memory import available_memory
+from linkwise.runtime import available_memory
 from linkwise.simulate import Motion
 from linkwise.structure import Structure
 

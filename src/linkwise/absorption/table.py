@@ -5,7 +5,7 @@ from __future__ import annotations
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from linkwise.table import columns
+from linkwise.text import columns
 
 if TYPE_CHECKING:
     from linkwise.absorption.result import Absorption, MassChange, Side, SinkWork

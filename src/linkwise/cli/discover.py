@@ -11,9 +11,9 @@ from typing import Any
 import click
 
 import linkwise as lw
+from linkwise.atomic import check_result_folder, to_json
 from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordSource, grouped, pairs, record_options
-from linkwise.output import check_result_folder, to_json
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 EXAMPLE = "m1=1.0"

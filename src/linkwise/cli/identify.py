@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
+from linkwise.atomic import check_result_folder, to_json
 from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordSource, grouped, record_options
-from linkwise.output import check_result_folder, to_json
 
 if TYPE_CHECKING:
     from linkwise.likelihood.anneal import Progress

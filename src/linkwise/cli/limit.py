@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 import linkwise as lw
+from linkwise.atomic import to_json
 from linkwise.cli.console import progress
 from linkwise.cli.options import FILE, POSITIVE, number, pairs
 from linkwise.cli.plan import Drive, Sampling, drive_options, sampling_options
-from linkwise.output import to_json
 
 
 @click.command()

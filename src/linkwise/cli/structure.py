@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 import linkwise as lw
+from linkwise.atomic import to_json, whole_file
 from linkwise.cli.options import FILE
-from linkwise.output import to_json, whole_file
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
 SHOWN = 4  # stable equilibria

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 import linkwise as lw
+from linkwise.atomic import to_json
 from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FOLDER
-from linkwise.output import to_json
 
 if TYPE_CHECKING:
     from linkwise.study.runner import Progress

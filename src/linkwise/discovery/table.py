@@ -6,7 +6,7 @@ from math import inf, isfinite
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from linkwise.table import columns, error_number, number
+from linkwise.text import columns, error_number, number
 
 if TYPE_CHECKING:
     from linkwise.discovery.found import Discovery, TermEvidence

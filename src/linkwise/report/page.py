@@ -19,7 +19,7 @@ from linkwise.plot.force_view import force_view
 from linkwise.plot.page import force_page, histories_page
 from linkwise.structure import Structure
 from linkwise.structure_file import format_structure
-from linkwise.table import error_number, number
+from linkwise.text import error_number, number
 
 TEMPLATES = Environment(
     loader=PackageLoader("linkwise", "report"),

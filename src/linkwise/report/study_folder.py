@@ -12,7 +12,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from linkwise.output import whole_file
+from linkwise.atomic import whole_file
 from linkwise.plot import save
 from linkwise.plot.paper_accuracy import figure_8, figure_9
 from linkwise.plot.paper_force import figure_6, figure_7

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from linkwise.output import whole_file
+from linkwise.atomic import whole_file
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows
 from linkwise.study.summary import cell_record, study_summary

@@ -10,7 +10,7 @@ from typing import Any
 from linkwise.estimate import CONVERGED
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
-from linkwise.table import columns
+from linkwise.text import columns
 
 
 @dataclass(frozen=True)
