@@ -12,12 +12,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from linkwise import engine
-from linkwise.chains import bnes_chain
-from linkwise.excitation import Sampled
-from linkwise.law import Law
+from linkwise.model.chains import bnes_chain
+from linkwise.model.excitation import Sampled
+from linkwise.model.law import Law
+from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.record import Record
 from linkwise.simulate import simulate
-from linkwise.structure import Coefficient, Link, Mass, Structure
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"
 

@@ -11,8 +11,8 @@ import linkwise as lw
 from linkwise.absorption.bare import without_sinks
 from linkwise.absorption.decay import Decay
 from linkwise.absorption.sinks import find_sinks
-from linkwise.excitation import Excitation
-from linkwise.structure import Coefficient, Link, Mass, Structure
+from linkwise.model.excitation import Excitation
+from linkwise.model.structure import Coefficient, Link, Mass, Structure
 
 RELEASE = {"v:m1": 1.0}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.chains import bnes_chain
 from linkwise.errors import StructureError
+from linkwise.model.chains import bnes_chain
 
 
 @pytest.mark.parametrize("n", [2, 4, 10])

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from linkwise.chains import bnes_chain
-from linkwise.coefficient import Coefficient
 from linkwise.conventions import CONVENTIONS, MEANING, Convention, noisy_states
 from linkwise.derive import differentiate
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.law import Law
 from linkwise.library import monomial_equations
-from linkwise.link import Link
+from linkwise.model.chains import bnes_chain
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
 from linkwise.record import Record
 from linkwise.simulate import simulate
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Fit
-from linkwise.structure import Structure
 
 CHAIN = bnes_chain(4)
 

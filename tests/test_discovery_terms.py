@@ -8,7 +8,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.discovery.terms import DEFAULT, FAMILIES, parse_terms
-from linkwise.law import Law
+from linkwise.model.law import Law
 
 
 def texts(text: str) -> list[str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from linkwise.chains import bnes_chain
 from linkwise.energy import kinetic_energy, potential_energy
+from linkwise.model.chains import bnes_chain
 
 
 def test_kinetic_and_potential_energy_of_the_chain() -> None:

@@ -9,14 +9,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from linkwise import engine
-from linkwise.chains import bnes_chain
 from linkwise.course import Course
 from linkwise.errors import SimulationError
-from linkwise.excitation import Excitation, Sampled
 from linkwise.forces import Forces
-from linkwise.law import Law
+from linkwise.model.chains import bnes_chain
+from linkwise.model.excitation import Excitation, Sampled
+from linkwise.model.law import Law
+from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.simulate import simulate
-from linkwise.structure import Coefficient, Link, Mass, Structure
 from linkwise.trajectory import Manner, travel
 
 

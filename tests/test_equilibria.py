@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from linkwise.arrays import Floats
-from linkwise.chains import bnes_chain
-from linkwise.coefficient import Coefficient
 from linkwise.equilibria import Equilibria, equilibria
 from linkwise.errors import StructureError
-from linkwise.law import Law
-from linkwise.structure import BASE, GROUND, Link, Mass, Structure
+from linkwise.model.chains import bnes_chain
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.structure import BASE, GROUND, Link, Mass, Structure
 
 
 def link(name: str, first: str, second: str, text: str, **values: float) -> Link:

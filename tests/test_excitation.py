@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from linkwise.errors import LawError, SimulationError
-from linkwise.excitation import Excitation, Impulse, Sampled, TimeFunction
+from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
 
 FREQUENCY = 7.0
 

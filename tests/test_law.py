@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from linkwise.errors import LawError
 from linkwise.expression import Number, Symbol, parse, to_text
-from linkwise.law import Law
+from linkwise.model.law import Law
 
 BISTABLE = "alpha*d + beta*d**3 + c*v"
 VALUES = {"alpha": -100.0, "beta": 1e6, "c": 0.02}

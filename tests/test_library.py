@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from linkwise import library
-from linkwise.chains import bnes_chain
-from linkwise.coefficient import Coefficient
 from linkwise.derive import States
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.law import Law
 from linkwise.library import link_columns, local_equations, monomial_equations
-from linkwise.link import Link, Mass
+from linkwise.model.chains import bnes_chain
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link, Mass
+from linkwise.model.structure import Structure
 from linkwise.monomials import Monomials
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Regressor
 from linkwise.sparse.stlsq import Stlsq
-from linkwise.structure import Structure
 
 COUNT = 400
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.excitation import TimeFunction
 from linkwise.likelihood.cut import cut, inputs
 from linkwise.likelihood.flow import Inputs, flow, tangents
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
+from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"

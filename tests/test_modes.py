@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from linkwise.chains import bnes_chain
-from linkwise.coefficient import Coefficient
 from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
-from linkwise.law import Law
+from linkwise.model.chains import bnes_chain
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.structure import GROUND, Link, Mass, Structure
 from linkwise.modes import modes
-from linkwise.structure import GROUND, Link, Mass, Structure
 
 SPRING = Law.parse("k*d + c*v")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.chains import bnes_chain
 from linkwise.errors import RecordError
+from linkwise.model.chains import bnes_chain
 from linkwise.noise import bandwidth, noise_sigma
 from linkwise.record import Record
 from linkwise.simulate import simulate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.chains import bnes_chain
+from linkwise.model.chains import bnes_chain
 from linkwise.simulate import simulate
 
 

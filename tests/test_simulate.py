@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from test_engine import oscillator
 
-from linkwise.chains import bnes_chain
 from linkwise.errors import SimulationError, StructureError
-from linkwise.excitation import Impulse, Sampled
+from linkwise.model.chains import bnes_chain
+from linkwise.model.excitation import Impulse, Sampled
 from linkwise.simulate import simulate
 
 OMEGA, ZETA = 10.0, 0.05

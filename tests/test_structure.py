@@ -10,10 +10,10 @@ import time
 import numpy as np
 import pytest
 
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.law import Law
-from linkwise.structure import BASE, GROUND, Link, Mass, Structure
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.structure import BASE, GROUND, Link, Mass, Structure
 
 NUMBER, UNKNOWN, SHARED = Coefficient.number, Coefficient.unknown, Coefficient.shared
 

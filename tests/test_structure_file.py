@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linkwise.chains import bnes_chain
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.law import Law
-from linkwise.structure import Link, Mass, Structure
-from linkwise.structure_file import format_structure, parse_structure, read_structure, write_structure
+from linkwise.model.chains import bnes_chain
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.structure import Link, Mass, Structure
+from linkwise.model.toml_file import format_structure, parse_structure, read_structure, write_structure
 
 EXAMPLE = """\
 name = "two-mass bistable chain"

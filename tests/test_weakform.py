@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from linkwise.law import Law
+from linkwise.model.law import Law
 from linkwise.weakform import PHI, PHI_1, WeakLaw, weak_law
 
 S = 0.3

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from linkwise.chains import bnes_chain
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.law import Law
-from linkwise.structure import GROUND, Link
+from linkwise.model.chains import bnes_chain
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.structure import GROUND, Link
 from linkwise.wells import barrier, rest_points, wells
 
 

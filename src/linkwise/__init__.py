@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from linkwise.absorption.sweep import AbsorptionMap, absorption_map
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
-    from linkwise.chains import bnes_chain
     from linkwise.classical import Classical
     from linkwise.conventions import CONVENTIONS, noisy_states
     from linkwise.derive import differentiate
@@ -41,15 +40,25 @@ if TYPE_CHECKING:
         StudyError,
     )
     from linkwise.estimate import Estimate
-    from linkwise.excitation import Excitation, Impulse, Sampled, TimeFunction
     from linkwise.files import read_record, write_record
     from linkwise.identify import identify
-    from linkwise.law import Law
     from linkwise.lawpath import LawStep, law_path
     from linkwise.library import link_columns, local_equations, monomial_equations
     from linkwise.likelihood.loss import Gaussian, Huber, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.limit import limit
+    from linkwise.model.chains import bnes_chain
+    from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
+    from linkwise.model.law import Law
+    from linkwise.model.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
+    from linkwise.model.toml_file import (
+        Known,
+        format_structure,
+        parse_structure,
+        read_known,
+        read_structure,
+        write_structure,
+    )
     from linkwise.modes import modes
     from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
     from linkwise.record import Record
@@ -58,15 +67,6 @@ if TYPE_CHECKING:
     from linkwise.sparse.l1 import L1
     from linkwise.sparse.least_squares import LeastSquares
     from linkwise.sparse.stlsq import Stlsq
-    from linkwise.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
-    from linkwise.structure_file import (
-        Known,
-        format_structure,
-        parse_structure,
-        read_known,
-        read_structure,
-        write_structure,
-    )
     from linkwise.study.campaign import run_study
     from linkwise.study.definition import Study
     from linkwise.study.export import export_study
@@ -188,7 +188,7 @@ _HOMES = {
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),
-    "chains": ("bnes_chain",),
+    "model.chains": ("bnes_chain",),
     "classical": ("Classical",),
     "conventions": ("CONVENTIONS", "noisy_states"),
     "derive": ("differentiate",),
@@ -209,10 +209,10 @@ _HOMES = {
         "StudyError",
     ),
     "estimate": ("Estimate",),
-    "excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
+    "model.excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
     "files": ("read_record", "write_record"),
     "identify": ("identify",),
-    "law": ("Law",),
+    "model.law": ("Law",),
     "library": ("link_columns", "local_equations", "monomial_equations"),
     "likelihood.loss": ("Gaussian", "Huber", "Student"),
     "likelihood.profile": ("profile_interval",),
@@ -226,8 +226,8 @@ _HOMES = {
     "sparse.l1": ("L1",),
     "sparse.least_squares": ("LeastSquares",),
     "sparse.stlsq": ("Stlsq",),
-    "structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
-    "structure_file": (
+    "model.structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
+    "model.toml_file": (
         "Known",
         "format_structure",
         "parse_structure",

@@ -17,9 +17,9 @@ from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.errors import SimulationError
-from linkwise.excitation import Excitation
+from linkwise.model.excitation import Excitation
+from linkwise.model.structure import Structure
 from linkwise.simulate import Drives, Motion
-from linkwise.structure import Structure
 
 Passages = tuple[Floats, ...]
 

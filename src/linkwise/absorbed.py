@@ -17,11 +17,11 @@ from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION, to_json, whole_folder
+from linkwise.model.toml_file import format_structure, write_structure
 from linkwise.plot import save
 from linkwise.plot.absorb import Bands, crossings_figure, decay_figure, energy_figure
 from linkwise.plot.absorb_map import map_figure
 from linkwise.report.sheet import Section, embedded, sheet_page
-from linkwise.structure_file import format_structure, write_structure
 
 Progress = Callable[[float, str], object]
 

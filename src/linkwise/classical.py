@@ -12,13 +12,13 @@ from linkwise.errors import IdentificationError
 from linkwise.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseEstimate
 from linkwise.library import link_columns
 from linkwise.linkmotion import LinkMotion, extremes
+from linkwise.model.structure import Structure
 from linkwise.motion import noise_variance
 from linkwise.record import Record
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Regressor
 from linkwise.sparse.stlsq import Stlsq
-from linkwise.structure import Structure
 
 _REGRESSORS: dict[str, type[Regressor]] = {"stlsq": Stlsq, "l1": L1, "least-squares": LeastSquares}
 

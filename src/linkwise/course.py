@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.excitation import Excitation, Sampled
 from linkwise.expression import Expression
-from linkwise.link import BASE
+from linkwise.model.excitation import Excitation, Sampled
+from linkwise.model.link import BASE
+from linkwise.model.structure import Structure
 from linkwise.shape import SCALE, Layout, Shape
-from linkwise.structure import Structure
 
 BLOCK = 4096  # output samples between two stops, for progress and to look whether the motion diverges ...
 _HELD = 500_000  # ... and no more than this over the number of masses, to bound memory

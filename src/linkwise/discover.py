@@ -10,7 +10,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.channel import BASE, Channel
-from linkwise.coefficient import Coefficient
 from linkwise.discovery.candidates import Candidates, candidates
 from linkwise.discovery.decide import Decided, decided
 from linkwise.discovery.evidence import confusions, evidence, path, runners_up
@@ -29,11 +28,12 @@ from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.lawstart import law_start
 from linkwise.likelihood.seen import drifts
 from linkwise.likelihood.start import channel_noise
-from linkwise.link import Link, Mass
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.link import Link, Mass
+from linkwise.model.structure import Structure
+from linkwise.model.toml_file import Known
 from linkwise.motion import SeenMotion, read_motion
 from linkwise.record import Record
-from linkwise.structure import Structure
-from linkwise.structure_file import Known
 from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
 from linkwise.weakestimate import weak_search

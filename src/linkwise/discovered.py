@@ -15,11 +15,11 @@ from linkwise.atomic import whole_folder
 from linkwise.discovery.found import Discovery, TermEvidence
 from linkwise.discovery.truth import term_score, truth_beside
 from linkwise.estimate import Estimate
+from linkwise.model.structure import Structure
 from linkwise.plot import save
 from linkwise.plot.choice import evidence_figure, path_figure
 from linkwise.plot.graph import graph_figure
 from linkwise.report.discovery import discovery_page
-from linkwise.structure import Structure
 
 
 def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:

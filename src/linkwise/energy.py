@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 
 
 def kinetic_energy(structure: Structure, v: ArrayLike) -> Floats:

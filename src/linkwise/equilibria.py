@@ -20,8 +20,8 @@ from scipy.sparse.csgraph import connected_components
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
-from linkwise.link import Link
-from linkwise.structure import Structure
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 from linkwise.wells import RestPoint, rest_points
 
 _LIMIT = 4096  # starts, or equilibria listed, unless told otherwise

@@ -18,9 +18,9 @@ from linkwise.findings import link_findings
 from linkwise.likelihood.optimum import Optimum
 from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
 from linkwise.linkmotion import LinkMotion
+from linkwise.model.parameters import Parameter
+from linkwise.model.structure import Structure
 from linkwise.record import Record
-from linkwise.sharing import Parameter
-from linkwise.structure import Structure
 from linkwise.text import text_table
 
 CONVERGED = "converged"

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.excitation import Excitation
 from linkwise.expression import Program, symbols
-from linkwise.law import Law
+from linkwise.model.excitation import Excitation
+from linkwise.model.law import Law
+from linkwise.model.structure import Structure
 from linkwise.shape import power_lost
-from linkwise.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from linkwise.estimate import Estimate
 from linkwise.likelihood.anneal import Progress
 from linkwise.likelihood.answer import likelihood_estimate
 from linkwise.likelihood.loss import Loss
+from linkwise.model.structure import Structure
 from linkwise.record import Record
-from linkwise.structure import Structure
 from linkwise.weakestimate import weak_estimate
 
 Method = Literal["ml", "weak", "sindy"]

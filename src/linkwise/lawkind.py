@@ -6,7 +6,7 @@ import numpy as np
 
 from linkwise.errors import StructureError
 from linkwise.expression import differentiate, symbols
-from linkwise.link import Link
+from linkwise.model.link import Link
 from linkwise.wells import wells
 
 DAMPER = "damper only"

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.coefficient import Coefficient
 from linkwise.errors import IdentificationError
 from linkwise.identify import identify
-from linkwise.law import Law
 from linkwise.likelihood.anneal import Status
 from linkwise.likelihood.fit import Options, likelihood_fit
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.structure import Link, Structure
 from linkwise.record import Record
-from linkwise.structure import Link, Structure
 
 FAMILY = (
     "v",

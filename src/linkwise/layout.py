@@ -12,8 +12,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.law import Law
-from linkwise.structure import BASE, GROUND, Structure
+from linkwise.model.law import Law
+from linkwise.model.structure import BASE, GROUND, Structure
 from linkwise.weakform import PHI, PHI_2, WeakLaw, WeakPart, weak_law
 
 _GROUND, _BASE = -1, -2

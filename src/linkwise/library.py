@@ -14,10 +14,10 @@ from linkwise.derive import States
 from linkwise.equations import Equations, Rows, StreamedEquations, fit_bytes
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
-from linkwise.link import Link
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 from linkwise.monomials import Monomials, tags
 from linkwise.runtime import available_memory
-from linkwise.structure import Structure
 
 _MOST_BYTES = 2 * 2**30  # of stored link columns
 

@@ -11,14 +11,14 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.bound import Limit
 from linkwise.errors import IdentificationError
-from linkwise.excitation import Impulse
 from linkwise.likelihood.cut import cut
 from linkwise.likelihood.information import Precision, information
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Point, Scales
+from linkwise.model.excitation import Impulse
+from linkwise.model.structure import Structure
 from linkwise.record import Record
 from linkwise.simulate import Drives, simulate
-from linkwise.structure import Structure
 
 SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
 _TURN = 0.25  # radians of the fastest motion in one step of the tangents

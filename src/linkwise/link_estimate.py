@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
 from linkwise.lawkind import law_kind
-from linkwise.structure import Link
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.structure import Link
 from linkwise.wells import way_out, wells
 
 Found = TypeVar("Found")

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 from linkwise.weak import WeakEquations
 from linkwise.weakform import PHI
 

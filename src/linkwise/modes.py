@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from linkwise.arrays import Floats
 from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 
 _ZERO = (
     1e-14  # times the masses, ten or more: squared frequencies below this part of the largest are rounding

@@ -15,11 +15,11 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import polynomial
-from linkwise.link import Link
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 from linkwise.monomials import Monomials, tags
 from linkwise.record import Record
 from linkwise.sparse.regressor import Fit
-from linkwise.structure import Structure
 
 Reading = Literal["coefficients", "ends", "displacements"]
 

@@ -15,14 +15,14 @@ from linkwise.balance import energy_balance
 from linkwise.channel import Channel
 from linkwise.course import Course
 from linkwise.errors import RecordError, SimulationError
-from linkwise.excitation import Drive, Excitation, Impulse, Sampled
 from linkwise.forces import Forces
 from linkwise.horizon import horizon
-from linkwise.link import BASE, near_miss
+from linkwise.model.excitation import Drive, Excitation, Impulse, Sampled
+from linkwise.model.link import BASE, near_miss
+from linkwise.model.structure import Structure
 from linkwise.record import Record
 from linkwise.runtime import available_memory
 from linkwise.simulated import EnergyBalance, Simulated
-from linkwise.structure import Structure
 from linkwise.trajectory import Travelled, travel
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass

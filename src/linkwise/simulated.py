@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol, final
 from linkwise.arrays import Floats
 
 if TYPE_CHECKING:
-    from linkwise.structure import Structure
+    from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from scipy.optimize import least_squares
 from linkwise.arrays import Floats
 from linkwise.channel import Channel
 from linkwise.errors import RecordError
-from linkwise.excitation import Sampled
+from linkwise.model.excitation import Sampled
+from linkwise.model.structure import BASE, GROUND, Link, Structure
 from linkwise.record import Record
 from linkwise.simulate import simulate
-from linkwise.structure import BASE, GROUND, Link, Structure
 
 _STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
 _AFTER = 8  # samples of input beyond the settling: the spline through them then has no end there

@@ -15,10 +15,10 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.layout import Plan, plan
+from linkwise.model.structure import Structure
 from linkwise.motion import SeenMotion, differences
 from linkwise.patch import Patch, Scene
 from linkwise.record import Record
-from linkwise.structure import Structure
 from linkwise.weakform import PHI, PHI_1, PHI_2
 from linkwise.window import Window
 

@@ -19,9 +19,9 @@ from scipy.sparse.linalg import splu
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.layout import Plan
+from linkwise.model.structure import Structure
 from linkwise.patch import Patch
 from linkwise.sandwich import sandwich
-from linkwise.structure import Structure
 from linkwise.weak import WeakEquations
 from linkwise.weaknoise import FLOOR, Slopes, residual_excess, score_blocks
 

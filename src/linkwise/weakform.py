@@ -23,7 +23,7 @@ from linkwise.arrays import Floats
 from linkwise.expression.calculus import antiderivative, differentiate, polynomial
 from linkwise.expression.program import Program
 from linkwise.expression.tree import ZERO, Expression, Number, Symbol, add, multiply, substitute, symbols
-from linkwise.law import Law
+from linkwise.model.law import Law
 
 PHI, PHI_1, PHI_2 = 0, 1, 2  # phi, phi', phi'': rows of Window.kernels
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
-from linkwise.law import VARIABLES, Law
+from linkwise.model.law import VARIABLES, Law
 from linkwise.patch import Patch
 from linkwise.weak import WeakEquations
 from linkwise.weakform import PHI, PHI_1, PHI_2

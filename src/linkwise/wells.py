@@ -13,7 +13,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
-from linkwise.link import Link
+from linkwise.model.link import Link
 
 Function = Callable[[Floats], Floats]
 

@@ -10,13 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from linkwise.absorption.sinks import Sink
-from linkwise.coefficient import Coefficient
 from linkwise.errors import SimulationError, StructureError
-from linkwise.excitation import Drive, Excitation, Impulse, TimeFunction
 from linkwise.expression import Number, Symbol, add, substitute, to_text
-from linkwise.law import Law
-from linkwise.link import BASE, GROUND, Link, Mass
-from linkwise.structure import Structure
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.excitation import Drive, Excitation, Impulse, TimeFunction
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND, Link, Mass
+from linkwise.model.structure import Structure
 
 MANNERS = ("removed", "locked")
 

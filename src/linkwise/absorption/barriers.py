@@ -14,7 +14,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Number, Program, polynomial
-from linkwise.law import Law
+from linkwise.model.law import Law
 from linkwise.wells import RestPoint, rest_points
 
 _HIGHEST = 12  # order of a polynomial law that is done by its roots

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.law import Law
-from linkwise.link import Link
-from linkwise.structure import Structure
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 
 SUFFIX = "-harvester"
 

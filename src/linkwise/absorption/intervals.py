@@ -19,7 +19,7 @@ from linkwise.absorption.variants import Variants
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
 from linkwise.estimate import Estimate
-from linkwise.excitation import Excitation
+from linkwise.model.excitation import Excitation
 
 COVERED = 0.95
 _LIVING = 0.9  # of the draws that must come to their end

@@ -14,8 +14,8 @@ from linkwise.arrays import Floats
 from linkwise.atomic import RESULT
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimate import Estimate
-from linkwise.structure import Structure
-from linkwise.structure_file import read_structure
+from linkwise.model.structure import Structure
+from linkwise.model.toml_file import read_structure
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")

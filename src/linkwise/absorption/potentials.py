@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.absorption.barriers import Barriers, barriers
 from linkwise.arrays import Floats, Indices
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)

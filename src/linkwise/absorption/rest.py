@@ -11,7 +11,7 @@ from linkwise.absorption.potentials import Potentials
 from linkwise.arrays import Floats
 from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)

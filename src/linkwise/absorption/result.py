@@ -10,7 +10,7 @@ import numpy as np
 from linkwise.absorption.sinks import Sink
 from linkwise.absorption.table import text_table
 from linkwise.arrays import Floats
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 
 CLOSURE = 1e-6  # of the energy put in: a worse balance is not to be trusted
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from linkwise.errors import StructureError
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 from linkwise.wells import wells
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from linkwise.absorption.trial import Trial
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 
 
 class Variants:

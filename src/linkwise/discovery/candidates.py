@@ -6,13 +6,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from linkwise.coefficient import Coefficient
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError, StructureError
 from linkwise.expression import Number
-from linkwise.law import Law
-from linkwise.link import BASE, GROUND, Link, Mass
-from linkwise.structure import Structure
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND, Link, Mass
+from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from linkwise.discovery.stepwise import Move, best, improved, moves
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.parabola import Force, parabola
-from linkwise.link import BASE, GROUND
+from linkwise.model.link import BASE, GROUND
+from linkwise.model.structure import Structure
 from linkwise.record import Record
-from linkwise.structure import Structure
 
 Start = Callable[[Structure], tuple[Floats, Floats | None]]
 Report = Callable[[int, Progress], None]

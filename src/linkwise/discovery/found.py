@@ -8,7 +8,7 @@ from typing import Any
 
 from linkwise.discovery.table import text_table
 from linkwise.estimate import Estimate
-from linkwise.structure import Structure
+from linkwise.model.structure import Structure
 
 CERTAIN = 10.0  # on the criterion: the odds are exp(5) to 1 and better, "very strong" (Kass and Raftery 1995)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.likelihood.seen import DRIFT, highpassed, smoothed, summed
 from linkwise.likelihood.start import channel_noise
-from linkwise.link import Mass
+from linkwise.model.link import Mass
 from linkwise.record import Record
 
 

@@ -18,9 +18,9 @@ from linkwise.discovery.price import Price
 from linkwise.discovery.regression import Regression
 from linkwise.discovery.stepwise import best, pruned
 from linkwise.errors import IdentificationError
+from linkwise.model.structure import Structure
 from linkwise.motion import SeenMotion
 from linkwise.record import Record
-from linkwise.structure import Structure
 from linkwise.weak import WeakEquations, weak_equations
 
 _TOGETHER = 12  # masses whose candidates are regressed at once without the first sieve

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.discovery.candidates import Candidates
-from linkwise.link import BASE, GROUND
+from linkwise.model.link import BASE, GROUND
 from linkwise.motion import SeenMotion
 
 _FEWEST = 8  # samples at which a term has to act: noise alone carries a few beyond the reach of the motion

@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, symbols
-from linkwise.law import Law
+from linkwise.model.law import Law
 
 DEFAULT = "v, d, d**2, d**3"
 

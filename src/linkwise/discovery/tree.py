@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.screen import heights
-from linkwise.link import BASE, GROUND
+from linkwise.model.link import BASE, GROUND
 from linkwise.motion import SeenMotion
 from linkwise.record import Record
 

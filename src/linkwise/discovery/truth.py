@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
 from linkwise.expression import Expression, Number, Program, Sum, Symbol, multiply, substitute, to_text
-from linkwise.law import VARIABLES, Law
-from linkwise.link import Link
-from linkwise.structure import Structure
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import VARIABLES, Law
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 
 _POINTS = 200
 _DECADES = (-5.0, 1.0)  # of d in m and v in m/s at which terms are compared

@@ -18,9 +18,9 @@ from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.seen import drifts
 from linkwise.likelihood.start import channel_noise
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
+from linkwise.model.structure import Structure
 from linkwise.motion import read_motion
 from linkwise.record import Record
-from linkwise.structure import Structure
 from linkwise.weak import weak_equations
 from linkwise.weakestimate import weak_search
 

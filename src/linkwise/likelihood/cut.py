@@ -9,13 +9,13 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.channel import Channel
 from linkwise.errors import IdentificationError
-from linkwise.excitation import Sampled
 from linkwise.likelihood.flow import Inputs
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import A, Segments, Sensors, V, X
 from linkwise.likelihood.tableau import POINTS
+from linkwise.model.excitation import Sampled
+from linkwise.model.structure import Structure
 from linkwise.record import Record
-from linkwise.structure import Structure
 
 _KINDS = {"x": X, "v": V, "a": A}
 

@@ -13,7 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.lines import Lines, Windows, candidates
 from linkwise.likelihood.seen import SeenLinks, window_half
-from linkwise.link import Link
+from linkwise.model.link import Link
 
 _PERIODS = 0.8  # that a window spans: shorter ones have more candidates, longer ones bend with the drift
 _OVERLAP = 3

@@ -14,7 +14,7 @@ from scipy.ndimage import minimum_filter
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.seen import SeenLinks
-from linkwise.link import Link
+from linkwise.model.link import Link
 
 _REACH = 3.0  # of the largest motion within a window: how far off its centre may be
 _OFFSETS, _SLOPES = 81, 15  # on the grid: basins of attraction are about a well wide

@@ -14,8 +14,8 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate
-from linkwise.law import VARIABLES, Law
-from linkwise.structure import Structure
+from linkwise.model.law import VARIABLES, Law
+from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True)

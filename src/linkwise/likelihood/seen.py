@@ -13,10 +13,10 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 
 from linkwise.arrays import Floats, Indices
+from linkwise.model.structure import Structure
 from linkwise.noise import bandwidth
 from linkwise.record import Record
 from linkwise.smooth import savitzky_golay, savitzky_golay_half
-from linkwise.structure import Structure
 
 DRIFT = 3.0  # Hz: below it a twice integrated acceleration is drift
 _DEGREE = 5

@@ -12,8 +12,8 @@ from linkwise.likelihood.cut import cut
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.start import channel_noise
+from linkwise.model.structure import Structure
 from linkwise.record import Record
-from linkwise.structure import Structure
 
 SAMPLES = 5  # in a segment: shorter ones cost unknowns, longer ones make a chaotic flow steep
 

@@ -22,9 +22,9 @@ from linkwise.likelihood.seen import (
     summed,
     tells_links,
 )
+from linkwise.model.structure import Structure
 from linkwise.noise import noise_sigma
 from linkwise.record import Record
-from linkwise.structure import Structure
 
 _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden mass is free to move at q = 1
 

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from linkwise.estimate import Estimate
+from linkwise.model.structure import Link, Structure
 from linkwise.plot.force_view import ForceView, force_view
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, WELL, scale
 from linkwise.plot.paper import sheet
-from linkwise.structure import Link, Structure
 
 
 def force_figure(estimate: Estimate, name: str, *, truth: Structure | None = None) -> Figure:

@@ -8,8 +8,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimate import Estimate
+from linkwise.model.structure import Link, Structure
 from linkwise.plot.thin import scattered
-from linkwise.structure import Link, Structure
 
 GRID = 401
 BEYOND = 0.08  # of the visited range, drawn on both sides of it

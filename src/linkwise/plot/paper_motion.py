@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from linkwise.absorption.bare import without_sinks
 from linkwise.absorption.sinks import find_sinks
-from linkwise.chains import bnes_chain
-from linkwise.excitation import Excitation
+from linkwise.model.chains import bnes_chain
+from linkwise.model.excitation import Excitation
 from linkwise.plot.paper_numbers import DURATION, RATE, start
 from linkwise.plot.study_motion import Motion, motion_after
 from linkwise.plot.study_responses import comparison_figure, responses_figure

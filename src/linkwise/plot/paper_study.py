@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from linkwise.chains import bnes_chain
+from linkwise.model.chains import bnes_chain
 from linkwise.plot.paper_numbers import DURATION, MASSES, RATE, start
 from linkwise.study.definition import Study
 from linkwise.study.subject import Subject

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.model.structure import Structure
 from linkwise.record import Record
 from linkwise.simulate import simulate
-from linkwise.structure import Structure
 
 NEIGHBOURS = 12
 APART = 1e-12  # of the release, from one neighbour to the next: less than any test rig could repeat

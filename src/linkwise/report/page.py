@@ -14,11 +14,11 @@ from plotly.offline import get_plotlyjs
 
 from linkwise.estimate import Estimate
 from linkwise.link_estimate import CoefficientEstimate, Derived
+from linkwise.model.structure import Structure
+from linkwise.model.toml_file import format_structure
 from linkwise.plot.force import force_title
 from linkwise.plot.force_view import force_view
 from linkwise.plot.page import force_page, histories_page
-from linkwise.structure import Structure
-from linkwise.structure_file import format_structure
 from linkwise.text import error_number, number
 
 TEMPLATES = Environment(

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from linkwise.errors import StudyError
-from linkwise.link import near_miss
+from linkwise.model.link import near_miss
 from linkwise.study.method import Method
 from linkwise.study.row import Case
 from linkwise.study.subject import Subject

@@ -15,7 +15,8 @@ from linkwise.equations import StreamedEquations
 from linkwise.estimate import CONVERGED
 from linkwise.expression import polynomial
 from linkwise.library import monomial_equations
-from linkwise.link import Link
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 from linkwise.monomialforce import Reading, monomial_force, monomial_nmse
 from linkwise.monomials import tags
 from linkwise.record import Record
@@ -24,7 +25,6 @@ from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Fit, Regressor
 from linkwise.sparse.stlsq import Stlsq
-from linkwise.structure import Structure
 from linkwise.study.method import Answer, Method
 from linkwise.study.subject import Subject
 

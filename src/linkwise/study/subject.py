@@ -10,13 +10,13 @@ from typing import Any
 
 from linkwise.channel import Channel
 from linkwise.errors import LinkwiseError, StudyError
-from linkwise.excitation import Excitation, Impulse
 from linkwise.expression import differentiate, symbols
-from linkwise.link import BASE, near_miss
+from linkwise.model.excitation import Excitation, Impulse
+from linkwise.model.link import BASE, near_miss
+from linkwise.model.structure import Structure
+from linkwise.model.toml_file import format_structure
 from linkwise.record import Record
 from linkwise.simulate import simulate
-from linkwise.structure import Structure
-from linkwise.structure_file import format_structure
 
 _ALL = ("x", "v", "a")
 

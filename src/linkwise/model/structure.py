@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from linkwise.arrays import Floats
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.link import BASE, GROUND, Link, Mass, near_miss
-from linkwise.sharing import Parameter, Slot, leaders, parameters, slots
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.link import BASE, GROUND, Link, Mass, near_miss
+from linkwise.model.parameters import Parameter, Slot, leaders, parameters, slots
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.law import Law
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
 
 GROUND = "ground"
 BASE = "base"

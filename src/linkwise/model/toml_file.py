@@ -16,12 +16,12 @@ from typing import Any
 
 import msgspec
 
-from linkwise.coefficient import Coefficient
 from linkwise.errors import LinkwiseError, StructureError
-from linkwise.law import Law
-from linkwise.link import Link, Mass, near_miss
-from linkwise.sharing import KILOGRAM
-from linkwise.structure import Structure
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link, Mass, near_miss
+from linkwise.model.parameters import KILOGRAM
+from linkwise.model.structure import Structure
 from linkwise.units import to_si
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

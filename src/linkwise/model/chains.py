@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.law import Law
-from linkwise.link import GROUND, Link, Mass
-from linkwise.structure import Structure
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import GROUND, Link, Mass
+from linkwise.model.structure import Structure
 
 SPRING_LAW = "k*d + c*v"
 SINK_LAW = "alpha*d + beta*d**3 + c*v"

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from linkwise.coefficient import Coefficient
 from linkwise.errors import StructureError
-from linkwise.law import Law
-from linkwise.link import Link, Mass, near_miss
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link, Mass, near_miss
 
 KILOGRAM = "kg"
 _UNDETERMINED = "?"  # what a law says of a coefficient whose unit does not follow from it
