@@ -16,7 +16,7 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.simulate import simulate
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"

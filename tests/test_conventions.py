@@ -17,7 +17,7 @@ from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.simulate import simulate
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Fit

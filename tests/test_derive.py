@@ -7,7 +7,7 @@ import pytest
 
 from linkwise.derive import differentiate, finite_differences
 from linkwise.errors import RecordError
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 RATE = 1000.0
 TIME = np.arange(3000) / RATE

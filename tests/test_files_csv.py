@@ -11,7 +11,7 @@ from hypothesis import given, strategies
 
 from linkwise.errors import RecordError
 from linkwise.files import read_record, write_record
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 N = 60
 T = np.arange(N) / 100.0

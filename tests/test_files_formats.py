@@ -15,7 +15,7 @@ from scipy.io import savemat
 
 from linkwise.errors import RecordError
 from linkwise.files import mat, read_record, write_record
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 N = 200
 RATE = 250.0

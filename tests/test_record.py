@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from linkwise.channel import Channel
-from linkwise.decimation import ATTENUATION, PASSBAND, lowpass
 from linkwise.errors import RecordError
-from linkwise.record import Record
-from linkwise.simulated import EnergyBalance, Settled, Simulated
+from linkwise.records.channel import Channel
+from linkwise.records.decimation import ATTENUATION, PASSBAND, lowpass
+from linkwise.records.record import Record
+from linkwise.records.truth import EnergyBalance, Settled, Simulated
 
 N = 400
 RATE = 1000.0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies
 
 from linkwise.errors import RecordError
-from linkwise.timeline import COARSEST, JITTER, LONGEST, Timeline
+from linkwise.records.timeline import COARSEST, JITTER, LONGEST, Timeline
 
 RATES = [1000.0, 610.3515625, 333.3, 100.0 * np.pi, 44100.0, 51200.0, 1.0 / 0.0016384, 123.456789012345, 1e6]
 

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     )
     from linkwise.modes import modes
     from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
-    from linkwise.record import Record
+    from linkwise.records.record import Record
     from linkwise.report.study_folder import write_study_report
     from linkwise.simulate import simulate
     from linkwise.sparse.l1 import L1
@@ -220,7 +220,7 @@ _HOMES = {
     "lawpath": ("LawStep", "law_path"),
     "modes": ("modes",),
     "monomialforce": ("READINGS", "monomial_force", "monomial_nmse"),
-    "record": ("Record",),
+    "records.record": ("Record",),
     "report.study_folder": ("write_study_report",),
     "simulate": ("simulate",),
     "sparse.l1": ("L1",),

@@ -17,7 +17,7 @@ from linkwise.model.structure import Link, Structure
 from linkwise.model.toml_file import write_structure
 from linkwise.plot import force_figure, histories_figure, save
 from linkwise.plot.force_view import GRID
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.report import report
 from linkwise.validate import nmse
 

@@ -19,7 +19,7 @@ from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.energy import kinetic_energy, potential_energy
 from linkwise.forces import Forces
-from linkwise.simulated import EnergyBalance
+from linkwise.records.truth import EnergyBalance
 from linkwise.trajectory import Manner, Travelled, travel
 
 _NOTHING = 1e-13  # of the run: edges closer than that are one, apart by rounding

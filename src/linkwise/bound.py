@@ -16,7 +16,7 @@ from linkwise.likelihood.information import Precision
 from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.text import columns, number
 
 DETECTION = 3.605  # deviations: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)

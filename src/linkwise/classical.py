@@ -14,7 +14,7 @@ from linkwise.library import link_columns
 from linkwise.linkmotion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.motion import noise_variance
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Regressor

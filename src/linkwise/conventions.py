@@ -16,7 +16,7 @@ import numpy as np
 
 from linkwise.derive import Method, States, differentiate
 from linkwise.errors import RecordError
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 Convention = Literal["displacement", "states", "differenced", "derivatives"]
 

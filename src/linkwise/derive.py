@@ -16,7 +16,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.noise import bandwidth
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
 
 Method = Literal["spline", "savgol", "differences"]

@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.channel import BASE, Channel
 from linkwise.discovery.candidates import Candidates, candidates
 from linkwise.discovery.decide import Decided, decided
 from linkwise.discovery.evidence import confusions, evidence, path, runners_up
@@ -33,7 +32,8 @@ from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import Known
 from linkwise.motion import SeenMotion, read_motion
-from linkwise.record import Record
+from linkwise.records.channel import BASE, Channel
+from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
 from linkwise.weakestimate import weak_search

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats
-from linkwise.channel import Channel
 from linkwise.errors import StructureError
 from linkwise.findings import link_findings
 from linkwise.likelihood.optimum import Optimum
@@ -20,7 +19,8 @@ from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, Link
 from linkwise.linkmotion import LinkMotion
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
 from linkwise.text import text_table
 
 CONVERGED = "converged"

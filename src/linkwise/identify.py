@@ -14,7 +14,7 @@ from linkwise.likelihood.anneal import Progress
 from linkwise.likelihood.answer import likelihood_estimate
 from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.weakestimate import weak_estimate
 
 Method = Literal["ml", "weak", "sindy"]

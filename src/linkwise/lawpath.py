@@ -18,7 +18,7 @@ from linkwise.likelihood.fit import Options, likelihood_fit
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.structure import Link, Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 FAMILY = (
     "v",

@@ -17,7 +17,7 @@ from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Point, Scales
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.simulate import Drives, simulate
 
 SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)

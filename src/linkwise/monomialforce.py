@@ -18,7 +18,7 @@ from linkwise.expression import polynomial
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.monomials import Monomials, tags
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.sparse.regressor import Fit
 
 Reading = Literal["coefficients", "ends", "displacements"]

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.balance import energy_balance
-from linkwise.channel import Channel
 from linkwise.course import Course
 from linkwise.errors import RecordError, SimulationError
 from linkwise.forces import Forces
@@ -20,9 +19,10 @@ from linkwise.horizon import horizon
 from linkwise.model.excitation import Drive, Excitation, Impulse, Sampled
 from linkwise.model.link import BASE, near_miss
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+from linkwise.records.truth import EnergyBalance, Simulated
 from linkwise.runtime import available_memory
-from linkwise.simulated import EnergyBalance, Simulated
 from linkwise.trajectory import Travelled, travel
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from linkwise.arrays import Floats
-from linkwise.channel import Channel
 from linkwise.errors import RecordError
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Link, Structure
-from linkwise.record import Record
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
 from linkwise.simulate import simulate
 
 _STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding

@@ -18,7 +18,7 @@ from linkwise.layout import Plan, plan
 from linkwise.model.structure import Structure
 from linkwise.motion import SeenMotion, differences
 from linkwise.patch import Patch, Scene
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.weakform import PHI, PHI_1, PHI_2
 from linkwise.window import Window
 

@@ -14,7 +14,7 @@ from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
 from linkwise.model.structure import Structure
 from linkwise.motion import SeenMotion, differences, read_motion
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread
 from linkwise.weak import WeakEquations, weak_equations
 from linkwise.weakfit import WeakFit, weak_fit

@@ -18,7 +18,7 @@ from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.parabola import Force, parabola
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 Start = Callable[[Structure], tuple[Floats, Floats | None]]
 Report = Callable[[int, Progress], None]

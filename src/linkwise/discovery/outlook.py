@@ -12,7 +12,7 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.start import channel_noise
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 _REST = 0.1  # of the noise's power: less motion than this is not seen (-10 dB)
 _FAINT = 3.0  # (5 dB): less tells little

@@ -10,7 +10,7 @@ import numpy as np
 from linkwise.likelihood.seen import DRIFT, highpassed, smoothed, summed
 from linkwise.likelihood.start import channel_noise
 from linkwise.model.link import Mass
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 
 def placed(record: Record, masses: Sequence[Mass]) -> Record:

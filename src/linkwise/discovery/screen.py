@@ -20,7 +20,7 @@ from linkwise.discovery.stepwise import best, pruned
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.motion import SeenMotion
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.weak import WeakEquations, weak_equations
 
 _TOGETHER = 12  # masses whose candidates are regressed at once without the first sieve

@@ -16,7 +16,7 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.screen import heights
 from linkwise.model.link import BASE, GROUND
 from linkwise.motion import SeenMotion
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 
 def tree(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> frozenset[str]:

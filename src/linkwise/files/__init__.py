@@ -12,7 +12,7 @@ from types import ModuleType
 from linkwise.errors import RecordError
 from linkwise.files.reading import Options, to_record
 from linkwise.files.table import Table
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 __all__ = ["read_record", "write_record"]
 

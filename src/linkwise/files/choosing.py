@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 
-from linkwise.channel import BASE, Channel
 from linkwise.errors import RecordError
 from linkwise.files.heading import Heading
 from linkwise.files.table import Column, Table
+from linkwise.records.channel import BASE, Channel
 
 _SHOWN = 12  # columns listed in an error or a note
 

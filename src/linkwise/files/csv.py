@@ -15,7 +15,7 @@ from linkwise.files.cells import Dialect, columns_of, number
 from linkwise.files.heading import Heading
 from linkwise.files.table import Table
 from linkwise.files.text import read_lines
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 _COMMENTS = ("#", "%", "//")
 _PREAMBLE = 100  # lines in which a header is looked for

@@ -16,7 +16,7 @@ import numpy as np
 from linkwise.errors import RecordError
 from linkwise.files.arrays import columns_of
 from linkwise.files.table import Table
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 FORMAT = "linkwise record"
 VERSION = 1

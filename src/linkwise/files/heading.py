@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from linkwise.channel import QUANTITIES, UNITS, Channel
 from linkwise.errors import LinkwiseError, RecordError
+from linkwise.records.channel import QUANTITIES, UNITS, Channel
 from linkwise.units import factor_to_si
 
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^():,]*)\))$", re.DOTALL)

@@ -17,10 +17,10 @@ import h5py
 import numpy as np
 from scipy.io import loadmat, savemat
 
-from linkwise.channel import UNITS
 from linkwise.files.arrays import columns_of
 from linkwise.files.table import Column, Table
-from linkwise.record import Record
+from linkwise.records.channel import UNITS
+from linkwise.records.record import Record
 
 _LONGEST = 63  # characters in the name of a MATLAB variable
 _SPELLED = re.compile(rf"^({'|'.join(UNITS)})_(\w+)$")

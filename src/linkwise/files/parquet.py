@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from linkwise.files.table import Column, Table
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 _KEY = b"linkwise record"
 

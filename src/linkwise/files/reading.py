@@ -13,9 +13,9 @@ from linkwise.errors import RecordError
 from linkwise.files.choosing import Choice, choose, ignored, listing
 from linkwise.files.heading import si_factor
 from linkwise.files.table import Table
-from linkwise.record import Record
-from linkwise.resampling import resample_evenly
-from linkwise.timeline import JITTER
+from linkwise.records.record import Record
+from linkwise.records.resampling import resample_evenly
+from linkwise.records.timeline import JITTER
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from linkwise.likelihood.start import channel_noise
 from linkwise.linkmotion import LinkMotion, extremes, weak_residual
 from linkwise.model.structure import Structure
 from linkwise.motion import read_motion
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.weak import weak_equations
 from linkwise.weakestimate import weak_search
 

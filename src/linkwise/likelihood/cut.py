@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.channel import Channel
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.flow import Inputs
 from linkwise.likelihood.mechanics import System
@@ -15,7 +14,8 @@ from linkwise.likelihood.segments import A, Segments, Sensors, V, X
 from linkwise.likelihood.tableau import POINTS
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
 
 _KINDS = {"x": X, "v": V, "a": A}
 

@@ -20,7 +20,7 @@ from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evalua
 from linkwise.likelihood.sensing import SAMPLES, Sensing
 from linkwise.likelihood.start import nodes, start_states
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread
 
 _NEAR = Schedule(loose=0.1, fast=0.01, trust=10.0)  # from a start with known deviations: the weak fit's

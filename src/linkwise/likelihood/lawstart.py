@@ -18,7 +18,7 @@ from linkwise.likelihood.lines import Windows, candidates
 from linkwise.likelihood.seen import SeenLinks, highpassed, seen_links, window_half
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 _PERIODS = 1.5  # that a window spans: long enough to tell the coefficients apart
 _CUTS = (2.0, 5.0, 10.0)  # Hz, below which a first guess takes motion for drift

@@ -13,7 +13,7 @@ from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.start import channel_noise
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 SAMPLES = 5  # in a segment: shorter ones cost unknowns, longer ones make a chaotic flow steep
 

@@ -24,7 +24,7 @@ from linkwise.likelihood.seen import (
 )
 from linkwise.model.structure import Structure
 from linkwise.noise import noise_sigma
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden mass is free to move at q = 1
 

@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 from linkwise.plot.palette import SERIES, scale
 from linkwise.plot.paper import sheet
 from linkwise.plot.thin import envelope
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 MOST = 10  # strips that still can be read on one page
 

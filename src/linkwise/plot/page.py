@@ -11,7 +11,7 @@ from linkwise.plot.force_view import ForceView
 from linkwise.plot.histories import shown_channels
 from linkwise.plot.palette import IDENTIFIED, SEEN, SERIES, TRUE, VISITED, WELL, scale
 from linkwise.plot.thin import envelope
-from linkwise.record import Record
+from linkwise.records.record import Record
 
 _BAND = "rgba(0, 114, 178, 0.25)"  # IDENTIFIED, seen through
 _LAYOUT = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.simulate import simulate
 
 NEIGHBOURS = 12

@@ -12,7 +12,7 @@ import numpy as np
 from linkwise.classical import Classical
 from linkwise.derive import Method as Derivative
 from linkwise.identify import identify
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.study.subject import Subject
 from linkwise.validate import nmse
 

@@ -19,7 +19,7 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.monomialforce import Reading, monomial_force, monomial_nmse
 from linkwise.monomials import tags
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.sparse.gram import Gram
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares

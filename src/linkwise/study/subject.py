@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from linkwise.channel import Channel
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.link import BASE, near_miss
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
-from linkwise.record import Record
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
 from linkwise.simulate import simulate
 
 _ALL = ("x", "v", "a")

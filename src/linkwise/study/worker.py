@@ -13,7 +13,7 @@ from threading import Lock
 from time import perf_counter
 
 from linkwise.errors import LinkwiseError, StudyError
-from linkwise.record import Record
+from linkwise.records.record import Record
 from linkwise.study.definition import Study
 from linkwise.study.method import Answer
 from linkwise.study.row import FAILED, FAULT, Case, Row

@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.timeline import FEWEST, refuse_disorder
+from linkwise.records.timeline import FEWEST, refuse_disorder
 
 ORDER = 5
 WIDEST = 3.0  # typical steps: across a longer gap a spline invents motion

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from linkwise.arrays import Bools, Floats
-from linkwise.channel import Channel
-from linkwise.decimation import lowpass
 from linkwise.errors import RecordError
-from linkwise.simulated import Simulated
-from linkwise.timeline import Timeline
+from linkwise.records.channel import Channel
+from linkwise.records.decimation import lowpass
+from linkwise.records.timeline import Timeline
+from linkwise.records.truth import Simulated
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,0 +1,1 @@
+"""What was measured or simulated: channels on one time axis."""
