@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 from linkwise.errors import RecordError
-from linkwise.files.reading import Options, to_record
+from linkwise.files.assemble import Options, to_record
 from linkwise.files.table import Table
 from linkwise.records.record import Record
 

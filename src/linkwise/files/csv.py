@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
 from linkwise.files.cells import Dialect, columns_of, number
-from linkwise.files.heading import Heading
+from linkwise.files.header import Heading
+from linkwise.files.lines import read_lines
 from linkwise.files.table import Table
-from linkwise.files.text import read_lines
 from linkwise.records.record import Record
 
 _COMMENTS = ("#", "%", "//")

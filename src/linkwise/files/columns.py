@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from linkwise.errors import RecordError
-from linkwise.files.heading import Heading
+from linkwise.files.header import Heading
 from linkwise.files.table import Column, Table
 from linkwise.records.channel import BASE, Channel
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
-from linkwise.files.choosing import Choice, choose, ignored, listing
-from linkwise.files.heading import si_factor
+from linkwise.files.columns import Choice, choose, ignored, listing
+from linkwise.files.header import si_factor
 from linkwise.files.table import Table
 from linkwise.records.record import Record
 from linkwise.records.resampling import resample_evenly
