@@ -16,7 +16,7 @@ from scipy.linalg import qr, solve_triangular
 
 import linkwise as lw
 from linkwise.equations import StreamedEquations
-from linkwise.noise import noise_sigma
+from linkwise.signals.noise import noise_sigma
 from linkwise.sparse.gram import Gram
 
 SEED = 1000  # of the noise; nothing was tuned on it
@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 import linkwise as lw
-from linkwise.derive import States
+from linkwise.signals.states import States
 
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from linkwise.conventions import CONVENTIONS, MEANING, Convention, noisy_states
-from linkwise.derive import differentiate
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.library import monomial_equations
 from linkwise.model.chains import bnes_chain
@@ -18,6 +17,7 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
 from linkwise.records.record import Record
+from linkwise.signals.states import differentiate
 from linkwise.simulate import simulate
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Fit

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.derive import differentiate, finite_differences
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
+from linkwise.signals.states import differentiate, finite_differences
 
 RATE = 1000.0
 TIME = np.arange(3000) / RATE

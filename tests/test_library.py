@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from linkwise import library
-from linkwise.derive import States
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.library import link_columns, local_equations, monomial_equations
 from linkwise.model.chains import bnes_chain
@@ -19,6 +18,7 @@ from linkwise.model.law import Law
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.monomials import Monomials
+from linkwise.signals.states import States
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Regressor

@@ -7,8 +7,8 @@ import pytest
 
 from linkwise.errors import RecordError
 from linkwise.model.chains import bnes_chain
-from linkwise.noise import bandwidth, noise_sigma
 from linkwise.records.record import Record
+from linkwise.signals.noise import bandwidth, noise_sigma
 from linkwise.simulate import simulate
 
 RATE = 1000.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from linkwise.errors import RecordError
-from linkwise.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
+from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
 
 RATE = 500.0
 TIME = np.arange(1500) / RATE

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from linkwise.conventions import noisy_states
-from linkwise.derive import differentiate
 from linkwise.equations import Equations, StreamedEquations
 from linkwise.errors import IdentificationError
 from linkwise.library import monomial_equations
 from linkwise.model.chains import bnes_chain
 from linkwise.monomialforce import monomial_nmse
+from linkwise.signals.states import differentiate
 from linkwise.simulate import simulate
 from linkwise.sparse.gram import Gram
 from linkwise.sparse.l1 import L1

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from linkwise.bound import Limit
     from linkwise.classical import Classical
     from linkwise.conventions import CONVENTIONS, noisy_states
-    from linkwise.derive import differentiate
     from linkwise.describing import Equivalent, equivalent
     from linkwise.discover import discover, foreseen
     from linkwise.discovered import discovery_of, write_discovery
@@ -63,6 +62,7 @@ if TYPE_CHECKING:
     from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
     from linkwise.records.record import Record
     from linkwise.report.study_folder import write_study_report
+    from linkwise.signals.states import differentiate
     from linkwise.simulate import simulate
     from linkwise.sparse.l1 import L1
     from linkwise.sparse.least_squares import LeastSquares
@@ -191,7 +191,7 @@ _HOMES = {
     "model.chains": ("bnes_chain",),
     "classical": ("Classical",),
     "conventions": ("CONVENTIONS", "noisy_states"),
-    "derive": ("differentiate",),
+    "signals.states": ("differentiate",),
     "describing": ("Equivalent", "equivalent"),
     "discover": ("discover", "foreseen"),
     "discovered": ("discovery_of", "write_discovery"),

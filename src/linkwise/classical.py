@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.derive import Method as Derivative
-from linkwise.derive import differentiate
 from linkwise.errors import IdentificationError
 from linkwise.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseEstimate
 from linkwise.library import link_columns
@@ -15,6 +13,8 @@ from linkwise.linkmotion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.motion import noise_variance
 from linkwise.records.record import Record
+from linkwise.signals.states import Method as Derivative
+from linkwise.signals.states import differentiate
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Regressor

@@ -14,9 +14,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from linkwise.derive import Method, States, differentiate
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
+from linkwise.signals.states import Method, States, differentiate
 
 Convention = Literal["displacement", "states", "differenced", "derivatives"]
 

@@ -10,8 +10,8 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
-from linkwise.noise import bandwidth, noise_and_bandwidth, noise_sigma
 from linkwise.records.record import Record
+from linkwise.signals.noise import bandwidth, noise_and_bandwidth, noise_sigma
 
 _RESOLVED = 1e-5  # of the motion: what the sums that stand for integrals tell of a smooth motion
 _QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when a window is chosen

@@ -14,9 +14,9 @@ from scipy.integrate import cumulative_simpson
 
 from linkwise.arrays import Floats, Indices
 from linkwise.model.structure import Structure
-from linkwise.noise import bandwidth
 from linkwise.records.record import Record
-from linkwise.smooth import savitzky_golay, savitzky_golay_half
+from linkwise.signals.noise import bandwidth
+from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half
 
 DRIFT = 3.0  # Hz: below it a twice integrated acceleration is drift
 _DEGREE = 5

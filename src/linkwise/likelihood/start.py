@@ -23,8 +23,8 @@ from linkwise.likelihood.seen import (
     tells_links,
 )
 from linkwise.model.structure import Structure
-from linkwise.noise import noise_sigma
 from linkwise.records.record import Record
+from linkwise.signals.noise import noise_sigma
 
 _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden mass is free to move at q = 1
 

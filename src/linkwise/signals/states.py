@@ -15,9 +15,9 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.noise import bandwidth
 from linkwise.records.record import Record
-from linkwise.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
+from linkwise.signals.noise import bandwidth
+from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
 
 Method = Literal["spline", "savgol", "differences"]
 

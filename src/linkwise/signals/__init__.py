@@ -1,0 +1,1 @@
+"""Noise of sampled signals, smoothing, integration and differentiation."""
