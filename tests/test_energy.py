@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from linkwise.energy import kinetic_energy, potential_energy
+from linkwise.analysis.energy import kinetic_energy, potential_energy
 from linkwise.model.chains import bnes_chain
 
 

@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 import pytest
 
+from linkwise.analysis.equilibria import Equilibria, equilibria
 from linkwise.arrays import Floats
-from linkwise.equilibria import Equilibria, equilibria
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.coefficient import Coefficient

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import linkwise as lw
-from linkwise.lawkind import law_kind
+from linkwise.analysis.law_kind import law_kind
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from linkwise.equilibria import equilibria
+from linkwise.analysis.equilibria import equilibria
+from linkwise.analysis.modes import modes
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.structure import GROUND, Link, Mass, Structure
-from linkwise.modes import modes
 
 SPRING = Law.parse("k*d + c*v")
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from linkwise.analysis.wells import barrier, rest_points, wells
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.structure import GROUND, Link
-from linkwise.wells import barrier, rest_points, wells
 
 
 def link(text: str, **values: float) -> Link:

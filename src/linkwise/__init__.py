@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from linkwise.absorption.knowledge import Knowledge, read_knowledge
     from linkwise.absorption.result import Absorption
     from linkwise.absorption.sweep import AbsorptionMap, absorption_map
+    from linkwise.analysis.equilibria import Equilibrium, equilibria
+    from linkwise.analysis.modes import modes
+    from linkwise.analysis.wells import barrier, wells
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
     from linkwise.classical import Classical
@@ -28,7 +31,6 @@ if TYPE_CHECKING:
     from linkwise.discovery.found import Discovery
     from linkwise.discovery.terms import parse_terms
     from linkwise.discovery.truth import TermScore, term_score, truth_beside
-    from linkwise.equilibria import Equilibrium, equilibria
     from linkwise.errors import (
         IdentificationError,
         LawError,
@@ -58,7 +60,6 @@ if TYPE_CHECKING:
         read_structure,
         write_structure,
     )
-    from linkwise.modes import modes
     from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
     from linkwise.records.record import Record
     from linkwise.report.study_folder import write_study_report
@@ -76,7 +77,6 @@ if TYPE_CHECKING:
     from linkwise.study.summary import StudySummary, study_summary
     from linkwise.units import to_si
     from linkwise.validate import FreeRun, free_run, nmse
-    from linkwise.wells import barrier, wells
 
 __version__ = "0.1.0"
 
@@ -198,7 +198,7 @@ _HOMES = {
     "discovery.found": ("Discovery",),
     "discovery.terms": ("parse_terms",),
     "discovery.truth": ("TermScore", "term_score", "truth_beside"),
-    "equilibria": ("Equilibrium", "equilibria"),
+    "analysis.equilibria": ("Equilibrium", "equilibria"),
     "errors": (
         "IdentificationError",
         "LawError",
@@ -218,7 +218,7 @@ _HOMES = {
     "likelihood.profile": ("profile_interval",),
     "limit": ("limit",),
     "lawpath": ("LawStep", "law_path"),
-    "modes": ("modes",),
+    "analysis.modes": ("modes",),
     "monomialforce": ("READINGS", "monomial_force", "monomial_nmse"),
     "records.record": ("Record",),
     "report.study_folder": ("write_study_report",),
@@ -244,7 +244,7 @@ _HOMES = {
     "study.summary": ("StudySummary", "study_summary"),
     "units": ("to_si",),
     "validate": ("FreeRun", "free_run", "nmse"),
-    "wells": ("barrier", "wells"),
+    "analysis.wells": ("barrier", "wells"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.analysis.energy import kinetic_energy, potential_energy
 from linkwise.arrays import Floats
 from linkwise.course import Course
-from linkwise.energy import kinetic_energy, potential_energy
 from linkwise.forces import Forces
 from linkwise.records.truth import EnergyBalance
 from linkwise.trajectory import Manner, Travelled, travel

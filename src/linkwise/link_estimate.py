@@ -10,12 +10,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.analysis.law_kind import law_kind
+from linkwise.analysis.wells import way_out, wells
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
-from linkwise.lawkind import law_kind
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.structure import Link
-from linkwise.wells import way_out, wells
 
 Found = TypeVar("Found")
 

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from linkwise.analysis.wells import RestPoint, rest_points
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Number, Program, polynomial
 from linkwise.model.law import Law
-from linkwise.wells import RestPoint, rest_points
 
 _HIGHEST = 12  # order of a polynomial law that is done by its roots
 _REAL = 1e-7  # of the largest root: an imaginary part below this is rounding of a double root

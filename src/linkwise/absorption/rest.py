@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.absorption.potentials import Potentials
+from linkwise.analysis.equilibria import equilibria
 from linkwise.arrays import Floats
-from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
 from linkwise.model.structure import Structure
 

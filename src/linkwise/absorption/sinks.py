@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from linkwise.analysis.wells import wells
 from linkwise.errors import StructureError
 from linkwise.model.structure import Structure
-from linkwise.wells import wells
 
 
 @dataclass(frozen=True)

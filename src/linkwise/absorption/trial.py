@@ -11,12 +11,12 @@ import numpy as np
 from linkwise.absorption.bare import Bare, without_sinks
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
+from linkwise.analysis.modes import modes
 from linkwise.arrays import Floats
 from linkwise.course import Course
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
-from linkwise.modes import modes
 from linkwise.simulate import check_excitation, output_times
 
 _PER_PERIOD = 20  # samples of the fastest mode, without a rate: cubics between them are right to 3e-5

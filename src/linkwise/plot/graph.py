@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from linkwise.analysis.law_kind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.arrays import Floats
 from linkwise.discovery.found import CERTAIN, Discovery
 from linkwise.discovery.table import headline, is_certain
-from linkwise.lawkind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.plot.palette import SEEN, SERIES, TRUE, scale
 from linkwise.plot.paper import sheet
 from linkwise.plot.placing import places

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from linkwise.analysis.wells import wells
 from linkwise.errors import StructureError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.link import Link
-from linkwise.wells import wells
 
 DAMPER = "damper only"
 LINEAR = "linear"

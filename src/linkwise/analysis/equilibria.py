@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from linkwise.analysis.wells import RestPoint, rest_points
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.wells import RestPoint, rest_points
 
 _LIMIT = 4096  # starts, or equilibria listed, unless told otherwise
 _STEPS = 200  # of Newton's method: it converges linearly where the stiffness vanishes

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
+from linkwise.analysis.equilibria import equilibria
 from linkwise.arrays import Floats
-from linkwise.equilibria import equilibria
 from linkwise.errors import StructureError
 from linkwise.model.structure import Structure
 

@@ -1,0 +1,1 @@
+"""What follows from a structure alone: wells, equilibria, modes, kinds of laws."""
