@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from linkwise import engine
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.records.record import Record
-from linkwise.simulate import simulate
+from linkwise.simulation import integrator as engine
+from linkwise.simulation.simulate import simulate
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"
 

@@ -18,7 +18,7 @@ from linkwise.model.structure import Structure
 from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
 from linkwise.records.record import Record
 from linkwise.signals.states import differentiate
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 from linkwise.sparse.least_squares import LeastSquares
 from linkwise.sparse.regressor import Fit
 

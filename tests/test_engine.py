@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from linkwise import engine
-from linkwise.course import Course
 from linkwise.errors import SimulationError
-from linkwise.forces import Forces
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation, Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
-from linkwise.simulate import simulate
-from linkwise.trajectory import Manner, travel
+from linkwise.simulation import integrator as engine
+from linkwise.simulation.link_forces import Forces
+from linkwise.simulation.run import Manner, travel
+from linkwise.simulation.schedule import Course
+from linkwise.simulation.simulate import simulate
 
 
 def oscillator(law, *, mass=1.0, to="ground", **values):

@@ -7,11 +7,11 @@ import pytest
 
 import linkwise as lw
 from linkwise.absorption.crossings import crossings, distinct
-from linkwise.course import Course
-from linkwise.ensemble import LANES, can_fly, fly
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
-from linkwise.simulate import Motion
+from linkwise.simulation.batch import LANES, can_fly, fly
+from linkwise.simulation.schedule import Course
+from linkwise.simulation.simulate import Motion
 
 TIMES = np.arange(501) / 1000.0
 RELEASE = Excitation.of(release={"v:m1": 1.0})

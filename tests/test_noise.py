@@ -9,7 +9,7 @@ from linkwise.errors import RecordError
 from linkwise.model.chains import bnes_chain
 from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth, noise_sigma
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 
 RATE = 1000.0
 TIME = np.arange(6001) / RATE

@@ -19,9 +19,9 @@ from linkwise.plot.paper_force import figure_6, figure_7
 from linkwise.plot.paper_numbers import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2
 from linkwise.plot.paper_study import PaperStudy
 from linkwise.plot.study_accuracy import accuracy_figure
-from linkwise.plot.study_motion import motion_after
 from linkwise.plot.study_responses import responses_figure
 from linkwise.report.study_page import Told
+from linkwise.simulation.neighbours import motion_after
 
 SHOWN = 0.8  # s that every curve must follow the reference
 FACTOR = {"m": 1.0, "mm": 1e-3}

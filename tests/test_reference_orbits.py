@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from linkwise.model.chains import bnes_chain
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 
 
 def start(n):

@@ -11,7 +11,7 @@ from test_engine import oscillator
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse, Sampled
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 
 OMEGA, ZETA = 10.0, 0.05
 DAMPED = OMEGA * np.sqrt(1 - ZETA**2)
@@ -192,7 +192,7 @@ def test_what_diverges_stops_and_says_when_and_where(law, values, time, message)
 
 
 def test_a_structure_far_too_stiff_stops(monkeypatch):
-    monkeypatch.setattr("linkwise.trajectory._PATIENCE", 20_000)
+    monkeypatch.setattr("linkwise.simulation.run._PATIENCE", 20_000)
     with pytest.raises(
         SimulationError,
         match=r"takes more than \d+ steps between two output times, mass m1 .* check stiffnesses",

@@ -12,7 +12,7 @@ from linkwise.library import monomial_equations
 from linkwise.model.chains import bnes_chain
 from linkwise.monomialforce import monomial_nmse
 from linkwise.signals.states import differentiate
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 from linkwise.sparse.gram import Gram
 from linkwise.sparse.l1 import L1
 from linkwise.sparse.least_squares import LeastSquares

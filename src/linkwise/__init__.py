@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from linkwise.records.record import Record
     from linkwise.report.study_folder import write_study_report
     from linkwise.signals.states import differentiate
-    from linkwise.simulate import simulate
+    from linkwise.simulation.simulate import simulate
     from linkwise.sparse.l1 import L1
     from linkwise.sparse.least_squares import LeastSquares
     from linkwise.sparse.stlsq import Stlsq
@@ -222,7 +222,7 @@ _HOMES = {
     "monomialforce": ("READINGS", "monomial_force", "monomial_nmse"),
     "records.record": ("Record",),
     "report.study_folder": ("write_study_report",),
-    "simulate": ("simulate",),
+    "simulation.simulate": ("simulate",),
     "sparse.l1": ("L1",),
     "sparse.least_squares": ("LeastSquares",),
     "sparse.stlsq": ("Stlsq",),

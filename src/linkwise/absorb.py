@@ -15,11 +15,11 @@ from linkwise.absorption.runs import runs_of
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Floats
-from linkwise.course import Course
 from linkwise.errors import SimulationError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
-from linkwise.simulate import Drives, Motion
+from linkwise.simulation.schedule import Course
+from linkwise.simulation.simulate import Drives, Motion
 
 Passages = tuple[Floats, ...]
 

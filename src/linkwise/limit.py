@@ -18,7 +18,7 @@ from linkwise.likelihood.segments import Point, Scales
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.simulate import Drives, simulate
+from linkwise.simulation.simulate import Drives, simulate
 
 SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
 _TURN = 0.25  # radians of the fastest motion in one step of the tangents

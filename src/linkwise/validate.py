@@ -14,7 +14,7 @@ from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Link, Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 
 _STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
 _AFTER = 8  # samples of input beyond the settling: the spline through them then has no end there

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.course import Course
-from linkwise.trajectory import Manner, Travelled, travel
+from linkwise.simulation.run import Manner, Travelled, travel
+from linkwise.simulation.schedule import Course
 
 _NEWTON = 5  # runs after the cubic at most; two make its error of 1e-6 of a step one of rounding
 _AGREED = 1e-6  # of a step: the last move of a root that was found

@@ -10,10 +10,10 @@ import numpy as np
 from linkwise.absorption.crossings import begun, crossings, distinct
 from linkwise.absorption.potentials import Potentials, elongations
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.course import Course
-from linkwise.ensemble import can_fly, fly
 from linkwise.errors import SimulationError
-from linkwise.simulate import Motion
+from linkwise.simulation.batch import can_fly, fly
+from linkwise.simulation.schedule import Course
+from linkwise.simulation.simulate import Motion
 
 
 @dataclass(frozen=True, eq=False)

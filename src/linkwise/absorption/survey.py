@@ -19,8 +19,8 @@ from linkwise.absorption.runs import Runs, runs_together
 from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.course import Course
-from linkwise.ensemble import LANES
+from linkwise.simulation.batch import LANES
+from linkwise.simulation.schedule import Course
 from linkwise.threads import one_blas_thread
 
 Progress = Callable[[float, str], object]

@@ -24,7 +24,7 @@ from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory
-from linkwise.simulate import Motion
+from linkwise.simulation.simulate import Motion
 
 _RUN_BYTES, _MASS_BYTES = 4000, 1000  # of one run until the last has ended, and of each of its masses
 _GEOMETRIC = 1e-6  # of a ratio: steps that are equal in ratio are drawn on a logarithmic axis

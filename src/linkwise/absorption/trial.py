@@ -13,11 +13,11 @@ from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
 from linkwise.analysis.modes import modes
 from linkwise.arrays import Floats
-from linkwise.course import Course
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
-from linkwise.simulate import check_excitation, output_times
+from linkwise.simulation.schedule import Course
+from linkwise.simulation.simulate import check_excitation, output_times
 
 _PER_PERIOD = 20  # samples of the fastest mode, without a rate: cubics between them are right to 3e-5
 _FEWEST = 1000  # samples, without a rate

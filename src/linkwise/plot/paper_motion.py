@@ -11,8 +11,8 @@ from linkwise.absorption.sinks import find_sinks
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation
 from linkwise.plot.paper_numbers import DURATION, RATE, start
-from linkwise.plot.study_motion import Motion, motion_after
 from linkwise.plot.study_responses import comparison_figure, responses_figure
+from linkwise.simulation.neighbours import Motion, motion_after
 
 
 @lru_cache(maxsize=4)

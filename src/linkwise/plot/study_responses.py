@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, scale
 from linkwise.plot.paper import sheet
-from linkwise.plot.study_motion import Motion
+from linkwise.simulation.neighbours import Motion
 
 _PANEL_HEIGHT = 1.45  # inches
 _STRETCH = 10  # samples of a range drawn as one: narrower than a line

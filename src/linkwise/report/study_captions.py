@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.plot.paper_motion import chain_motion
-from linkwise.plot.study_motion import NEIGHBOURS, Motion
+from linkwise.simulation.neighbours import NEIGHBOURS, Motion
 
 
 def motion_captions() -> dict[str, str]:

@@ -16,7 +16,7 @@ from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 
 _ALL = ("x", "v", "a")
 

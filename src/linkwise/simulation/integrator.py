@@ -39,7 +39,7 @@ from linkwise.expression import (
     multiply,
     symbols,
 )
-from linkwise.shape import SCALE, Layout, Shape, edges, power_lost
+from linkwise.simulation.shape import SCALE, Layout, Shape, edges, power_lost
 
 Formula = Any  # heyoka.expression: the library ships no types
 

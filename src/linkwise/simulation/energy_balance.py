@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from linkwise.analysis.energy import kinetic_energy, potential_energy
 from linkwise.arrays import Floats
-from linkwise.course import Course
-from linkwise.forces import Forces
 from linkwise.records.truth import EnergyBalance
-from linkwise.trajectory import Manner, Travelled, travel
+from linkwise.simulation.link_forces import Forces
+from linkwise.simulation.run import Manner, Travelled, travel
+from linkwise.simulation.schedule import Course
 
 _NOTHING = 1e-13  # of the run: edges closer than that are one, apart by rounding
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.course import Course
-from linkwise.trajectory import Manner, Travelled, travel
+from linkwise.simulation.run import Manner, Travelled, travel
+from linkwise.simulation.schedule import Course
 
 DEPARTURE = 1e-3  # of the largest displacement
 _PART = 0.6  # of the mean step of the first run

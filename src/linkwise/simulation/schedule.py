@@ -15,7 +15,7 @@ from linkwise.expression import Expression
 from linkwise.model.excitation import Excitation, Sampled
 from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
-from linkwise.shape import SCALE, Layout, Shape
+from linkwise.simulation.shape import SCALE, Layout, Shape
 
 BLOCK = 4096  # output samples between two stops, for progress and to look whether the motion diverges ...
 _HELD = 500_000  # ... and no more than this over the number of masses, to bound memory

@@ -12,7 +12,7 @@ from linkwise.expression import Program, symbols
 from linkwise.model.excitation import Excitation
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
-from linkwise.shape import power_lost
+from linkwise.simulation.shape import power_lost
 
 
 @dataclass(frozen=True, eq=False)

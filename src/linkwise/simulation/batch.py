@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.course import Course
-from linkwise.engine import Batch, equations
-from linkwise.shape import SCALE, Layout
-from linkwise.trajectory import FARTHEST
+from linkwise.simulation.integrator import Batch, equations
+from linkwise.simulation.run import FARTHEST
+from linkwise.simulation.schedule import Course
+from linkwise.simulation.shape import SCALE, Layout
 
 LANES = (
     4  # numbers in a register of most processors; more gains nothing, since all lanes wait for the slowest

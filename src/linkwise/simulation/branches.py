@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linkwise.engine import Equations, peek
+from linkwise.simulation.integrator import Equations, peek
 
 _MOMENT = 1e-3  # of a step: far enough that g stands above rounding, near enough that it keeps its sign
 _SHORTEST = 1e-12  # of a step

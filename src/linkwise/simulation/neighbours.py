@@ -10,7 +10,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.simulate import simulate
+from linkwise.simulation.simulate import simulate
 
 NEIGHBOURS = 12
 APART = 1e-12  # of the release, from one neighbour to the next: less than any test rig could repeat

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.course import Course
-from linkwise.engine import advance, equations, last_finite
 from linkwise.errors import SimulationError
-from linkwise.kinks import settle
-from linkwise.shape import SCALE
+from linkwise.simulation.branches import settle
+from linkwise.simulation.integrator import advance, equations, last_finite
+from linkwise.simulation.schedule import Course
+from linkwise.simulation.shape import SCALE
 
 Receiver = Callable[[int, Floats], object]
 

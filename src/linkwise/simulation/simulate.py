@@ -11,11 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.balance import energy_balance
-from linkwise.course import Course
 from linkwise.errors import RecordError, SimulationError
-from linkwise.forces import Forces
-from linkwise.horizon import horizon
 from linkwise.model.excitation import Drive, Excitation, Impulse, Sampled
 from linkwise.model.link import BASE, near_miss
 from linkwise.model.structure import Structure
@@ -23,7 +19,11 @@ from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance, Simulated
 from linkwise.runtime import available_memory
-from linkwise.trajectory import Travelled, travel
+from linkwise.simulation.energy_balance import energy_balance
+from linkwise.simulation.horizon import horizon
+from linkwise.simulation.link_forces import Forces
+from linkwise.simulation.run import Travelled, travel
+from linkwise.simulation.schedule import Course
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
 

@@ -1,0 +1,1 @@
+"""From a structure under an excitation to a record."""
