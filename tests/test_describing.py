@@ -7,7 +7,7 @@ import pytest
 
 import linkwise as lw
 from linkwise import equivalent
-from linkwise.link_estimate import LinkEstimate
+from linkwise.estimates.link_estimate import LinkEstimate
 
 AMPLITUDES = np.array([0.001, 0.01, 0.05])
 FREQUENCY = 7.0

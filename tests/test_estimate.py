@@ -10,8 +10,8 @@ import pytest
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.estimate import NoiseEstimate
-from linkwise.link_estimate import LinkEstimate
+from linkwise.estimates.estimate import NoiseEstimate
+from linkwise.estimates.link_estimate import LinkEstimate
 
 ALPHA, BETA, MOVING = -100.0, 1e6, 0.0099
 COVARIANCE = (

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.findings import link_findings
-from linkwise.link_estimate import CoefficientEstimate, LinkEstimate
+from linkwise.estimates.findings import link_findings
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 
 TIME = np.arange(400) / 1000.0
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.estimate import NoiseEstimate
-from linkwise.linkmotion import LinkMotion
+from linkwise.estimates.estimate import NoiseEstimate
+from linkwise.estimates.link_motion import LinkMotion
 from linkwise.text import error_number, number
 
 GOOD = """\

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.linkmotion import weak_residual
+from linkwise.estimates.link_motion import weak_residual
 from linkwise.motion import read_motion
 from linkwise.weak import WeakEquations, weak_equations
 from linkwise.window import Window

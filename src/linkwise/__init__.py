@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from linkwise.absorb import absorb
     from linkwise.absorbed import absorption_of, write_absorption, write_absorption_map
     from linkwise.absorption.intervals import AbsorptionIntervals, absorption_intervals
-    from linkwise.absorption.knowledge import Knowledge, read_knowledge
     from linkwise.absorption.result import Absorption
     from linkwise.absorption.sweep import AbsorptionMap, absorption_map
     from linkwise.analysis.equilibria import Equilibrium, equilibria
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from linkwise.bound import Limit
     from linkwise.classical import Classical
     from linkwise.conventions import CONVENTIONS, noisy_states
-    from linkwise.describing import Equivalent, equivalent
     from linkwise.discover import discover, foreseen
     from linkwise.discovered import discovery_of, write_discovery
     from linkwise.discovery.found import Discovery
@@ -40,7 +38,9 @@ if TYPE_CHECKING:
         StructureError,
         StudyError,
     )
-    from linkwise.estimate import Estimate
+    from linkwise.estimates.describing_function import Equivalent, equivalent
+    from linkwise.estimates.estimate import Estimate
+    from linkwise.estimates.uncertainty import Knowledge, read_knowledge
     from linkwise.files import read_record, write_record
     from linkwise.identify import identify
     from linkwise.lawpath import LawStep, law_path
@@ -183,7 +183,7 @@ _HOMES = {
     "absorb": ("absorb",),
     "absorbed": ("absorption_of", "write_absorption", "write_absorption_map"),
     "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
-    "absorption.knowledge": ("Knowledge", "read_knowledge"),
+    "estimates.uncertainty": ("Knowledge", "read_knowledge"),
     "absorption.result": ("Absorption",),
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
     "answer": ("result_of", "write_result"),
@@ -192,7 +192,7 @@ _HOMES = {
     "classical": ("Classical",),
     "conventions": ("CONVENTIONS", "noisy_states"),
     "signals.states": ("differentiate",),
-    "describing": ("Equivalent", "equivalent"),
+    "estimates.describing_function": ("Equivalent", "equivalent"),
     "discover": ("discover", "foreseen"),
     "discovered": ("discovery_of", "write_discovery"),
     "discovery.found": ("Discovery",),
@@ -208,7 +208,7 @@ _HOMES = {
         "StructureError",
         "StudyError",
     ),
-    "estimate": ("Estimate",),
+    "estimates.estimate": ("Estimate",),
     "model.excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
     "files": ("read_record", "write_record"),
     "identify": ("identify",),

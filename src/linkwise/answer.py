@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.knowledge import COVARIANCE, Knowledge, write_covariance
 from linkwise.atomic import RESULT, to_json, whole_folder
 from linkwise.errors import RecordError
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import COVARIANCE, Knowledge, write_covariance
 from linkwise.model.structure import Link, Structure
 from linkwise.model.toml_file import write_structure
 from linkwise.plot import force_figure, histories_figure, save

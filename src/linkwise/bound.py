@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
 from linkwise.likelihood.information import Precision
-from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseEstimate
+from linkwise.estimates.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseEstimate
+from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.library import link_columns
-from linkwise.linkmotion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.motion import noise_variance
 from linkwise.records.record import Record

@@ -20,7 +20,7 @@ from linkwise.discovery.silent import silence_told, silent_terms
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.discovery.tree import tree
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
-from linkwise.estimate import CONVERGED
+from linkwise.estimates.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.answer import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit

@@ -14,7 +14,7 @@ from linkwise.answer import result_of, write_links, write_page
 from linkwise.atomic import whole_folder
 from linkwise.discovery.found import Discovery, TermEvidence
 from linkwise.discovery.truth import term_score, truth_beside
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.plot import save
 from linkwise.plot.choice import evidence_figure, path_figure

@@ -9,7 +9,7 @@ from typing import Literal
 
 from linkwise.classical import Classical, classical_estimate
 from linkwise.errors import IdentificationError
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.anneal import Progress
 from linkwise.likelihood.answer import likelihood_estimate
 from linkwise.likelihood.loss import Loss

@@ -7,8 +7,8 @@ from textwrap import fill
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from linkwise.estimate import Estimate
-    from linkwise.link_estimate import CoefficientEstimate, Derived, LinkEstimate
+    from linkwise.estimates.estimate import Estimate
+    from linkwise.estimates.link_estimate import CoefficientEstimate, Derived, LinkEstimate
 
 _MANY = 12  # channels or links that are shown
 _WIDTH = 100  # at which sentences are broken

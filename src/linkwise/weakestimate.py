@@ -10,8 +10,8 @@ from scipy.special import gammaincinv
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
-from linkwise.linkmotion import LinkMotion, extremes, weak_residual
+from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
+from linkwise.estimates.link_motion import LinkMotion, extremes, weak_residual
 from linkwise.model.structure import Structure
 from linkwise.motion import SeenMotion, differences, read_motion
 from linkwise.records.record import Record

@@ -10,7 +10,6 @@ import numpy as np
 from linkwise.absorb import answer
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.intervaltext import intervals_text
-from linkwise.absorption.knowledge import Knowledge
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE, Absorption
 from linkwise.absorption.survey import Progress, Survey, survey
@@ -18,7 +17,8 @@ from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Knowledge
 from linkwise.model.excitation import Excitation
 
 COVERED = 0.95

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from linkwise.discovery.table import text_table
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 
 CERTAIN = 10.0  # on the criterion: the odds are exp(5) to 1 and better, "very strong" (Kass and Raftery 1995)

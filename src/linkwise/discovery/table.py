@@ -10,7 +10,7 @@ from linkwise.text import columns, error_number, number
 
 if TYPE_CHECKING:
     from linkwise.discovery.found import Discovery, TermEvidence
-    from linkwise.link_estimate import CoefficientEstimate, LinkEstimate
+    from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 
 Rows = list[tuple[str, ...]]
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
+from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
+from linkwise.estimates.link_motion import LinkMotion, extremes, weak_residual
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
@@ -17,7 +18,6 @@ from linkwise.likelihood.lawstart import law_start
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.seen import drifts
 from linkwise.likelihood.start import channel_noise
-from linkwise.linkmotion import LinkMotion, extremes, weak_residual
 from linkwise.model.structure import Structure
 from linkwise.motion import read_motion
 from linkwise.records.record import Record

@@ -13,11 +13,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from linkwise.errors import IdentificationError
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.anneal import Fit, Schedule, Status, anneal
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import Point
-from linkwise.link_estimate import NORMAL_95
 
 _LOOSENED = 1e3  # times the last q: from here annealing follows a coefficient that was moved
 _LOOSEST = 1e-2

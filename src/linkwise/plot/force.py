@@ -7,7 +7,7 @@ from textwrap import fill
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Link, Structure
 from linkwise.plot.force_view import ForceView, force_view
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, WELL, scale

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Link, Structure
 from linkwise.plot.thin import scattered
 

@@ -12,8 +12,8 @@ from plotly.graph_objects import Figure
 from plotly.io import to_html
 from plotly.offline import get_plotlyjs
 
-from linkwise.estimate import Estimate
-from linkwise.link_estimate import CoefficientEstimate, Derived
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.link_estimate import CoefficientEstimate, Derived
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.plot.force import force_title

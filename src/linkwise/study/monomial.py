@@ -12,7 +12,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.conventions import Convention, noisy_states
 from linkwise.equations import StreamedEquations
-from linkwise.estimate import CONVERGED
+from linkwise.estimates.estimate import CONVERGED
 from linkwise.expression import polynomial
 from linkwise.library import monomial_equations
 from linkwise.model.link import Link

@@ -7,7 +7,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from linkwise.estimate import CONVERGED
+from linkwise.estimates.estimate import CONVERGED
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
 from linkwise.text import columns

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 
 _TOGETHER = 0.995  # correlation beyond which two coefficients are one piece of knowledge
 

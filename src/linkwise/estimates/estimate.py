@@ -13,10 +13,10 @@ from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
-from linkwise.findings import link_findings
+from linkwise.estimates.findings import link_findings
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
+from linkwise.estimates.link_motion import LinkMotion
 from linkwise.likelihood.optimum import Optimum
-from linkwise.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
-from linkwise.linkmotion import LinkMotion
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel

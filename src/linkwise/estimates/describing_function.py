@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 
 _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
 

@@ -13,7 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.atomic import RESULT
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.estimate import Estimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
 

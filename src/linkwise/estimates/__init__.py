@@ -1,0 +1,1 @@
+"""What every estimator returns: values, covariance, links, and what can be said of them."""
