@@ -15,9 +15,9 @@ import pytest
 from scipy.linalg import qr, solve_triangular
 
 import linkwise as lw
-from linkwise.equations import StreamedEquations
 from linkwise.signals.noise import noise_sigma
-from linkwise.sparse.gram import Gram
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.linear_system import StreamedEquations
 
 SEED = 1000  # of the noise; nothing was tuned on it
 THRESHOLD = 0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import linkwise as lw
-from linkwise.sparse.gram import Gram
+from linkwise.sindy.regression.gram import Gram
 
 PAPER = {  # NMSE in %, at 40, 30 and 20 dB
     2: (0.0018, 0.0331, 2.1564),

@@ -19,8 +19,8 @@ from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
 from linkwise.records.record import Record
 from linkwise.signals.states import differentiate
 from linkwise.simulation.simulate import simulate
-from linkwise.sparse.least_squares import LeastSquares
-from linkwise.sparse.regressor import Fit
+from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.regression.regressor import Fit
 
 CHAIN = bnes_chain(4)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.equations import Equations, StreamedEquations
 from linkwise.errors import IdentificationError
+from linkwise.sindy.regression.linear_system import Equations, StreamedEquations
 
 RANDOM = np.random.default_rng(0)
 MATRIX = RANDOM.normal(size=(50, 3))

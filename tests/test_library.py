@@ -19,10 +19,10 @@ from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.monomials import Monomials
 from linkwise.signals.states import States
-from linkwise.sparse.l1 import L1
-from linkwise.sparse.least_squares import LeastSquares
-from linkwise.sparse.regressor import Regressor
-from linkwise.sparse.stlsq import Stlsq
+from linkwise.sindy.regression.l1 import L1
+from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.regression.regressor import Regressor
+from linkwise.sindy.regression.stlsq import Stlsq
 
 COUNT = 400
 

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from linkwise.conventions import noisy_states
-from linkwise.equations import Equations, StreamedEquations
 from linkwise.errors import IdentificationError
 from linkwise.library import monomial_equations
 from linkwise.model.chains import bnes_chain
 from linkwise.monomialforce import monomial_nmse
 from linkwise.signals.states import differentiate
 from linkwise.simulation.simulate import simulate
-from linkwise.sparse.gram import Gram
-from linkwise.sparse.l1 import L1
-from linkwise.sparse.least_squares import LeastSquares
-from linkwise.sparse.regressor import Fit, Regressor
-from linkwise.sparse.stlsq import Stlsq
-from linkwise.sparse.sums import held_out
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.l1 import L1
+from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.regression.linear_system import Equations, StreamedEquations
+from linkwise.sindy.regression.regressor import Fit, Regressor
+from linkwise.sindy.regression.stlsq import Stlsq
+from linkwise.sindy.regression.sums import held_out
 
 TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
     "x1'": {"v1": 1.0},

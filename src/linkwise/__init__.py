@@ -65,9 +65,9 @@ if TYPE_CHECKING:
     from linkwise.report.study_folder import write_study_report
     from linkwise.signals.states import differentiate
     from linkwise.simulation.simulate import simulate
-    from linkwise.sparse.l1 import L1
-    from linkwise.sparse.least_squares import LeastSquares
-    from linkwise.sparse.stlsq import Stlsq
+    from linkwise.sindy.regression.l1 import L1
+    from linkwise.sindy.regression.least_squares import LeastSquares
+    from linkwise.sindy.regression.stlsq import Stlsq
     from linkwise.study.campaign import run_study
     from linkwise.study.definition import Study
     from linkwise.study.export import export_study
@@ -223,9 +223,9 @@ _HOMES = {
     "records.record": ("Record",),
     "report.study_folder": ("write_study_report",),
     "simulation.simulate": ("simulate",),
-    "sparse.l1": ("L1",),
-    "sparse.least_squares": ("LeastSquares",),
-    "sparse.stlsq": ("Stlsq",),
+    "sindy.regression.l1": ("L1",),
+    "sindy.regression.least_squares": ("LeastSquares",),
+    "sindy.regression.stlsq": ("Stlsq",),
     "model.structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
     "model.toml_file": (
         "Known",

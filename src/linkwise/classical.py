@@ -15,10 +15,10 @@ from linkwise.motion import noise_variance
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
 from linkwise.signals.states import differentiate
-from linkwise.sparse.l1 import L1
-from linkwise.sparse.least_squares import LeastSquares
-from linkwise.sparse.regressor import Regressor
-from linkwise.sparse.stlsq import Stlsq
+from linkwise.sindy.regression.l1 import L1
+from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.regression.regressor import Regressor
+from linkwise.sindy.regression.stlsq import Stlsq
 
 _REGRESSORS: dict[str, type[Regressor]] = {"stlsq": Stlsq, "l1": L1, "least-squares": LeastSquares}
 

@@ -19,7 +19,7 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.monomials import Monomials, tags
 from linkwise.records.record import Record
-from linkwise.sparse.regressor import Fit
+from linkwise.sindy.regression.regressor import Fit
 
 Reading = Literal["coefficients", "ends", "displacements"]
 

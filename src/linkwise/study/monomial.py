@@ -11,7 +11,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.conventions import Convention, noisy_states
-from linkwise.equations import StreamedEquations
 from linkwise.estimates.estimate import CONVERGED
 from linkwise.expression import polynomial
 from linkwise.library import monomial_equations
@@ -20,11 +19,12 @@ from linkwise.model.structure import Structure
 from linkwise.monomialforce import Reading, monomial_force, monomial_nmse
 from linkwise.monomials import tags
 from linkwise.records.record import Record
-from linkwise.sparse.gram import Gram
-from linkwise.sparse.l1 import L1
-from linkwise.sparse.least_squares import LeastSquares
-from linkwise.sparse.regressor import Fit, Regressor
-from linkwise.sparse.stlsq import Stlsq
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.l1 import L1
+from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.regression.linear_system import StreamedEquations
+from linkwise.sindy.regression.regressor import Fit, Regressor
+from linkwise.sindy.regression.stlsq import Stlsq
 from linkwise.study.method import Answer, Method
 from linkwise.study.subject import Subject
 

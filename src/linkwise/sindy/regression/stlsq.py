@@ -10,9 +10,9 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.sparse.gram import Gram
-from linkwise.sparse.regressor import Candidate, Regressor
-from linkwise.sparse.selection import EXACT, best, candidate
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.regressor import Candidate, Regressor
+from linkwise.sindy.regression.selection import EXACT, best, candidate
 from linkwise.threads import one_blas_thread
 
 _PASSES = 50  # supports only shrink; a loop this long means nothing is left to drop one by one

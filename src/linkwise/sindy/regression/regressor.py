@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
-from linkwise.sparse.gram import Gram
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.linear_system import LinearSystem
 
 
 @dataclass(frozen=True, eq=False)

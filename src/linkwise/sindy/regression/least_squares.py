@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import final
 
 from linkwise.arrays import Floats
-from linkwise.sparse.gram import Gram
-from linkwise.sparse.regressor import Candidate, Regressor
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.regressor import Candidate, Regressor
 
 
 @final

@@ -17,10 +17,10 @@ from scipy.linalg.blas import dsymm, dsymv, dtrsm
 from scipy.linalg.lapack import dpotri
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.equations import LinearSystem
 from linkwise.errors import IdentificationError
-from linkwise.sparse.cholesky import Factor, cholesky, ridged, vanishing
-from linkwise.sparse.sums import Remainder, held_out, mirror, products, remainders
+from linkwise.sindy.regression.cholesky import Factor, cholesky, ridged, vanishing
+from linkwise.sindy.regression.linear_system import LinearSystem
+from linkwise.sindy.regression.sums import Remainder, held_out, mirror, products, remainders
 
 _PASSES = 3  # over the rows at most to refine the anchor; one does unless columns are all but dependent
 _ROUNDING = 1e-13  # a residual this far below its target cannot be refined

@@ -17,10 +17,10 @@ from scipy.linalg import cho_solve
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.sparse.cholesky import cholesky
-from linkwise.sparse.gram import Gram
-from linkwise.sparse.regressor import Candidate, Regressor
-from linkwise.sparse.selection import best, candidate
+from linkwise.sindy.regression.cholesky import cholesky
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.regressor import Candidate, Regressor
+from linkwise.sindy.regression.selection import best, candidate
 from linkwise.threads import one_blas_thread
 
 _SMALLEST = 1e-9  # penalty, in shares of the largest, at which the path ends

@@ -12,8 +12,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.sparse.gram import Gram
-from linkwise.sparse.regressor import Candidate
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.regressor import Candidate
 
 EXACT = 1e-11  # a residual this far below its target is rounding: below it fewer terms always win
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg.blas import dgemm, dsyrk
 
 from linkwise.arrays import Bools, Floats
-from linkwise.equations import LinearSystem
+from linkwise.sindy.regression.linear_system import LinearSystem
 
 _RUNS = 100
 _ONE_IN = 5
