@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from linkwise.conventions import CONVENTIONS, MEANING, Convention, noisy_states
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.library import monomial_equations
 from linkwise.model.chains import bnes_chain
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
 from linkwise.records.record import Record
 from linkwise.signals.states import differentiate
 from linkwise.simulation.simulate import simulate
+from linkwise.sindy.conventions import CONVENTIONS, MEANING, Convention, noisy_states
+from linkwise.sindy.force_reading import READINGS, monomial_force, monomial_nmse
+from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.regressor import Fit
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise import classical
+from linkwise.sindy import estimate as classical
 
 UNKNOWN = lw.Coefficient.unknown
 SAMPLING = {"duration": 4.0, "rate": 1000.0}

@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from linkwise import library
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.library import link_columns, local_equations, monomial_equations
 from linkwise.model.chains import bnes_chain
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
-from linkwise.monomials import Monomials
 from linkwise.signals.states import States
+from linkwise.sindy import library
+from linkwise.sindy.library import link_columns, local_equations, monomial_equations
+from linkwise.sindy.monomials import Monomials
 from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.regressor import Regressor

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.conventions import noisy_states
 from linkwise.errors import IdentificationError
-from linkwise.library import monomial_equations
 from linkwise.model.chains import bnes_chain
-from linkwise.monomialforce import monomial_nmse
 from linkwise.signals.states import differentiate
 from linkwise.simulation.simulate import simulate
+from linkwise.sindy.conventions import noisy_states
+from linkwise.sindy.force_reading import monomial_nmse
+from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from linkwise.analysis.wells import barrier, wells
     from linkwise.answer import result_of, write_result
     from linkwise.bound import Limit
-    from linkwise.classical import Classical
-    from linkwise.conventions import CONVENTIONS, noisy_states
     from linkwise.discover import discover, foreseen
     from linkwise.discovered import discovery_of, write_discovery
     from linkwise.discovery.found import Discovery
@@ -44,7 +42,6 @@ if TYPE_CHECKING:
     from linkwise.files import read_record, write_record
     from linkwise.identify import identify
     from linkwise.lawpath import LawStep, law_path
-    from linkwise.library import link_columns, local_equations, monomial_equations
     from linkwise.likelihood.loss import Gaussian, Huber, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.limit import limit
@@ -60,11 +57,14 @@ if TYPE_CHECKING:
         read_structure,
         write_structure,
     )
-    from linkwise.monomialforce import READINGS, monomial_force, monomial_nmse
     from linkwise.records.record import Record
     from linkwise.report.study_folder import write_study_report
     from linkwise.signals.states import differentiate
     from linkwise.simulation.simulate import simulate
+    from linkwise.sindy.conventions import CONVENTIONS, noisy_states
+    from linkwise.sindy.estimate import Classical
+    from linkwise.sindy.force_reading import READINGS, monomial_force, monomial_nmse
+    from linkwise.sindy.library import link_columns, local_equations, monomial_equations
     from linkwise.sindy.regression.l1 import L1
     from linkwise.sindy.regression.least_squares import LeastSquares
     from linkwise.sindy.regression.stlsq import Stlsq
@@ -189,8 +189,8 @@ _HOMES = {
     "answer": ("result_of", "write_result"),
     "bound": ("Limit",),
     "model.chains": ("bnes_chain",),
-    "classical": ("Classical",),
-    "conventions": ("CONVENTIONS", "noisy_states"),
+    "sindy.estimate": ("Classical",),
+    "sindy.conventions": ("CONVENTIONS", "noisy_states"),
     "signals.states": ("differentiate",),
     "estimates.describing_function": ("Equivalent", "equivalent"),
     "discover": ("discover", "foreseen"),
@@ -213,13 +213,13 @@ _HOMES = {
     "files": ("read_record", "write_record"),
     "identify": ("identify",),
     "model.law": ("Law",),
-    "library": ("link_columns", "local_equations", "monomial_equations"),
+    "sindy.library": ("link_columns", "local_equations", "monomial_equations"),
     "likelihood.loss": ("Gaussian", "Huber", "Student"),
     "likelihood.profile": ("profile_interval",),
     "limit": ("limit",),
     "lawpath": ("LawStep", "law_path"),
     "analysis.modes": ("modes",),
-    "monomialforce": ("READINGS", "monomial_force", "monomial_nmse"),
+    "sindy.force_reading": ("READINGS", "monomial_force", "monomial_nmse"),
     "records.record": ("Record",),
     "report.study_folder": ("write_study_report",),
     "simulation.simulate": ("simulate",),

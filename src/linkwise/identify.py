@@ -7,7 +7,6 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Literal
 
-from linkwise.classical import Classical, classical_estimate
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.anneal import Progress
@@ -15,6 +14,7 @@ from linkwise.likelihood.answer import likelihood_estimate
 from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+from linkwise.sindy.estimate import Classical, classical_estimate
 from linkwise.weakestimate import weak_estimate
 
 Method = Literal["ml", "weak", "sindy"]

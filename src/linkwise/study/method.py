@@ -9,10 +9,10 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from linkwise.classical import Classical
 from linkwise.identify import identify
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
+from linkwise.sindy.estimate import Classical
 from linkwise.study.subject import Subject
 from linkwise.validate import nmse
 

@@ -10,15 +10,15 @@ from typing import Any, Literal, final
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.conventions import Convention, noisy_states
 from linkwise.estimates.estimate import CONVERGED
 from linkwise.expression import polynomial
-from linkwise.library import monomial_equations
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.monomialforce import Reading, monomial_force, monomial_nmse
-from linkwise.monomials import tags
 from linkwise.records.record import Record
+from linkwise.sindy.conventions import Convention, noisy_states
+from linkwise.sindy.force_reading import Reading, monomial_force, monomial_nmse
+from linkwise.sindy.library import monomial_equations
+from linkwise.sindy.monomials import tags
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares

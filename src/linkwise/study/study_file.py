@@ -10,14 +10,14 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 
-from linkwise.conventions import Convention
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
 from linkwise.model.link import near_miss
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import parse_structure, read_structure
-from linkwise.monomialforce import Reading
+from linkwise.sindy.conventions import Convention
+from linkwise.sindy.force_reading import Reading
 from linkwise.study.definition import Study
 from linkwise.study.method import LinkByLink, Method, PhysicsInformed
 from linkwise.study.monomial import AllMonomials, RegressorName

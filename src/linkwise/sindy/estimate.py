@@ -9,12 +9,12 @@ import numpy as np
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.library import link_columns
 from linkwise.model.structure import Structure
 from linkwise.motion import noise_variance
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
 from linkwise.signals.states import differentiate
+from linkwise.sindy.library import link_columns
 from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.regressor import Regressor

@@ -14,9 +14,9 @@ from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.monomials import Monomials, tags
 from linkwise.runtime import available_memory
 from linkwise.signals.states import States
+from linkwise.sindy.monomials import Monomials, tags
 from linkwise.sindy.regression.linear_system import Equations, Rows, StreamedEquations, fit_bytes
 
 _MOST_BYTES = 2 * 2**30  # of stored link columns

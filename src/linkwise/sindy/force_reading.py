@@ -17,8 +17,8 @@ from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import polynomial
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.monomials import Monomials, tags
 from linkwise.records.record import Record
+from linkwise.sindy.monomials import Monomials, tags
 from linkwise.sindy.regression.regressor import Fit
 
 Reading = Literal["coefficients", "ends", "displacements"]
