@@ -14,7 +14,7 @@ from linkwise.discovery import screen as module
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.placed import placed
 from linkwise.discovery.screen import Screened, screened
-from linkwise.motion import read_motion
+from linkwise.weak.displacements import read_motion
 
 #: The elastic terms of the chain of four masses under the names of the candidates.
 ELASTIC = {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m2-m1.k3", "m4-m3.k", "m4-m3.k3"}

@@ -10,7 +10,7 @@ import pytest
 import linkwise as lw
 from linkwise.discover import pool_of
 from linkwise.discovery.silent import silence_told, silent_terms
-from linkwise.motion import read_motion
+from linkwise.weak.displacements import read_motion
 
 TERMS = "v, d, contact(0.004), friction(0.01)"
 MASSES = {"m1": 1.0, "m2": 0.3}

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.motion import read_motion
-from linkwise.patch import Patch
-from linkwise.weak import weak_equations
-from linkwise.window import Window
+from linkwise.weak.displacements import read_motion
+from linkwise.weak.equations import weak_equations
+from linkwise.weak.patch import Patch
+from linkwise.weak.window import Window
 
 WINDOW = Window.of_deviation(3.0, 1e-3)
 SEEDS = 300

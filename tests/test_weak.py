@@ -9,9 +9,9 @@ import pytest
 
 import linkwise as lw
 from linkwise.estimates.link_motion import weak_residual
-from linkwise.motion import read_motion
-from linkwise.weak import WeakEquations, weak_equations
-from linkwise.window import Window
+from linkwise.weak.displacements import read_motion
+from linkwise.weak.equations import WeakEquations, weak_equations
+from linkwise.weak.window import Window
 
 RATE, SAMPLES = 1000.0, 1200
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise import weakfit
-from linkwise.motion import read_motion
-from linkwise.weak import weak_equations
-from linkwise.weakfit import WeakFit, weak_fit
+from linkwise.weak import fit as weakfit
+from linkwise.weak.displacements import read_motion
+from linkwise.weak.equations import weak_equations
+from linkwise.weak.fit import WeakFit, weak_fit
 
 UNKNOWN = lw.Coefficient.unknown
 

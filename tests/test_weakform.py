@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from linkwise.model.law import Law
-from linkwise.weakform import PHI, PHI_1, WeakLaw, weak_law
+from linkwise.weak.weak_form import PHI, PHI_1, WeakLaw, weak_law
 
 S = 0.3
 

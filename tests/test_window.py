@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.window import Window, strided_filter
+from linkwise.weak.window import Window, strided_filter
 
 WINDOWS = [Window.of_deviation(deviation, 1e-3) for deviation in (1.8, 2.2, 5.0, 20.0)]
 

@@ -31,12 +31,12 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import Known
-from linkwise.motion import SeenMotion, read_motion
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
-from linkwise.weakestimate import weak_search
+from linkwise.weak.displacements import SeenMotion, read_motion
+from linkwise.weak.estimate import weak_search
 
 Tell = Callable[[float, str], None]
 

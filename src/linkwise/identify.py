@@ -15,7 +15,7 @@ from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.sindy.estimate import Classical, classical_estimate
-from linkwise.weakestimate import weak_estimate
+from linkwise.weak.estimate import weak_estimate
 
 Method = Literal["ml", "weak", "sindy"]
 _METHODS = ("ml", "weak", "sindy")

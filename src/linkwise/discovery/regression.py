@@ -10,10 +10,10 @@ from scipy.sparse import csc_array
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.quadratic import Quadratic
-from linkwise.patch import Patch
-from linkwise.weak import WeakEquations
-from linkwise.weakfit import assembled, normal_equations, residual_power
-from linkwise.weaknoise import Slopes, score_blocks
+from linkwise.weak.equations import WeakEquations
+from linkwise.weak.fit import assembled, normal_equations, residual_power
+from linkwise.weak.patch import Patch
+from linkwise.weak.scatter import Slopes, score_blocks
 
 Pieces = Sequence[tuple[Sequence[Patch], WeakEquations]]
 

@@ -19,9 +19,9 @@ from linkwise.discovery.regression import Regression
 from linkwise.discovery.stepwise import best, pruned
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
-from linkwise.motion import SeenMotion
 from linkwise.records.record import Record
-from linkwise.weak import WeakEquations, weak_equations
+from linkwise.weak.displacements import SeenMotion
+from linkwise.weak.equations import WeakEquations, weak_equations
 
 _TOGETHER = 12  # masses whose candidates are regressed at once without the first sieve
 _SIEVE = 2.5  # deviations that a term needs in the equation of one mass to be looked at again

@@ -8,7 +8,7 @@ import numpy as np
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.model.link import BASE, GROUND
-from linkwise.motion import SeenMotion
+from linkwise.weak.displacements import SeenMotion
 
 _FEWEST = 8  # samples at which a term has to act: noise alone carries a few beyond the reach of the motion
 _NAMED = 6

@@ -15,8 +15,8 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.screen import heights
 from linkwise.model.link import BASE, GROUND
-from linkwise.motion import SeenMotion
 from linkwise.records.record import Record
+from linkwise.weak.displacements import SeenMotion
 
 
 def tree(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> frozenset[str]:

@@ -10,8 +10,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
-from linkwise.weak import WeakEquations
-from linkwise.weakform import PHI
+from linkwise.weak.equations import WeakEquations
+from linkwise.weak.weak_form import PHI
 
 _DENSE = 64  # masses up to which all link forces are solved for together
 _DETERMINED = 1e-9  # smallest singular value of the incidence, relative, that still tells forces apart

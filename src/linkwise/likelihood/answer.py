@@ -19,10 +19,10 @@ from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.seen import drifts
 from linkwise.likelihood.start import channel_noise
 from linkwise.model.structure import Structure
-from linkwise.motion import read_motion
 from linkwise.records.record import Record
-from linkwise.weak import weak_equations
-from linkwise.weakestimate import weak_search
+from linkwise.weak.displacements import read_motion
+from linkwise.weak.equations import weak_equations
+from linkwise.weak.estimate import weak_search
 
 _LITTLE = 0.1  # of the forces on a mass: a model error beyond it is no small one
 

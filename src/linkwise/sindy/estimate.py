@@ -10,7 +10,6 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
-from linkwise.motion import noise_variance
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
 from linkwise.signals.states import differentiate
@@ -19,6 +18,7 @@ from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.regressor import Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
+from linkwise.weak.displacements import noise_variance
 
 _REGRESSORS: dict[str, type[Regressor]] = {"stlsq": Stlsq, "l1": L1, "least-squares": LeastSquares}
 

@@ -13,12 +13,12 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes, weak_residual
 from linkwise.model.structure import Structure
-from linkwise.motion import SeenMotion, differences, read_motion
 from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread
-from linkwise.weak import WeakEquations, weak_equations
-from linkwise.weakfit import WeakFit, weak_fit
-from linkwise.weakform import weak_law
+from linkwise.weak.displacements import SeenMotion, differences, read_motion
+from linkwise.weak.equations import WeakEquations, weak_equations
+from linkwise.weak.fit import WeakFit, weak_fit
+from linkwise.weak.weak_form import weak_law
 
 _LARGEST_EXCESS = 1.7  # residual power over what noise explains; wrong laws and wrong noise leave more
 _NOTED_EXCESS = 1.3  # right laws stay below it from 10 dB on

@@ -18,12 +18,12 @@ from scipy.sparse.linalg import splu
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.layout import Plan
 from linkwise.model.structure import Structure
-from linkwise.patch import Patch
-from linkwise.sandwich import sandwich
-from linkwise.weak import WeakEquations
-from linkwise.weaknoise import FLOOR, Slopes, residual_excess, score_blocks
+from linkwise.weak.equations import WeakEquations
+from linkwise.weak.layout import Plan
+from linkwise.weak.patch import Patch
+from linkwise.weak.sandwich import sandwich
+from linkwise.weak.scatter import FLOOR, Slopes, residual_excess, score_blocks
 
 _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of weighting the masses: the second changes weights by per cents, the third by next to nothing

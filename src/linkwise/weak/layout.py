@@ -14,7 +14,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.model.law import Law
 from linkwise.model.structure import BASE, GROUND, Structure
-from linkwise.weakform import PHI, PHI_2, WeakLaw, WeakPart, weak_law
+from linkwise.weak.weak_form import PHI, PHI_2, WeakLaw, WeakPart, weak_law
 
 _GROUND, _BASE = -1, -2
 

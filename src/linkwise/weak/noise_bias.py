@@ -18,9 +18,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.atoms import Atoms
-from linkwise.layout import Layout
-from linkwise.window import Window
+from linkwise.weak.layout import Layout
+from linkwise.weak.terms import Atoms
+from linkwise.weak.window import Window
 
 
 def noise_bias(

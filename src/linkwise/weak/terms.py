@@ -9,8 +9,8 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.layout import Group, Layout, Plan
-from linkwise.weakform import WeakPart
+from linkwise.weak.layout import Group, Layout, Plan
+from linkwise.weak.weak_form import WeakPart
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.atoms import Atoms, link_atoms
-from linkwise.layout import Layout, Plan
-from linkwise.motion import SeenMotion, differences
-from linkwise.noisebias import noise_bias
-from linkwise.weakform import PHI_2
-from linkwise.window import Window
+from linkwise.weak.displacements import SeenMotion, differences
+from linkwise.weak.layout import Layout, Plan
+from linkwise.weak.noise_bias import noise_bias
+from linkwise.weak.terms import Atoms, link_atoms
+from linkwise.weak.weak_form import PHI_2
+from linkwise.weak.window import Window
 
 
 @dataclass(frozen=True, eq=False)

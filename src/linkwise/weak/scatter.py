@@ -23,9 +23,9 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import VARIABLES, Law
-from linkwise.patch import Patch
-from linkwise.weak import WeakEquations
-from linkwise.weakform import PHI, PHI_1, PHI_2
+from linkwise.weak.equations import WeakEquations
+from linkwise.weak.patch import Patch
+from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
 
 FLOOR = 1e-24  # of the terms' power: residuals below are rounding
 _MEETING = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))

@@ -14,13 +14,13 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.layout import Plan, plan
 from linkwise.model.structure import Structure
-from linkwise.motion import SeenMotion, differences
-from linkwise.patch import Patch, Scene
 from linkwise.records.record import Record
-from linkwise.weakform import PHI, PHI_1, PHI_2
-from linkwise.window import Window
+from linkwise.weak.displacements import SeenMotion, differences
+from linkwise.weak.layout import Plan, plan
+from linkwise.weak.patch import Patch, Scene
+from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
+from linkwise.weak.window import Window
 
 _FEWEST = 8  # windows
 _PATCH = 12  # masses: their dense products are small change, and shared work is not yet lost

@@ -1,0 +1,1 @@
+"""Weak-form regression link by link (METHODS section 4)."""
