@@ -16,7 +16,7 @@ from linkwise.likelihood.cut import cut
 from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Point, Scales, Segments, evaluate, linearise, refined
-from linkwise.likelihood.start import nodes, start_states
+from linkwise.likelihood.starts.states import nodes, start_states
 
 CHANNELS = ("x:m1", "v:m2", "a:m3", "x:m3", "a:m1", "force:m2", "x:base")
 OFFSETS = ("v:m2", "a:m1")

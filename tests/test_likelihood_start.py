@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.likelihood.inversion import inverted
-from linkwise.likelihood.lawstart import law_start
-from linkwise.likelihood.seen import drifts, masses_from_links, seen_links, tells_links
-from linkwise.likelihood.start import channel_noise
+from linkwise.likelihood.starts.coefficients import law_start
+from linkwise.likelihood.starts.drift_tracking import inverted
+from linkwise.likelihood.starts.inverse_dynamics import drifts, masses_from_links, seen_links, tells_links
+from linkwise.likelihood.starts.states import channel_noise
 
 
 @lru_cache

@@ -24,9 +24,9 @@ from linkwise.estimates.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.answer import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
-from linkwise.likelihood.lawstart import law_start
-from linkwise.likelihood.seen import drifts
-from linkwise.likelihood.start import channel_noise
+from linkwise.likelihood.starts.coefficients import law_start
+from linkwise.likelihood.starts.inverse_dynamics import drifts
+from linkwise.likelihood.starts.states import channel_noise
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure

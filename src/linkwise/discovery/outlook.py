@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.start import channel_noise
+from linkwise.likelihood.starts.states import channel_noise
 from linkwise.records.record import Record
 
 _REST = 0.1  # of the noise's power: less motion than this is not seen (-10 dB)

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkwise.likelihood.seen import DRIFT, highpassed, smoothed, summed
-from linkwise.likelihood.start import channel_noise
+from linkwise.likelihood.starts.inverse_dynamics import DRIFT, highpassed, smoothed, summed
+from linkwise.likelihood.starts.states import channel_noise
 from linkwise.model.link import Mass
 from linkwise.records.record import Record
 

@@ -14,10 +14,10 @@ from linkwise.estimates.link_motion import LinkMotion, extremes, weak_residual
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
-from linkwise.likelihood.lawstart import law_start
 from linkwise.likelihood.loss import Gaussian, Loss
-from linkwise.likelihood.seen import drifts
-from linkwise.likelihood.start import channel_noise
+from linkwise.likelihood.starts.coefficients import law_start
+from linkwise.likelihood.starts.inverse_dynamics import drifts
+from linkwise.likelihood.starts.states import channel_noise
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.weak.displacements import read_motion

@@ -18,7 +18,7 @@ from linkwise.likelihood.modelerror import Annealer, colour, with_model_error
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evaluate
 from linkwise.likelihood.sensing import SAMPLES, Sensing
-from linkwise.likelihood.start import nodes, start_states
+from linkwise.likelihood.starts.states import nodes, start_states
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread

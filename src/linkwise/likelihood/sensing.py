@@ -11,7 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.cut import cut
 from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import Segments
-from linkwise.likelihood.start import channel_noise
+from linkwise.likelihood.starts.states import channel_noise
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 

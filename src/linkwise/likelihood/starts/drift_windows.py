@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import minimum_filter
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.seen import SeenLinks
+from linkwise.likelihood.starts.inverse_dynamics import SeenLinks
 from linkwise.model.link import Link
 
 _REACH = 3.0  # of the largest motion within a window: how far off its centre may be

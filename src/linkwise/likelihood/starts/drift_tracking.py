@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.lines import Lines, Windows, candidates
-from linkwise.likelihood.seen import SeenLinks, window_half
+from linkwise.likelihood.starts.drift_windows import Lines, Windows, candidates
+from linkwise.likelihood.starts.inverse_dynamics import SeenLinks, window_half
 from linkwise.model.link import Link
 
 _PERIODS = 0.8  # that a window spans: shorter ones have more candidates, longer ones bend with the drift

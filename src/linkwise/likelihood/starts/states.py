@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.inversion import inverted
-from linkwise.likelihood.seen import (
+from linkwise.likelihood.starts.drift_tracking import inverted
+from linkwise.likelihood.starts.inverse_dynamics import (
     DRIFT,
     highpassed,
     masses_from_links,

@@ -14,8 +14,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.lines import Windows, candidates
-from linkwise.likelihood.seen import SeenLinks, highpassed, seen_links, window_half
+from linkwise.likelihood.starts.drift_windows import Windows, candidates
+from linkwise.likelihood.starts.inverse_dynamics import SeenLinks, highpassed, seen_links, window_half
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

@@ -1,0 +1,1 @@
+"""Where a maximum-likelihood fit starts: coefficients and states from the record."""
