@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from linkwise.likelihood.anneal import covariance
-from linkwise.likelihood.bordered import Bordered, Damping
+from linkwise.likelihood.bordered_system import Bordered, Damping
 from linkwise.likelihood.segments import Scales
 
 M, P = 4, 3

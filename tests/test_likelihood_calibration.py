@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.likelihood.cut import cut
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.segmentation import cut
 from linkwise.likelihood.segments import Point, Scales, evaluate, linearise
+from linkwise.likelihood.system import System
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.likelihood.cut import cut, inputs
 from linkwise.likelihood.flow import Inputs, flow, tangents
-from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.segmentation import cut, inputs
+from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
 from linkwise.model.excitation import TimeFunction
 

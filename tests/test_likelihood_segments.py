@@ -11,12 +11,12 @@ from test_likelihood_flow import THREE, truth
 
 import linkwise as lw
 from linkwise.likelihood import segments as module
-from linkwise.likelihood.bordered import Bordered
-from linkwise.likelihood.cut import cut
+from linkwise.likelihood.bordered_system import Bordered
 from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.segmentation import cut
 from linkwise.likelihood.segments import Point, Scales, Segments, evaluate, linearise, refined
 from linkwise.likelihood.starts.states import nodes, start_states
+from linkwise.likelihood.system import System
 
 CHANNELS = ("x:m1", "v:m2", "a:m3", "x:m3", "a:m1", "force:m2", "x:base")
 OFFSETS = ("v:m2", "a:m1")

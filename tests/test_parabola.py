@@ -10,12 +10,12 @@ import pytest
 from test_likelihood_flow import THREE
 
 import linkwise as lw
-from linkwise.likelihood import parabola as module
+from linkwise.likelihood import score_test as module
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.flow import Inputs, Orbit
-from linkwise.likelihood.mechanics import System
-from linkwise.likelihood.parabola import Force, Parabola, parabola
-from linkwise.likelihood.sensing import Sensing
+from linkwise.likelihood.score_test import Force, Parabola, parabola
+from linkwise.likelihood.sensors import Sensing
+from linkwise.likelihood.system import System
 from linkwise.model.law import Law
 
 #: Of sqrt(H_ii H_jj): tangents are in single precision, and forces that are not there pass through the middles of the steps

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
-from linkwise.likelihood.information import Precision
+from linkwise.likelihood.fisher_information import Precision
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

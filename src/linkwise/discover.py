@@ -22,7 +22,7 @@ from linkwise.discovery.tree import tree
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.estimates.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
-from linkwise.likelihood.answer import estimate_of
+from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import drifts

@@ -10,7 +10,7 @@ from typing import Literal
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.anneal import Progress
-from linkwise.likelihood.answer import likelihood_estimate
+from linkwise.likelihood.estimate import likelihood_estimate
 from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

@@ -11,10 +11,10 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.bound import Limit
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.cut import cut
-from linkwise.likelihood.information import Precision, information
-from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.fisher_information import Precision, information
+from linkwise.likelihood.segmentation import cut
 from linkwise.likelihood.segments import Point, Scales
+from linkwise.likelihood.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

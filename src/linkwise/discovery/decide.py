@@ -15,7 +15,7 @@ from linkwise.discovery.quadratic import Quadratic
 from linkwise.discovery.stepwise import Move, best, improved, moves
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
-from linkwise.likelihood.parabola import Force, parabola
+from linkwise.likelihood.score_test import Force, parabola
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

@@ -16,7 +16,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.bordered import Factor
+from linkwise.likelihood.bordered_system import Factor
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.segments import Linear, Misfit, Point, Scales, Segments, evaluate, linearise
 

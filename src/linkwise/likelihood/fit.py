@@ -13,12 +13,12 @@ from linkwise.arrays import Bools, Floats
 from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status
 from linkwise.likelihood.gaps import broken, carried
 from linkwise.likelihood.loss import Gaussian, Loss
-from linkwise.likelihood.mechanics import System
-from linkwise.likelihood.modelerror import Annealer, colour, with_model_error
+from linkwise.likelihood.model_error import Annealer, colour, with_model_error
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evaluate
-from linkwise.likelihood.sensing import SAMPLES, Sensing
+from linkwise.likelihood.sensors import SAMPLES, Sensing
 from linkwise.likelihood.starts.states import nodes, start_states
+from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread

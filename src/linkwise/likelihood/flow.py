@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.mechanics import Mechanics
+from linkwise.likelihood.system import Mechanics
 from linkwise.likelihood.tableau import (
     CLOSING,
     MIDDLE,

@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.bordered import Bordered, Damping
+from linkwise.likelihood.bordered_system import Bordered, Damping
 from linkwise.likelihood.flow import Inputs, Orbit, Pushes, flow, tangents
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.system import System
 
 X, V, A = 0, 1, 2
 

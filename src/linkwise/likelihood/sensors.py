@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.cut import cut
-from linkwise.likelihood.mechanics import System
+from linkwise.likelihood.segmentation import cut
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.starts.states import channel_noise
+from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 

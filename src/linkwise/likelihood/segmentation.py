@@ -9,8 +9,8 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.flow import Inputs
-from linkwise.likelihood.mechanics import System
 from linkwise.likelihood.segments import A, Segments, Sensors, V, X
+from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import POINTS
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import Structure
