@@ -9,7 +9,7 @@ import pytest
 
 import linkwise as lw
 from linkwise import equivalent
-from linkwise.lawpath import law_of, law_path
+from linkwise.identification.law_path import law_of, law_path
 
 DUFFING = """
 [[mass]]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.limit import limit
+from linkwise.identification.limit import limit
 
 FIRST = 1000  # seed
 

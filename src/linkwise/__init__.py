@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from linkwise.analysis.modes import modes
     from linkwise.analysis.wells import barrier, wells
     from linkwise.answer import result_of, write_result
-    from linkwise.bound import Limit
     from linkwise.discover import discover, foreseen
     from linkwise.discovered import discovery_of, write_discovery
     from linkwise.discovery.found import Discovery
@@ -40,11 +39,13 @@ if TYPE_CHECKING:
     from linkwise.estimates.estimate import Estimate
     from linkwise.estimates.uncertainty import Knowledge, read_knowledge
     from linkwise.files import read_record, write_record
-    from linkwise.identify import identify
-    from linkwise.lawpath import LawStep, law_path
+    from linkwise.identification.identify import identify
+    from linkwise.identification.law_path import LawStep, law_path
+    from linkwise.identification.limit import limit
+    from linkwise.identification.limit_result import Limit
+    from linkwise.identification.validation import FreeRun, free_run, nmse
     from linkwise.likelihood.loss import Gaussian, Huber, Student
     from linkwise.likelihood.profile import profile_interval
-    from linkwise.limit import limit
     from linkwise.model.chains import bnes_chain
     from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
     from linkwise.model.law import Law
@@ -76,7 +77,6 @@ if TYPE_CHECKING:
     from linkwise.study.study_file import read_study
     from linkwise.study.summary import StudySummary, study_summary
     from linkwise.units import to_si
-    from linkwise.validate import FreeRun, free_run, nmse
 
 __version__ = "0.1.0"
 
@@ -187,7 +187,7 @@ _HOMES = {
     "absorption.result": ("Absorption",),
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
     "answer": ("result_of", "write_result"),
-    "bound": ("Limit",),
+    "identification.limit_result": ("Limit",),
     "model.chains": ("bnes_chain",),
     "sindy.estimate": ("Classical",),
     "sindy.conventions": ("CONVENTIONS", "noisy_states"),
@@ -211,13 +211,13 @@ _HOMES = {
     "estimates.estimate": ("Estimate",),
     "model.excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
     "files": ("read_record", "write_record"),
-    "identify": ("identify",),
+    "identification.identify": ("identify",),
     "model.law": ("Law",),
     "sindy.library": ("link_columns", "local_equations", "monomial_equations"),
     "likelihood.loss": ("Gaussian", "Huber", "Student"),
     "likelihood.profile": ("profile_interval",),
-    "limit": ("limit",),
-    "lawpath": ("LawStep", "law_path"),
+    "identification.limit": ("limit",),
+    "identification.law_path": ("LawStep", "law_path"),
     "analysis.modes": ("modes",),
     "sindy.force_reading": ("READINGS", "monomial_force", "monomial_nmse"),
     "records.record": ("Record",),
@@ -243,7 +243,7 @@ _HOMES = {
     "study.study_file": ("read_study",),
     "study.summary": ("StudySummary", "study_summary"),
     "units": ("to_si",),
-    "validate": ("FreeRun", "free_run", "nmse"),
+    "identification.validation": ("FreeRun", "free_run", "nmse"),
     "analysis.wells": ("barrier", "wells"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

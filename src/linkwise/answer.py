@@ -13,13 +13,13 @@ from linkwise.atomic import RESULT, to_json, whole_folder
 from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import COVARIANCE, Knowledge, write_covariance
+from linkwise.identification.validation import nmse
 from linkwise.model.structure import Link, Structure
 from linkwise.model.toml_file import write_structure
 from linkwise.plot import force_figure, histories_figure, save
 from linkwise.plot.force_view import GRID
 from linkwise.records.record import Record
 from linkwise.report import report
-from linkwise.validate import nmse
 
 PICTURES = 24  # links with a figure; a long chain's others have their numbers and their force file
 

@@ -9,12 +9,12 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from linkwise.identify import identify
+from linkwise.identification.identify import identify
+from linkwise.identification.validation import nmse
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
 from linkwise.sindy.estimate import Classical
 from linkwise.study.subject import Subject
-from linkwise.validate import nmse
 
 
 @dataclass(frozen=True)

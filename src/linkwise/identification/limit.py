@@ -9,8 +9,8 @@ from typing import Unpack
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.bound import Limit
 from linkwise.errors import IdentificationError
+from linkwise.identification.limit_result import Limit
 from linkwise.likelihood.fisher_information import Precision, information
 from linkwise.likelihood.segmentation import cut
 from linkwise.likelihood.segments import Point, Scales

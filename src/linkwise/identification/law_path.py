@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.identify import identify
+from linkwise.identification.identify import identify
 from linkwise.likelihood.anneal import Status
 from linkwise.likelihood.fit import Options, likelihood_fit
 from linkwise.model.coefficient import Coefficient

@@ -1,0 +1,1 @@
+"""From records and a structure with unknowns to the law of every link."""
