@@ -9,12 +9,12 @@ import pytest
 from judged import masses, terms
 
 import linkwise as lw
-from linkwise.discover import pool_of
-from linkwise.discovery.decide import Decided
+from linkwise.discovery.criterion import Price
+from linkwise.discovery.discover import pool_of
 from linkwise.discovery.evidence import confusions, evidence
-from linkwise.discovery.found import CERTAIN
-from linkwise.discovery.price import Price
-from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.quadratic_model import Quadratic
+from linkwise.discovery.result import CERTAIN
+from linkwise.discovery.selection import Decided
 from linkwise.likelihood.fit import Options, likelihood_fit
 
 #: Of cost: where two fits end within 0.02 of their least cost each, and the parabola is one to the third order.

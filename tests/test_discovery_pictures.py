@@ -14,7 +14,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import linkwise as lw
-from linkwise.discovery.table import term_rows
+from linkwise.discovery.text import term_rows
 from linkwise.plot import save
 from linkwise.plot.choice import evidence_figure, path_figure
 from linkwise.plot.graph import graph_figure

@@ -9,8 +9,8 @@ import pytest
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates
-from linkwise.discovery.price import Price
-from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.criterion import Price
+from linkwise.discovery.quadratic_model import Quadratic
 from linkwise.discovery.terms import parse_terms
 
 SAME = 1e-8  # the same sums in another order

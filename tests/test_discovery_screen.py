@@ -9,10 +9,10 @@ import pytest
 from judged import masses
 
 import linkwise as lw
-from linkwise.discover import pool_of
 from linkwise.discovery import screen as module
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.placed import placed
+from linkwise.discovery.discover import pool_of
+from linkwise.discovery.displacements import placed
 from linkwise.discovery.screen import Screened, screened
 from linkwise.weak.displacements import read_motion
 

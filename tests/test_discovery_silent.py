@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.discover import pool_of
-from linkwise.discovery.silent import silence_told, silent_terms
+from linkwise.discovery.discover import pool_of
+from linkwise.discovery.inactive_terms import silence_told, silent_terms
 from linkwise.weak.displacements import read_motion
 
 TERMS = "v, d, contact(0.004), friction(0.01)"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from test_discovery_quadratic import Regression
 
-from linkwise.discovery.price import Price
-from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.criterion import Price
+from linkwise.discovery.quadratic_model import Quadratic
 from linkwise.discovery.stepwise import Kind, best, improved, moves, pruned
 
 SIZE = 8

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from linkwise.analysis.modes import modes
     from linkwise.analysis.wells import barrier, wells
     from linkwise.answer import result_of, write_result
-    from linkwise.discover import discover, foreseen
     from linkwise.discovered import discovery_of, write_discovery
-    from linkwise.discovery.found import Discovery
+    from linkwise.discovery.discover import discover, foreseen
+    from linkwise.discovery.result import Discovery
+    from linkwise.discovery.scoring import TermScore, term_score, truth_beside
     from linkwise.discovery.terms import parse_terms
-    from linkwise.discovery.truth import TermScore, term_score, truth_beside
     from linkwise.errors import (
         IdentificationError,
         LawError,
@@ -193,11 +193,11 @@ _HOMES = {
     "sindy.conventions": ("CONVENTIONS", "noisy_states"),
     "signals.states": ("differentiate",),
     "estimates.describing_function": ("Equivalent", "equivalent"),
-    "discover": ("discover", "foreseen"),
+    "discovery.discover": ("discover", "foreseen"),
     "discovered": ("discovery_of", "write_discovery"),
-    "discovery.found": ("Discovery",),
+    "discovery.result": ("Discovery",),
     "discovery.terms": ("parse_terms",),
-    "discovery.truth": ("TermScore", "term_score", "truth_beside"),
+    "discovery.scoring": ("TermScore", "term_score", "truth_beside"),
     "analysis.equilibria": ("Equilibrium", "equilibria"),
     "errors": (
         "IdentificationError",

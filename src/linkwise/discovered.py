@@ -12,8 +12,8 @@ from typing import Any
 
 from linkwise.answer import result_of, write_links, write_page
 from linkwise.atomic import whole_folder
-from linkwise.discovery.found import Discovery, TermEvidence
-from linkwise.discovery.truth import term_score, truth_beside
+from linkwise.discovery.result import Discovery, TermEvidence
+from linkwise.discovery.scoring import term_score, truth_beside
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.plot import save

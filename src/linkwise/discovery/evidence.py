@@ -7,10 +7,10 @@ from collections.abc import Collection
 import numpy as np
 
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.decide import Decided
-from linkwise.discovery.found import CERTAIN, Choice, RunnerUp, TermEvidence
-from linkwise.discovery.price import Price
-from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.criterion import Price
+from linkwise.discovery.quadratic_model import Quadratic
+from linkwise.discovery.result import CERTAIN, Choice, RunnerUp, TermEvidence
+from linkwise.discovery.selection import Decided
 from linkwise.discovery.stepwise import Kind, Move
 
 _BEYOND = 8  # terms more than were chosen, to show that the criterion rises again

@@ -14,9 +14,9 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.price import Price
-from linkwise.discovery.regression import Regression
+from linkwise.discovery.criterion import Price
 from linkwise.discovery.stepwise import best, pruned
+from linkwise.discovery.weak_regression import Regression
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

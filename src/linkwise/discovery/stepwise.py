@@ -8,8 +8,8 @@ from enum import Enum
 
 import numpy as np
 
-from linkwise.discovery.price import Price
-from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.criterion import Price
+from linkwise.discovery.quadratic_model import Quadratic
 
 _MOVES = 400  # far more than any search takes; a search that needs them goes in circles
 _GAIN = 1e-6  # a move that gains less is none

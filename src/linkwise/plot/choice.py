@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.discovery.found import CERTAIN, Discovery, RunnerUp, TermEvidence
+from linkwise.discovery.result import CERTAIN, Discovery, RunnerUp, TermEvidence
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, WELL
 from linkwise.plot.paper import sheet
 

@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 
 from linkwise.analysis.law_kind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.arrays import Floats
-from linkwise.discovery.found import CERTAIN, Discovery
-from linkwise.discovery.table import headline, is_certain
+from linkwise.discovery.result import CERTAIN, Discovery
+from linkwise.discovery.text import headline, is_certain
 from linkwise.plot.palette import SEEN, SERIES, TRUE, scale
 from linkwise.plot.paper import sheet
 from linkwise.plot.placing import places

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from linkwise.discovery.found import CERTAIN, Discovery
-from linkwise.discovery.table import (
+from linkwise.discovery.result import CERTAIN, Discovery
+from linkwise.discovery.scoring import TermScore
+from linkwise.discovery.text import (
     all_remarks,
     by_certainty,
     doubt_rows,
@@ -17,7 +18,6 @@ from linkwise.discovery.table import (
     next_rows,
     term_rows,
 )
-from linkwise.discovery.truth import TermScore
 from linkwise.report.page import TEMPLATES, page_parts
 from linkwise.report.sheet import embedded
 

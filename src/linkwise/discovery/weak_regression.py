@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from linkwise.arrays import Floats, Indices
-from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.quadratic_model import Quadratic
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.fit import assembled, normal_equations, residual_power
 from linkwise.weak.patch import Patch

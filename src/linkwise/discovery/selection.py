@@ -10,8 +10,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.price import Price
-from linkwise.discovery.quadratic import Quadratic
+from linkwise.discovery.criterion import Price
+from linkwise.discovery.quadratic_model import Quadratic
 from linkwise.discovery.stepwise import Move, best, improved, moves
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit

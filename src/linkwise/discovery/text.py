@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from linkwise.text import columns, error_number, number
 
 if TYPE_CHECKING:
-    from linkwise.discovery.found import Discovery, TermEvidence
+    from linkwise.discovery.result import Discovery, TermEvidence
     from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 
 Rows = list[tuple[str, ...]]

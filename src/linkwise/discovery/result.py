@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from linkwise.discovery.table import text_table
+from linkwise.discovery.text import text_table
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 

@@ -10,15 +10,15 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, candidates
-from linkwise.discovery.decide import Decided, decided
+from linkwise.discovery.data_checks import outlook
+from linkwise.discovery.displacements import placed
 from linkwise.discovery.evidence import confusions, evidence, path, runners_up
-from linkwise.discovery.found import Discovery
-from linkwise.discovery.outlook import outlook
-from linkwise.discovery.placed import placed
+from linkwise.discovery.inactive_terms import silence_told, silent_terms
+from linkwise.discovery.result import Discovery
 from linkwise.discovery.screen import screened, started
-from linkwise.discovery.silent import silence_told, silent_terms
+from linkwise.discovery.selection import Decided, decided
+from linkwise.discovery.spanning_tree import tree
 from linkwise.discovery.terms import DEFAULT, parse_terms
-from linkwise.discovery.tree import tree
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.estimates.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
