@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.absorption.bare import without_sinks
 from linkwise.absorption.decay import Decay
 from linkwise.absorption.sinks import find_sinks
+from linkwise.absorption.without_sinks import without_sinks
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.absorption import survey as survey_module
+from linkwise.absorption import ensemble as survey_module
 from linkwise.cli import run
 
 TRIAL = ["--duration", "1", "--rate", "500", "--release", "v:m1=1.0"]

@@ -12,8 +12,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from linkwise.absorb import absorb
     from linkwise.absorbed import absorption_of, write_absorption, write_absorption_map
+    from linkwise.absorption.absorb import absorb
     from linkwise.absorption.intervals import AbsorptionIntervals, absorption_intervals
     from linkwise.absorption.result import Absorption
     from linkwise.absorption.sweep import AbsorptionMap, absorption_map
@@ -180,7 +180,7 @@ __all__ = [
 
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
-    "absorb": ("absorb",),
+    "absorption.absorb": ("absorb",),
     "absorbed": ("absorption_of", "write_absorption", "write_absorption_map"),
     "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
     "estimates.uncertainty": ("Knowledge", "read_knowledge"),

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from linkwise.absorption.intervals import AbsorptionIntervals
-from linkwise.absorption.intervaltext import interval_headline, interval_rows
-from linkwise.absorption.maptext import map_findings, map_headline, map_rows
+from linkwise.absorption.intervals_text import interval_headline, interval_rows
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep import AbsorptionMap
-from linkwise.absorption.table import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
+from linkwise.absorption.sweep_text import map_findings, map_headline, map_rows
+from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION, to_json, whole_folder
 from linkwise.model.toml_file import format_structure, write_structure

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.absorb import answer
+from linkwise.absorption.absorb import answer
+from linkwise.absorption.comparison import Trial
+from linkwise.absorption.ensemble import Progress, Survey, survey
 from linkwise.absorption.harvesters import with_harvesters
-from linkwise.absorption.intervaltext import intervals_text
+from linkwise.absorption.intervals_text import intervals_text
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE, Absorption
-from linkwise.absorption.survey import Progress, Survey, survey
-from linkwise.absorption.trial import Trial
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.absorption.comparison import Trial
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.runs import Runs
-from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration, reduction, together
 from linkwise.arrays import Floats, Indices
 

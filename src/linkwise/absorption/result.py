@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.absorption.sinks import Sink
-from linkwise.absorption.table import text_table
+from linkwise.absorption.text import text_table
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
 

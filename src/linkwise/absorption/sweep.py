@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.absorption.comparison import Trial
+from linkwise.absorption.ensemble import Progress, survey
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
-from linkwise.absorption.maptext import map_findings, map_text
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE
 from linkwise.absorption.sinks import find_sinks
-from linkwise.absorption.survey import Progress, survey
-from linkwise.absorption.trial import Trial
+from linkwise.absorption.sweep_text import map_findings, map_text
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, SimulationError, StructureError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from linkwise.absorption.trial import Trial
+from linkwise.absorption.comparison import Trial
 from linkwise.model.structure import Structure
 
 

@@ -6,8 +6,8 @@ from functools import lru_cache
 
 from matplotlib.figure import Figure
 
-from linkwise.absorption.bare import without_sinks
 from linkwise.absorption.sinks import find_sinks
+from linkwise.absorption.without_sinks import without_sinks
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation
 from linkwise.plot.paper_numbers import DURATION, RATE, start

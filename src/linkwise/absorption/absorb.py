@@ -7,12 +7,12 @@ from typing import Unpack
 
 import numpy as np
 
+from linkwise.absorption.comparison import Trial
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.potentials import Potentials
-from linkwise.absorption.rest import resting_places
+from linkwise.absorption.rest_positions import resting_places
 from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, Side, SinkWork
 from linkwise.absorption.runs import runs_of
-from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.absorption.bare import Bare, without_sinks
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
+from linkwise.absorption.without_sinks import Bare, without_sinks
 from linkwise.analysis.modes import modes
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError

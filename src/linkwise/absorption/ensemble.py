@@ -12,11 +12,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.absorption.comparison import Trial
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.quantities import Quantity, Reference, quantities_of, told_by
-from linkwise.absorption.rest import RestingPlaces, resting_places
+from linkwise.absorption.rest_positions import RestingPlaces, resting_places
 from linkwise.absorption.runs import Runs, runs_together
-from linkwise.absorption.trial import Trial
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.simulation.batch import LANES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from linkwise.absorption.maptext import value_text
+from linkwise.absorption.sweep_text import value_text
 from linkwise.text import columns
 
 if TYPE_CHECKING:

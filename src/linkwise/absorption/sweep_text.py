@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from linkwise.absorption.table import percent
+from linkwise.absorption.text import percent
 from linkwise.text import columns
 
 if TYPE_CHECKING:
