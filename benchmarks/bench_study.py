@@ -16,7 +16,7 @@ from small_study import small
 
 import linkwise as lw
 from linkwise.report.study_page import Told
-from linkwise.study.crew import Crew, Fate, Processes
+from linkwise.study.executor import Crew, Fate, Processes
 from linkwise.study.runner import run
 from linkwise.study.store import opened
 from linkwise.study.worker import Batch, Done
@@ -73,7 +73,7 @@ class Timed(Crew):
 @pytest.fixture
 def cluster() -> Iterator[Crew]:
     distributed = pytest.importorskip("distributed")
-    crews = pytest.importorskip("linkwise.study.cluster")
+    crews = pytest.importorskip("linkwise.study.dask_executor")
     with distributed.LocalCluster(
         n_workers=WORKERS,
         threads_per_worker=1,

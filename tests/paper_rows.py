@@ -11,7 +11,7 @@ from linkwise.plot.paper_numbers import TABLE_2
 from linkwise.study.definition import Study
 from linkwise.study.row import Case, Row
 from linkwise.study.store import opened
-from linkwise.study.study_file import read_study
+from linkwise.study.toml_file import read_study
 
 CYCLES = 3
 SPREAD = (0.5, 1.0, 2.0)  # of the errors of the three cycles

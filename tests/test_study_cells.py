@@ -10,7 +10,7 @@ import pytest
 from linkwise.study.cells import StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import FAILED, Case, Row
-from linkwise.study.study_file import parse_study
+from linkwise.study.toml_file import parse_study
 
 TEXT = """
 snr_db = [20, 40]

@@ -18,7 +18,7 @@ from linkwise.plot.paper_numbers import TABLE_2
 from linkwise.report.study_comparison import Comparison, explanation
 from linkwise.report.study_page import Told, percent, study_page
 from linkwise.study.row import FAILED, Row
-from linkwise.study.study_file import parse_study
+from linkwise.study.toml_file import parse_study
 
 STUDY = paper_study()
 MINE = """

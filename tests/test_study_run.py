@@ -13,11 +13,11 @@ import pytest
 from small_study import DIVERGING, small
 
 import linkwise as lw
-from linkwise.study.crew import Crew, Fate, Processes
-from linkwise.study.pace import Pace, next_batch
+from linkwise.study.executor import Crew, Fate, Processes
 from linkwise.study.row import Case
 from linkwise.study.runner import Progress, run
 from linkwise.study.store import opened
+from linkwise.study.timing import Pace, next_batch
 from linkwise.study.worker import Batch, Done, failure, run_batch
 
 
@@ -283,7 +283,7 @@ def test_batches_last_as_long_as_they_should() -> None:
 
 def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 10.0, 10.0, 20.0])
-    monkeypatch.setattr("linkwise.study.pace.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("linkwise.study.timing.perf_counter", lambda: next(clock))
     cases = [Case("a", 20.0, method, seed) for method in ("fast", "slow") for seed in range(3)]
     pace = Pace([], cases, {"a": 2})
     assert pace.left is None

@@ -69,13 +69,13 @@ if TYPE_CHECKING:
     from linkwise.sindy.regression.l1 import L1
     from linkwise.sindy.regression.least_squares import LeastSquares
     from linkwise.sindy.regression.stlsq import Stlsq
-    from linkwise.study.campaign import run_study
     from linkwise.study.definition import Study
     from linkwise.study.export import export_study
     from linkwise.study.row import Row
+    from linkwise.study.run import run_study
     from linkwise.study.store import read_rows, stored_study
-    from linkwise.study.study_file import read_study
     from linkwise.study.summary import StudySummary, study_summary
+    from linkwise.study.toml_file import read_study
     from linkwise.units import to_si
 
 __version__ = "0.1.0"
@@ -235,12 +235,12 @@ _HOMES = {
         "read_structure",
         "write_structure",
     ),
-    "study.campaign": ("run_study",),
+    "study.run": ("run_study",),
     "study.definition": ("Study",),
     "study.export": ("export_study",),
     "study.row": ("Row",),
     "study.store": ("read_rows", "stored_study"),
-    "study.study_file": ("read_study",),
+    "study.toml_file": ("read_study",),
     "study.summary": ("StudySummary", "study_summary"),
     "units": ("to_si",),
     "identification.validation": ("FreeRun", "free_run", "nmse"),

@@ -8,11 +8,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 
 from linkwise.errors import StudyError
-from linkwise.study.crew import Crew, Fate
 from linkwise.study.definition import Study
-from linkwise.study.pace import Pace, next_batch
+from linkwise.study.executor import Crew, Fate
 from linkwise.study.row import Case
 from linkwise.study.store import Store
+from linkwise.study.timing import Pace, next_batch
 from linkwise.study.worker import Batch, Done, failure
 
 _DEATHS = 3  # of a worker at one case, after which the case is to blame

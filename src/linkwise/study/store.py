@@ -17,7 +17,7 @@ from typing import Any
 from linkwise.errors import StudyError
 from linkwise.study.definition import Study
 from linkwise.study.row import FAILED, FAULT, Case, Row
-from linkwise.study.study_file import build_study
+from linkwise.study.toml_file import build_study
 
 DATABASE, LOCK = "study.sqlite", "study.lock"
 _OWN = {DATABASE, f"{DATABASE}-journal", LOCK, f"{LOCK}-journal"}

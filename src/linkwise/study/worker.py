@@ -17,7 +17,7 @@ from linkwise.records.record import Record
 from linkwise.study.definition import Study
 from linkwise.study.method import Answer
 from linkwise.study.row import FAILED, FAULT, Case, Row
-from linkwise.study.study_file import build_study
+from linkwise.study.toml_file import build_study
 from linkwise.threads import one_blas_thread
 
 _RECORDS = 64  # clean records that a worker keeps

@@ -20,7 +20,7 @@ from linkwise.sindy.conventions import Convention
 from linkwise.sindy.force_reading import Reading
 from linkwise.study.definition import Study
 from linkwise.study.method import LinkByLink, Method, PhysicsInformed
-from linkwise.study.monomial import AllMonomials, RegressorName
+from linkwise.study.method_monomials import AllMonomials, RegressorName
 from linkwise.study.subject import Subject
 
 _SOURCES = ("bnes", "file", "toml")

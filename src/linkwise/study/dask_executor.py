@@ -11,7 +11,7 @@ from distributed import Client, KilledWorker
 from distributed.comm import get_address_host_port
 
 from linkwise.errors import StudyError
-from linkwise.study.crew import Crew, Fate
+from linkwise.study.executor import Crew, Fate
 from linkwise.study.worker import Batch, Done, run_batch
 
 _PATIENCE = 30.0  # s for the scheduler to answer, and for a first worker to be there

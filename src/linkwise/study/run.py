@@ -8,13 +8,13 @@ from importlib import import_module
 from pathlib import Path
 
 from linkwise.errors import StudyError
-from linkwise.study.crew import Crew, Processes
 from linkwise.study.definition import Study
+from linkwise.study.executor import Crew, Processes
 from linkwise.study.export import export_study
 from linkwise.study.row import Row
 from linkwise.study.runner import Progress, run
 from linkwise.study.store import opened, read_rows
-from linkwise.study.study_file import read_study
+from linkwise.study.toml_file import read_study
 
 
 def run_study(
@@ -57,7 +57,7 @@ def _crew(workers: int | None, scheduler: str | None) -> Crew:
     if scheduler is None:
         return Processes(workers if workers is not None else processors())
     try:
-        cluster = import_module("linkwise.study.cluster")
+        cluster = import_module("linkwise.study.dask_executor")
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
             raise
