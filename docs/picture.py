@@ -8,11 +8,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import linkwise as lw
+from linkwise.plot.downsample import envelope
 from linkwise.plot.force import draw_force, zoom_to_wells
 from linkwise.plot.force_view import force_view
 from linkwise.plot.palette import SERIES
-from linkwise.plot.paper import sheet
-from linkwise.plot.thin import envelope
+from linkwise.plot.style import sheet
 
 HERE = Path(__file__).parent
 

@@ -12,7 +12,7 @@ import linkwise as lw
 from linkwise.absorption import sweep
 from linkwise.absorption.barriers import barriers
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
-from linkwise.plot.absorb_map import map_figure
+from linkwise.plot.absorption_map import map_figure
 
 SHORT: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "settle": 0.5}
 RELEASE = {"v:m1": 1.0}

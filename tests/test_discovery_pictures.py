@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 import linkwise as lw
 from linkwise.discovery.text import term_rows
 from linkwise.plot import save
-from linkwise.plot.choice import evidence_figure, path_figure
-from linkwise.plot.graph import graph_figure
+from linkwise.plot.discovery_graph import graph_figure
+from linkwise.plot.discovery_path import evidence_figure, path_figure
+from linkwise.plot.graph_layout import crossings, places
 from linkwise.plot.palette import SEEN
-from linkwise.plot.placing import crossings, places
 
 
 @pytest.fixture(scope="module")

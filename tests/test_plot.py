@@ -10,10 +10,10 @@ import pytest
 
 import linkwise as lw
 from linkwise.plot import force_figure, histories_figure, save
+from linkwise.plot.downsample import envelope, scattered
 from linkwise.plot.force_view import force_view
-from linkwise.plot.page import force_page, histories_page
+from linkwise.plot.interactive import force_page, histories_page
 from linkwise.plot.palette import scale
-from linkwise.plot.thin import envelope, scattered
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.plot.absorb import crossings_figure, decay_figure, energy_figure
+from linkwise.plot.absorption import crossings_figure, decay_figure, energy_figure
 
 
 @pytest.fixture(scope="module")

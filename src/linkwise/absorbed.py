@@ -19,8 +19,8 @@ from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION, to_json, whole_folder
 from linkwise.model.toml_file import format_structure, write_structure
 from linkwise.plot import save
-from linkwise.plot.absorb import Bands, crossings_figure, decay_figure, energy_figure
-from linkwise.plot.absorb_map import map_figure
+from linkwise.plot.absorption import Bands, crossings_figure, decay_figure, energy_figure
+from linkwise.plot.absorption_map import map_figure
 from linkwise.report.sheet import Section, embedded, sheet_page
 
 Progress = Callable[[float, str], object]

@@ -17,8 +17,8 @@ from linkwise.discovery.scoring import term_score, truth_beside
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.plot import save
-from linkwise.plot.choice import evidence_figure, path_figure
-from linkwise.plot.graph import graph_figure
+from linkwise.plot.discovery_graph import graph_figure
+from linkwise.plot.discovery_path import evidence_figure, path_figure
 from linkwise.report.discovery import discovery_page
 
 

@@ -2,6 +2,6 @@
 
 from linkwise.plot.force import force_figure
 from linkwise.plot.histories import histories_figure
-from linkwise.plot.paper import save
+from linkwise.plot.style import save
 
 __all__ = ["force_figure", "histories_figure", "save"]

@@ -11,7 +11,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Link, Structure
 from linkwise.plot.force_view import ForceView, force_view
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, WELL, scale
-from linkwise.plot.paper import sheet
+from linkwise.plot.style import sheet
 
 
 def force_figure(estimate: Estimate, name: str, *, truth: Structure | None = None) -> Figure:

@@ -9,7 +9,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Link, Structure
-from linkwise.plot.thin import scattered
+from linkwise.plot.downsample import scattered
 
 GRID = 401
 BEYOND = 0.08  # of the visited range, drawn on both sides of it

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import SERIES, scale
-from linkwise.plot.paper import sheet
-from linkwise.plot.thin import envelope
+from linkwise.plot.style import sheet
 from linkwise.records.record import Record
 
 MOST = 10  # strips that still can be read on one page

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
 from linkwise.plot.palette import SEEN, SERIES, TRUE
-from linkwise.plot.paper import sheet
+from linkwise.plot.style import sheet
 from linkwise.study.cells import StudyTable
 
 _KNOWN = {"ml": (SERIES[0], "o"), "weak": (SERIES[4], "^"), "physics-informed": (SERIES[2], "D")}

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from linkwise.arrays import Floats
 from linkwise.model.structure import Link
 from linkwise.plot.palette import TRUE, scale
-from linkwise.plot.paper import sheet
+from linkwise.plot.style import sheet
 
 _GRID = 801
 _DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there

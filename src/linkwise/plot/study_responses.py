@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, scale
-from linkwise.plot.paper import sheet
+from linkwise.plot.style import sheet
 from linkwise.simulation.neighbours import Motion
 
 _PANEL_HEIGHT = 1.45  # inches

@@ -18,7 +18,7 @@ from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.plot.force import force_title
 from linkwise.plot.force_view import force_view
-from linkwise.plot.page import force_page, histories_page
+from linkwise.plot.interactive import force_page, histories_page
 from linkwise.text import error_number, number
 
 TEMPLATES = Environment(

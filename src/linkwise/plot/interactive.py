@@ -6,11 +6,11 @@ import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
+from linkwise.plot.downsample import envelope
 from linkwise.plot.force import cloud_label, curve_label, force_scales
 from linkwise.plot.force_view import ForceView
 from linkwise.plot.histories import shown_channels
 from linkwise.plot.palette import IDENTIFIED, SEEN, SERIES, TRUE, VISITED, WELL, scale
-from linkwise.plot.thin import envelope
 from linkwise.records.record import Record
 
 _BAND = "rgba(0, 114, 178, 0.25)"  # IDENTIFIED, seen through

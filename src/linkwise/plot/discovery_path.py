@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from linkwise.discovery.result import CERTAIN, Discovery, RunnerUp, TermEvidence
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, WELL
-from linkwise.plot.paper import sheet
+from linkwise.plot.style import sheet
 
 _RUNNERS_UP = 10
 _DROPPED = 16  # that are drawn below the terms kept

@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 from linkwise.absorption.decay import TAIL
 from linkwise.absorption.result import Absorption, MassChange, Side
 from linkwise.arrays import Bools, Floats
+from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import IDENTIFIED, SEEN, SERIES, TRUE, VISITED, WELL, scale
-from linkwise.plot.paper import sheet
-from linkwise.plot.thin import envelope
+from linkwise.plot.style import sheet
 
 Bands = tuple[Floats, Floats]
 

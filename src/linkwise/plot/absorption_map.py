@@ -12,7 +12,7 @@ from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.sweep import AbsorptionMap, Axis
 from linkwise.arrays import Floats
 from linkwise.plot.palette import IDENTIFIED, SEEN, WELL
-from linkwise.plot.paper import sheet
+from linkwise.plot.style import sheet
 
 SHOWN = ("settled", "sinks_share", "rms_reduction", "crossings")
 _WIDE = 50.0  # largest over smallest from which colours go by ratio

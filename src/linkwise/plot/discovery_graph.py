@@ -16,9 +16,9 @@ from linkwise.analysis.law_kind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFT
 from linkwise.arrays import Floats
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.text import headline, is_certain
+from linkwise.plot.graph_layout import places
 from linkwise.plot.palette import SEEN, SERIES, TRUE, scale
-from linkwise.plot.paper import sheet
-from linkwise.plot.placing import places
+from linkwise.plot.style import sheet
 
 _COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: SEEN}
 _OTHER = SERIES[5]
