@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 
-from linkwise.plot.paper_numbers import TABLE_2
+from linkwise.paper.published import TABLE_2
 from linkwise.study.definition import Study
 from linkwise.study.row import Case, Row
 from linkwise.study.store import opened

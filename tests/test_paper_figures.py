@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from paper_rows import BEST, paper_rows, paper_study
 
 import linkwise as lw
+from linkwise.paper.figures_6_7 import figure_6, figure_7
+from linkwise.paper.figures_8_9 import figure_8, figure_9
+from linkwise.paper.published import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2
+from linkwise.paper.subset import PaperStudy
 from linkwise.plot import paper_motion, save
-from linkwise.plot.paper_accuracy import figure_8, figure_9
-from linkwise.plot.paper_force import figure_6, figure_7
-from linkwise.plot.paper_numbers import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2
-from linkwise.plot.paper_study import PaperStudy
 from linkwise.plot.study_accuracy import accuracy_figure
 from linkwise.plot.study_responses import responses_figure
 from linkwise.report.study_page import Told

@@ -14,8 +14,8 @@ from paper_rows import BEST, error, paper_rows, paper_study, stored
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.errors import StudyError
-from linkwise.plot.paper_numbers import TABLE_2
-from linkwise.report.study_comparison import Comparison, explanation
+from linkwise.paper.published import TABLE_2
+from linkwise.paper.table_2 import Comparison, explanation
 from linkwise.report.study_page import Told, percent, study_page
 from linkwise.study.row import FAILED, Row
 from linkwise.study.toml_file import parse_study

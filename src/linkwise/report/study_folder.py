@@ -13,14 +13,14 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from linkwise.atomic import whole_file
+from linkwise.paper.captions import motion_captions
+from linkwise.paper.figures_2_to_5 import figure_2, figure_3, figure_4, figure_5
+from linkwise.paper.figures_6_7 import figure_6, figure_7
+from linkwise.paper.figures_8_9 import figure_8, figure_9
+from linkwise.paper.table_2 import Comparison
 from linkwise.plot import save
-from linkwise.plot.paper_accuracy import figure_8, figure_9
-from linkwise.plot.paper_force import figure_6, figure_7
-from linkwise.plot.paper_motion import figure_2, figure_3, figure_4, figure_5
 from linkwise.plot.study_accuracy import accuracy_figure
 from linkwise.report.sheet import embedded
-from linkwise.report.study_captions import motion_captions
-from linkwise.report.study_comparison import Comparison
 from linkwise.report.study_page import Illustration, Told, study_page
 from linkwise.study.store import read_rows, stored_study
 

@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from linkwise.plot.paper_study import PaperStudy
+from linkwise.paper.claims import Claim, claims
+from linkwise.paper.subset import PaperStudy
+from linkwise.paper.table_2 import NEAR, Comparison, explanation
 from linkwise.report.page import TEMPLATES
-from linkwise.report.study_claims import Claim, claims
-from linkwise.report.study_comparison import NEAR, Comparison, explanation
 from linkwise.sindy.conventions import MEANING
 from linkwise.study.cells import SPREAD, Cell, StudyTable
 from linkwise.study.definition import Study

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from linkwise.plot.paper_motion import chain_motion
+from linkwise.paper.figures_2_to_5 import chain_motion
 from linkwise.simulation.neighbours import NEIGHBOURS, Motion
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from linkwise.model.chains import bnes_chain
-from linkwise.plot.paper_numbers import DURATION, MASSES, RATE, start
+from linkwise.paper.published import DURATION, MASSES, RATE, start
 from linkwise.study.definition import Study
 from linkwise.study.subject import Subject
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from linkwise.paper.published import DECIBELS
+from linkwise.paper.subset import PaperStudy
 from linkwise.plot.palette import IDENTIFIED, SERIES
-from linkwise.plot.paper_numbers import DECIBELS
-from linkwise.plot.paper_study import PaperStudy
 from linkwise.plot.study_force import FoundForce, found_forces_figure
 from linkwise.study.cells import StudyTable
 from linkwise.study.definition import Study

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from linkwise.paper.published import DECIBELS, INFORMED_NMSE, INFORMED_SECONDS, TABLE_2
+from linkwise.paper.subset import PaperStudy
 from linkwise.plot.palette import SEEN
-from linkwise.plot.paper_numbers import DECIBELS, INFORMED_NMSE, INFORMED_SECONDS, TABLE_2
-from linkwise.plot.paper_study import PaperStudy
 from linkwise.plot.study_accuracy import Pen, Printed, draw_errors, draw_times, name_curves, pens
 from linkwise.plot.style import sheet
 from linkwise.study.cells import StudyTable

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.plot.paper_numbers import DECIBELS, INFORMED_NMSE
-from linkwise.plot.paper_study import PaperStudy
-from linkwise.report.study_comparison import NEAR, Comparison, near
+from linkwise.paper.published import DECIBELS, INFORMED_NMSE
+from linkwise.paper.subset import PaperStudy
+from linkwise.paper.table_2 import NEAR, Comparison, near
 from linkwise.study.cells import Cell, StudyTable
 
 BELOW = 500.0  # times below the paper's physics-informed error: what maximum likelihood is held to at 20 dB

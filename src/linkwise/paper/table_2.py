@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.plot.paper_numbers import DECIBELS, TABLE_2
-from linkwise.plot.paper_study import PaperStudy
+from linkwise.paper.published import DECIBELS, TABLE_2
+from linkwise.paper.subset import PaperStudy
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.row import Row
 

@@ -10,7 +10,7 @@ from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.without_sinks import without_sinks
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation
-from linkwise.plot.paper_numbers import DURATION, RATE, start
+from linkwise.paper.published import DURATION, RATE, start
 from linkwise.plot.study_responses import comparison_figure, responses_figure
 from linkwise.simulation.neighbours import Motion, motion_after
 
