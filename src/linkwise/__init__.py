@@ -12,7 +12,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from linkwise.absorbed import absorption_of, write_absorption, write_absorption_map
     from linkwise.absorption.absorb import absorb
     from linkwise.absorption.intervals import AbsorptionIntervals, absorption_intervals
     from linkwise.absorption.result import Absorption
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
     from linkwise.analysis.equilibria import Equilibrium, equilibria
     from linkwise.analysis.modes import modes
     from linkwise.analysis.wells import barrier, wells
-    from linkwise.answer import result_of, write_result
-    from linkwise.discovered import discovery_of, write_discovery
     from linkwise.discovery.discover import discover, foreseen
     from linkwise.discovery.result import Discovery
     from linkwise.discovery.scoring import TermScore, term_score, truth_beside
@@ -59,6 +56,9 @@ if TYPE_CHECKING:
         write_structure,
     )
     from linkwise.records.record import Record
+    from linkwise.report.absorption_folder import absorption_of, write_absorption, write_absorption_map
+    from linkwise.report.discovery_folder import discovery_of, write_discovery
+    from linkwise.report.estimate_folder import result_of, write_result
     from linkwise.report.study_folder import write_study_report
     from linkwise.signals.states import differentiate
     from linkwise.simulation.simulate import simulate
@@ -181,12 +181,12 @@ __all__ = [
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
     "absorption.absorb": ("absorb",),
-    "absorbed": ("absorption_of", "write_absorption", "write_absorption_map"),
+    "report.absorption_folder": ("absorption_of", "write_absorption", "write_absorption_map"),
     "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
     "estimates.uncertainty": ("Knowledge", "read_knowledge"),
     "absorption.result": ("Absorption",),
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
-    "answer": ("result_of", "write_result"),
+    "report.estimate_folder": ("result_of", "write_result"),
     "identification.limit_result": ("Limit",),
     "model.chains": ("bnes_chain",),
     "sindy.estimate": ("Classical",),
@@ -194,7 +194,7 @@ _HOMES = {
     "signals.states": ("differentiate",),
     "estimates.describing_function": ("Equivalent", "equivalent"),
     "discovery.discover": ("discover", "foreseen"),
-    "discovered": ("discovery_of", "write_discovery"),
+    "report.discovery_folder": ("discovery_of", "write_discovery"),
     "discovery.result": ("Discovery",),
     "discovery.terms": ("parse_terms",),
     "discovery.scoring": ("TermScore", "term_score", "truth_beside"),

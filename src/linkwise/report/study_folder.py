@@ -20,7 +20,7 @@ from linkwise.paper.figures_8_9 import figure_8, figure_9
 from linkwise.paper.table_2 import Comparison
 from linkwise.plot import save
 from linkwise.plot.study_accuracy import accuracy_figure
-from linkwise.report.sheet import embedded
+from linkwise.report.section_page import embedded
 from linkwise.report.study_page import Illustration, Told, study_page
 from linkwise.study.store import read_rows, stored_study
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from linkwise.paper.claims import Claim, claims
 from linkwise.paper.subset import PaperStudy
 from linkwise.paper.table_2 import NEAR, Comparison, explanation
-from linkwise.report.page import TEMPLATES
+from linkwise.report.estimate_page import TEMPLATES
 from linkwise.sindy.conventions import MEANING
 from linkwise.study.cells import SPREAD, Cell, StudyTable
 from linkwise.study.definition import Study

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from linkwise.report.page import TEMPLATES
+from linkwise.report.estimate_page import TEMPLATES
 
 
 @dataclass(frozen=True)

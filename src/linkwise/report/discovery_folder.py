@@ -10,7 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from linkwise.answer import result_of, write_links, write_page
 from linkwise.atomic import whole_folder
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.scoring import term_score, truth_beside
@@ -19,7 +18,8 @@ from linkwise.model.structure import Structure
 from linkwise.plot import save
 from linkwise.plot.discovery_graph import graph_figure
 from linkwise.plot.discovery_path import evidence_figure, path_figure
-from linkwise.report.discovery import discovery_page
+from linkwise.report.discovery_page import discovery_page
+from linkwise.report.estimate_folder import result_of, write_links, write_page
 
 
 def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:

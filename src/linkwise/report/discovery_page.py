@@ -18,8 +18,8 @@ from linkwise.discovery.text import (
     next_rows,
     term_rows,
 )
-from linkwise.report.page import TEMPLATES, page_parts
-from linkwise.report.sheet import embedded
+from linkwise.report.estimate_page import TEMPLATES, page_parts
+from linkwise.report.section_page import embedded
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 

@@ -21,7 +21,7 @@ from linkwise.model.toml_file import format_structure, write_structure
 from linkwise.plot import save
 from linkwise.plot.absorption import Bands, crossings_figure, decay_figure, energy_figure
 from linkwise.plot.absorption_map import map_figure
-from linkwise.report.sheet import Section, embedded, sheet_page
+from linkwise.report.section_page import Section, embedded, sheet_page
 
 Progress = Callable[[float, str], object]
 
