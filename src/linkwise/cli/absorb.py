@@ -12,8 +12,8 @@ import click
 import linkwise as lw
 from linkwise.atomic import ABSORPTION, check_result_folder, to_json
 from linkwise.cli.console import progress, tell
+from linkwise.cli.excitation_options import Drive, drive_options
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, number, pairs
-from linkwise.cli.plan import Drive, drive_options
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
 MOST = 100_000  # values of a swept parameter

@@ -10,8 +10,8 @@ import click
 import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import progress
+from linkwise.cli.excitation_options import Drive, Sampling, drive_options, sampling_options
 from linkwise.cli.options import FILE
-from linkwise.cli.plan import Drive, Sampling, drive_options, sampling_options
 
 
 @click.command()
