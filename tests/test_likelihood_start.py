@@ -11,7 +11,7 @@ import linkwise as lw
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.drift_tracking import inverted
 from linkwise.likelihood.starts.inverse_dynamics import drifts, masses_from_links, seen_links, tells_links
-from linkwise.likelihood.starts.states import channel_noise
+from linkwise.signals.channel_noise import channel_noise
 
 
 @lru_cache

@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.starts.states import channel_noise
 from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
 
 _REST = 0.1  # of the noise's power: less motion than this is not seen (-10 dB)
 _FAINT = 3.0  # (5 dB): less tells little

@@ -26,13 +26,13 @@ from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import drifts
-from linkwise.likelihood.starts.states import channel_noise
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import Known
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
 from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
 from linkwise.weak.displacements import SeenMotion, read_motion

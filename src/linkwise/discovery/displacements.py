@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.likelihood.starts.inverse_dynamics import DRIFT, highpassed, smoothed, summed
-from linkwise.likelihood.starts.states import channel_noise
 from linkwise.model.link import Mass
 from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
 
 
 def placed(record: Record, masses: Sequence[Mass]) -> Record:

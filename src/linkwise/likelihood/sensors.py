@@ -10,10 +10,10 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.segmentation import cut
 from linkwise.likelihood.segments import Segments
-from linkwise.likelihood.starts.states import channel_noise
 from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
 
 SAMPLES = 5  # in a segment: shorter ones cost unknowns, longer ones make a chaotic flow steep
 

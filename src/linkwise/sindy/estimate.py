@@ -11,6 +11,7 @@ from linkwise.estimates.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseE
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+from linkwise.signals.channel_noise import noise_variance
 from linkwise.signals.states import Method as Derivative
 from linkwise.signals.states import differentiate
 from linkwise.sindy.library import link_columns
@@ -18,7 +19,6 @@ from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.regressor import Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
-from linkwise.weak.displacements import noise_variance
 
 _REGRESSORS: dict[str, type[Regressor]] = {"stlsq": Stlsq, "l1": L1, "least-squares": LeastSquares}
 

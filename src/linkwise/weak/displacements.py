@@ -11,7 +11,7 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.noise import bandwidth, noise_and_bandwidth, noise_sigma
+from linkwise.signals.noise import bandwidth, noise_and_bandwidth
 
 _RESOLVED = 1e-5  # of the motion: what the sums that stand for integrals tell of a smooth motion
 _QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when a window is chosen
@@ -125,15 +125,3 @@ def _bridged(values: Floats, rate: float, sigma: Floats) -> float:
     if not whole:
         return 0.5 * rate
     return float(np.max(bandwidth(np.stack(whole, axis=1), rate, sigma[seen.any(axis=1)])))
-
-
-def noise_variance(record: Record, names: list[str], values: Floats) -> Floats:
-    """(C,) variance of the noise in `values` (C, N) of the channels `names`: stated by the record, else found.
-
-    A channel too broken by gaps to tell counts as free of noise.
-    """
-    stated = np.array([record.noise.get(name, np.nan) for name in names])
-    if np.isfinite(stated).all():
-        return stated**2
-    found = np.nan_to_num(noise_sigma(values.T))
-    return np.where(np.isfinite(stated), stated, found) ** 2

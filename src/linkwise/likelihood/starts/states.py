@@ -24,7 +24,6 @@ from linkwise.likelihood.starts.inverse_dynamics import (
 )
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.noise import noise_sigma
 
 _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden mass is free to move at q = 1
 
@@ -36,17 +35,6 @@ class States:
     x: Floats
     v: Floats
     scale: Floats
-
-
-def channel_noise(record: Record) -> dict[str, float]:
-    """Standard deviation of the noise in every response: stated by the record, else found in it."""
-    names = [name for name in record.responses if name not in record.noise]
-    found = noise_sigma(record.select(names).values) if names else ()
-    floor = {name: 1e-12 * float(np.nanmax(np.abs(record.channel(name)))) for name in record.responses}
-    sigma = dict(record.noise) | {
-        name: float(np.nan_to_num(value)) for name, value in zip(names, found, strict=True)
-    }
-    return {name: max(sigma[name], floor[name]) for name in record.responses}
 
 
 def start_states(record: Record, structure: Structure, sigma: dict[str, float], samples: int) -> States:
