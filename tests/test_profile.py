@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -61,8 +62,8 @@ def test_the_cost_at_the_ends_has_risen_by_384(
 ) -> None:
     """Both ends, fitted by a whole run with the coefficient known, from elsewhere."""
     low, high = lw.profile_interval(fit, "link.c")
-    optimum = fit.optimum
-    assert optimum is not None
+    assert isinstance(fit.profile, partial)
+    optimum = fit.profile.args[0]
     known = replace(record, noise={"x:m1": float(optimum.scales.sigma[0])})
     best = likelihood_fit([known], linear.unknown("all"), np.array([390.0, 0.5]))
     for end in (low, high):
@@ -104,7 +105,7 @@ def test_ends_at_a_bound(fit: lw.Estimate, record: lw.Record) -> None:
     ("change", "name", "message"),
     [
         ({}, "link.m", r'"link\.m" was not identified; the unknowns were link\.k, link\.c'),
-        ({"optimum": None, "method": "weak"}, "link.k", 'method "weak" has none: use "ml"'),
+        ({"profile": None, "method": "weak"}, "link.k", 'method "weak" has none: use "ml"'),
         (
             {"status": "not converged", "message": "Why."},
             "link.k",

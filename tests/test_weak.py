@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.estimates.link_motion import weak_residual
 from linkwise.weak.displacements import read_motion
 from linkwise.weak.equations import WeakEquations, weak_equations
+from linkwise.weak.residual import weak_residual
 from linkwise.weak.window import Window
 
 RATE, SAMPLES = 1000.0, 1200

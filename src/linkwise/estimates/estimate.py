@@ -16,7 +16,6 @@ from linkwise.errors import StructureError
 from linkwise.estimates.findings import link_findings
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
-from linkwise.likelihood.optimum import Optimum
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -61,8 +60,8 @@ class Estimate:
     `status` is "converged", "not converged", "chi-square off" or, from a method that knows no noise, "forces unexplained", and
     `message` says what that means here; without convergence, or with residuals that noise does not explain
     (`chi_square_per_sample` far from 1), no interval is given.
-    `moved` tells, when asked, how the identified links moved; `optimum` is where a likelihood fit ended, for
-    `profile_interval` to look around.
+    `moved` tells, when asked, how the identified links moved; `profile` gives, for a likelihood fit, the profile-likelihood
+    interval of a parameter, from its name, its standard error and a function that is told each value tried.
     `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals` is False
     for methods whose covariance tells no more than the size of the residuals.
     """
@@ -83,7 +82,7 @@ class Estimate:
     record: Record
     remarks: tuple[str, ...] = ()
     intervals: bool = True
-    optimum: Optimum | None = None
+    profile: Callable[[str, float, Callable[[float], None]], tuple[float, float]] | None = None
 
     @property
     def trusted(self) -> bool:

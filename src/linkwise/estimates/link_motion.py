@@ -10,8 +10,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
-from linkwise.weak.equations import WeakEquations
-from linkwise.weak.weak_form import PHI
 
 _DENSE = 64  # masses up to which all link forces are solved for together
 _DETERMINED = 1e-9  # smallest singular value of the incidence, relative, that still tells forces apart
@@ -69,16 +67,6 @@ def extremes(d: Floats, deviation: Floats | float = 0.0) -> Floats:
     low, high = np.nanmin(d, axis=0), np.nanmax(d, axis=0)
     inward = np.minimum(2.0 * np.asarray(deviation), 0.5 * (high - low))
     return np.stack([low + inward, high - inward], axis=1)
-
-
-def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
-    """(R, n) N: what the laws with the parameters `values` (p,) leave of the weak equations, NaN for masses without one."""
-    residual = np.full(equations.acceleration.T.shape, np.nan)
-    area = equations.window.kernels[PHI].sum()
-    for patch in equations.patches:
-        total = np.where(patch.valid > 0.0, patch.residual(values) / area, np.nan)
-        residual[:, patch.masses] = total.T
-    return residual
 
 
 def _told_apart(incidence: Floats) -> bool:

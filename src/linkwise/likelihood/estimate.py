@@ -10,19 +10,21 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
-from linkwise.estimates.link_motion import LinkMotion, extremes, weak_residual
+from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.loss import Gaussian, Loss
+from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import drifts
-from linkwise.likelihood.starts.states import channel_noise
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
 from linkwise.weak.displacements import read_motion
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.estimate import weak_search
+from linkwise.weak.residual import weak_residual
 
 _LITTLE = 0.1  # of the forces on a mass: a model error beyond it is no small one
 
@@ -75,7 +77,7 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         moved=partial(_motion, fit, identified, records),
         record=records[0],
         remarks=_remarks(fit),
-        optimum=fit.optimum,
+        profile=partial(profile_ends, fit.optimum),
     )
 
 

@@ -36,7 +36,7 @@ def profile_interval(
     trusted, and where a fit with `name` held does not converge.
     """
     column = _column(estimate, name)
-    if estimate.optimum is None:
+    if estimate.profile is None:
         raise IdentificationError(
             f'profile intervals need the likelihood, and method "{estimate.method}" has none: use "ml"'
         )
@@ -49,8 +49,20 @@ def profile_interval(
         raise IdentificationError(
             f"{name} was stopped by its bound, around which there is no interval; widen the bound"
         )
-    profile = _Profile(estimate.optimum, name, column, report or (lambda value: None))
+    return estimate.profile(name, deviation, report or _unreported)
+
+
+def profile_ends(
+    optimum: Optimum, name: str, deviation: float, report: Callable[[float], None]
+) -> tuple[float, float]:
+    """Both ends of the interval of the parameter `name` with standard error `deviation` around `optimum`."""
+    column = optimum.segments.system.parameters.names.index(name)
+    profile = _Profile(optimum, name, column, report)
     return profile.end(-deviation), profile.end(deviation)
+
+
+def _unreported(value: float) -> None:
+    """A report that nobody reads."""
 
 
 def _column(estimate: Estimate, name: str) -> int:

@@ -11,13 +11,14 @@ from scipy.special import gammaincinv
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
-from linkwise.estimates.link_motion import LinkMotion, extremes, weak_residual
+from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.threads import one_blas_thread
 from linkwise.weak.displacements import SeenMotion, differences, read_motion
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit
+from linkwise.weak.residual import weak_residual
 from linkwise.weak.weak_form import weak_law
 
 _LARGEST_EXCESS = 1.7  # residual power over what noise explains; wrong laws and wrong noise leave more

@@ -1,0 +1,19 @@
+"""What laws leave of the weak equations of motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.weak.equations import WeakEquations
+from linkwise.weak.weak_form import PHI
+
+
+def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
+    """(R, n) N: what the laws with the parameters `values` (p,) leave of the weak equations, NaN for masses without one."""
+    residual = np.full(equations.acceleration.T.shape, np.nan)
+    area = equations.window.kernels[PHI].sum()
+    for patch in equations.patches:
+        total = np.where(patch.valid > 0.0, patch.residual(values) / area, np.nan)
+        residual[:, patch.masses] = total.T
+    return residual
