@@ -1,9 +1,13 @@
-"""How much memory this process may still take: asked before something large is begun."""
+"""What this process may use: memory, processors, and the threads of BLAS."""
 
 from __future__ import annotations
 
 import os
+from contextlib import AbstractContextManager
+from functools import lru_cache
 from pathlib import Path
+
+from threadpoolctl import ThreadpoolController
 
 _MEMINFO = Path("/proc/meminfo")
 _GROUP = Path("/sys/fs/cgroup")  # limits that a container sets (version 2)
@@ -47,3 +51,24 @@ def _installed() -> int:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
     except (AttributeError, ValueError, OSError):
         return _ASSUMED
+
+
+def processors() -> int:
+    """The processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
+    """A block in which BLAS works on the calling thread alone.
+
+    A product that takes microseconds is done before a second thread is awake, and on a busy machine it would wait for that
+    thread's turn: milliseconds.
+    """
+    limited: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    return limited
+
+
+@lru_cache(maxsize=1)
+def _libraries() -> ThreadpoolController:
+    """The BLAS libraries that are loaded; finding them costs milliseconds."""
+    return ThreadpoolController()

@@ -1,36 +1,18 @@
-"""The printed answer: one plain table that tells whether to trust it, readable in a terminal, a log or a doctest."""
+"""Numbers and columns for printing, and the one function by which every result prints itself."""
 
 from __future__ import annotations
 
+from functools import singledispatch
 from math import floor, isfinite, log10
-from textwrap import fill
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from linkwise.estimates.estimate import Estimate
-    from linkwise.estimates.link_estimate import CoefficientEstimate, Derived, LinkEstimate
-
-_MANY = 12  # channels or links that are shown
-_WIDTH = 100  # at which sentences are broken
-_HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 
-def text_table(estimate: Estimate) -> str:
-    """The whole answer as text."""
-    blocks = [_verdict(estimate), _noise(estimate)]
-    unknown = [mass for mass in estimate.masses if not mass.known]
-    if unknown:
-        rows = [_row(mass, mass.name.removesuffix(".mass")) for mass in unknown]
-        blocks.append("\n".join(["masses", *columns([_HEAD, *rows])]))
-    shown = [link for link in estimate.links if link.free]
-    blocks += [_link(link) for link in shown[:_MANY]]
-    if len(shown) > _MANY:
-        blocks.append(f"... and {len(shown) - _MANY} more links; every one stands in the result folder")
-    if estimate.findings:
-        blocks.append(
-            "\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in estimate.findings)
-        )
-    return "\n\n".join(blocks)
+@singledispatch
+def as_text(result: object) -> str:
+    """What `print(result)` shows.
+
+    Each package of results registers the renderer of its own beside them, so that results do not import how they look.
+    """
+    raise TypeError(f"no text is registered for {type(result).__name__}")
 
 
 def number(value: float, error: float | None = None) -> str:
@@ -54,74 +36,6 @@ def error_number(value: float) -> str:
         return f"{value:.1e}"
     last = floor(log10(value)) - 1
     return f"{value:.{-last}f}" if last < 0 else f"{round(value / 10.0**last) * 10.0**last:.0f}"
-
-
-def _verdict(estimate: Estimate) -> str:
-    trust = "can be trusted" if estimate.trusted else "NOT to be trusted"
-    chi = (
-        "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
-    )
-    head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
-    told = f"{estimate.message} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
-    return f"{head}\n{fill(told, _WIDTH)}"
-
-
-def _noise(estimate: Estimate) -> str:
-    found = list(estimate.noise.items())
-    rows = [
-        (
-            name,
-            f"{each.sigma:.3g} {each.unit}",
-            f"{each.snr_db:.1f} dB" if isfinite(each.snr_db) else "no noise",
-        )
-        for name, each in found[:_MANY]
-    ]
-    lines = columns([("noise", "deviation", "signal/noise"), *rows])
-    if len(found) > _MANY:
-        lines.append(f"... and {len(found) - _MANY} more channels")
-    return "\n".join(lines)
-
-
-def _link(link: LinkEstimate) -> str:
-    rows = [_row(each, each.name.rpartition(".")[2]) for each in link.coefficients]
-    rows += [_derived(each, f"well {i}") for i, each in enumerate(link.wells, start=1)]
-    if link.barrier is not None:
-        rows.append(_derived(link.barrier, "barrier"))
-    rows += [_derived(each, f"frequency {i}") for i, each in enumerate(link.frequencies, start=1)]
-    head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
-    seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
-    return "\n".join([head, *columns([_HEAD, *rows]), f"  {seen}"])
-
-
-def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
-    if each.known:
-        return label, number(each.value), "given", "", each.unit
-    if each.standard_error is None:
-        return label, number(each.value), "none", "", each.unit
-    if each.interval is None:
-        return (
-            label,
-            number(each.value, each.standard_error),
-            error_number(each.standard_error),
-            "none",
-            each.unit,
-        )
-    low, high = (number(end, each.standard_error) for end in each.interval)
-    return (
-        label,
-        number(each.value, each.standard_error),
-        error_number(each.standard_error),
-        f"{low} to {high}",
-        each.unit,
-    )
-
-
-def _derived(each: Derived, label: str) -> tuple[str, ...]:
-    if each.interval is None:
-        return label, number(each.value), "", "", each.unit
-    error = 0.25 * (each.interval[1] - each.interval[0])
-    low, high = (number(end, error) for end in each.interval)
-    return label, number(each.value, error), "", f"{low} to {high}", each.unit
 
 
 def columns(rows: list[tuple[str, ...]]) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -19,9 +18,9 @@ from linkwise.absorption.rest_positions import RestingPlaces, resting_places
 from linkwise.absorption.runs import Runs, runs_together
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.runtime import one_blas_thread, processors
 from linkwise.simulation.batch import LANES
 from linkwise.simulation.schedule import Course
-from linkwise.threads import one_blas_thread
 
 Progress = Callable[[float, str], object]
 T = TypeVar("T")
@@ -107,7 +106,7 @@ def survey(
     Trials may share one object for the structure without sinks; it is run once. With `alone` each is run by itself and in the
     precision of `absorb`, so that chaos gives the same motion.
     """
-    workers = workers or os.cpu_count() or 1
+    workers = workers or processors()
     bares, which_bare = _distinct([trial.bare for trial in trials])
     owners = [int(np.argmax(which_bare == number)) for number in range(len(bares))]
     structures, which_structure = _distinct([trial.resting_structure for trial in trials])

@@ -11,7 +11,6 @@ from linkwise.absorption.absorb import answer
 from linkwise.absorption.comparison import Trial
 from linkwise.absorption.ensemble import Progress, Survey, survey
 from linkwise.absorption.harvesters import with_harvesters
-from linkwise.absorption.intervals_text import intervals_text
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE, Absorption
 from linkwise.absorption.variants import Variants
@@ -20,6 +19,7 @@ from linkwise.errors import LinkwiseError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Knowledge
 from linkwise.model.excitation import Excitation
+from linkwise.text import as_text
 
 COVERED = 0.95
 _LIVING = 0.9  # of the draws that must come to their end
@@ -91,7 +91,7 @@ class AbsorptionIntervals:
         }
 
     def __str__(self) -> str:
-        return f"{self.found}\n\n{intervals_text(self)}"
+        return as_text(self)
 
 
 def absorption_intervals(

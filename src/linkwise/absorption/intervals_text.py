@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from linkwise.absorption.intervals import AbsorptionIntervals, Likely
 from linkwise.absorption.sweep_text import value_text
-from linkwise.text import columns
-
-if TYPE_CHECKING:
-    from linkwise.absorption.intervals import AbsorptionIntervals, Likely
+from linkwise.text import as_text, columns
 
 Rows = list[tuple[str, ...]]
 
 
+@as_text.register
 def intervals_text(told: AbsorptionIntervals) -> str:
     """The intervals as text."""
     rows: Rows = [(*row, "") for row in interval_rows(told)]
-    return "\n".join([interval_headline(told), *columns(rows)])
+    intervals = "\n".join([interval_headline(told), *columns(rows)])
+    return f"{told.found}\n\n{intervals}"
 
 
 def interval_headline(told: AbsorptionIntervals) -> str:

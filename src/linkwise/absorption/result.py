@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from linkwise.absorption.sinks import Sink
-from linkwise.absorption.text import text_table
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
+from linkwise.text import as_text
 
 CLOSURE = 1e-6  # of the energy put in: a worse balance is not to be trusted
 
@@ -198,7 +198,7 @@ class Absorption:
         }  # fmt: skip
 
     def __str__(self) -> str:
-        return text_table(self)
+        return as_text(self)
 
 
 def _reduction(with_sinks: float, without: float) -> float | None:

@@ -17,7 +17,6 @@ from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE
 from linkwise.absorption.sinks import find_sinks
-from linkwise.absorption.sweep_text import map_findings, map_text
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
@@ -25,6 +24,7 @@ from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory
 from linkwise.simulation.simulate import Motion
+from linkwise.text import as_text
 
 _RUN_BYTES, _MASS_BYTES = 4000, 1000  # of one run until the last has ended, and of each of its masses
 _GEOMETRIC = 1e-6  # of a ratio: steps that are equal in ratio are drawn on a logarithmic axis
@@ -79,6 +79,16 @@ class AbsorptionMap:
         """Whether the energy balance of every run that came to its end closes."""
         return bool(np.nanmax(self["closure"]) <= CLOSURE)
 
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences on what this map cannot tell."""
+        if self.horizon is None:
+            return ()
+        return (
+            f"In the middle of the grid the motion is chaotic past {self.horizon:.3g} s of {self.duration:g} s: from there on "
+            "each cell is one run of many, and neighbouring cells differ by chance too.",
+        )
+
     def best(self, name: str) -> dict[str, float] | None:
         """The parameters at which a quantity is best, as `Quantity` says; None where it has no value at all."""
         grid = self[name]
@@ -99,7 +109,7 @@ class AbsorptionMap:
             "runs": int(self.alive.size),
             "diverged": int(np.sum(~self.alive)),
             "horizon": self.horizon,
-            "findings": list(map_findings(self)),
+            "findings": list(self.findings),
             "axes": [
                 {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
             ],
@@ -120,7 +130,7 @@ class AbsorptionMap:
         }
 
     def __str__(self) -> str:
-        return map_text(self)
+        return as_text(self)
 
 
 def absorption_map(

@@ -3,38 +3,26 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from linkwise.absorption.quantities import Quantity
+from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.text import percent
-from linkwise.text import columns
-
-if TYPE_CHECKING:
-    from linkwise.absorption.quantities import Quantity
-    from linkwise.absorption.sweep import AbsorptionMap
+from linkwise.text import as_text, columns
 
 Rows = list[tuple[str, ...]]
 
 _WIDTH = 100  # at which sentences are broken
 
 
+@as_text.register
 def map_text(found: AbsorptionMap) -> str:
     """The map in a few lines: what it went over, and where each quantity is best."""
     rows: Rows = [(*row, "") for row in map_rows(found)]
-    told = [fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in map_findings(found)]
+    told = [fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in found.findings]
     headline = fill(" ".join(map_headline(found)), _WIDTH)
     return "\n\n".join([headline, "\n".join(columns(rows)), *told])
-
-
-def map_findings(found: AbsorptionMap) -> tuple[str, ...]:
-    """Sentences on what this map cannot tell."""
-    if found.horizon is None:
-        return ()
-    return (
-        f"In the middle of the grid the motion is chaotic past {found.horizon:.3g} s of {found.duration:g} s: from there on "
-        "each cell is one run of many, and neighbouring cells differ by chance too.",
-    )
 
 
 def map_headline(found: AbsorptionMap) -> tuple[str, ...]:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING
 
-from linkwise.text import columns
-
-if TYPE_CHECKING:
-    from linkwise.absorption.result import Absorption, MassChange, Side, SinkWork
+from linkwise.absorption.result import Absorption, MassChange, Side, SinkWork
+from linkwise.text import as_text, columns
 
 Rows = list[tuple[str, ...]]
 
@@ -16,6 +13,7 @@ _MANY = 12  # masses, links or sinks that are printed
 _WIDTH = 100  # at which sentences are broken
 
 
+@as_text.register
 def text_table(found: Absorption) -> str:
     """The whole answer as text."""
     blocks = ["\n".join(fill(line, _WIDTH) for line in headline(found))]

@@ -32,8 +32,8 @@ from linkwise.model.structure import Structure
 from linkwise.model.toml_file import Known
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
 from linkwise.signals.channel_noise import channel_noise
-from linkwise.threads import one_blas_thread
 from linkwise.units import to_si
 from linkwise.weak.displacements import SeenMotion, read_motion
 from linkwise.weak.estimate import weak_search

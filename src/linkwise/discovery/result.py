@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from linkwise.discovery.text import text_table
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
+from linkwise.text import as_text
 
 CERTAIN = 10.0  # on the criterion: the odds are exp(5) to 1 and better, "very strong" (Kass and Raftery 1995)
 
@@ -131,7 +131,7 @@ class Discovery:
         )
 
     def __str__(self) -> str:
-        return text_table(self, CERTAIN)
+        return as_text(self)
 
     def to_dict(self) -> dict[str, Any]:
         """What result.json holds: that of the estimate, and the evidence."""

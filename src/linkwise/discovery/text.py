@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from math import inf, isfinite
 from textwrap import fill
-from typing import TYPE_CHECKING
 
-from linkwise.text import columns, error_number, number
-
-if TYPE_CHECKING:
-    from linkwise.discovery.result import Discovery, TermEvidence
-    from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
+from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
+from linkwise.text import as_text, columns, error_number, number
 
 Rows = list[tuple[str, ...]]
 
@@ -24,8 +21,9 @@ DOUBT_HEAD = ("", "term", "now", "z", "margin", "would be")
 NEXT_HEAD = ("model", "criterion above the chosen one")
 
 
-def text_table(found: Discovery, certain: float) -> str:
-    """The whole answer as text; `certain` is the margin beyond which a decision is."""
+@as_text.register
+def text_table(found: Discovery) -> str:
+    """The whole answer as text."""
     head, *told = headline(found)
     blocks = ["\n".join([head, *(fill(line, _WIDTH) for line in told)])]
     links = by_certainty(found)
@@ -39,11 +37,11 @@ def text_table(found: Discovery, certain: float) -> str:
             f"... and {len(links) - _LINKS} less certain links; every one stands in the result folder"
         )
     blocks.append("\n".join(lines))
-    doubted = doubt_rows(found, certain)
+    doubted = doubt_rows(found, CERTAIN)
     if len(doubted) > 1:
         more = len(doubted) - 1 - _DOUBTS
         tail = [f"  ... and {more} more"] if more > 0 else []
-        blocks.append("\n".join([doubt_title(found, certain), *columns(doubted[: _DOUBTS + 1]), *tail]))
+        blocks.append("\n".join([doubt_title(found, CERTAIN), *columns(doubted[: _DOUBTS + 1]), *tail]))
     if found.runners_up:
         blocks.append("\n".join(["the next best models", *columns(next_rows(found)[: _NEXT + 1])]))
     remarks = all_remarks(found)

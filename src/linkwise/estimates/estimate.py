@@ -20,7 +20,7 @@ from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.text import text_table
+from linkwise.text import as_text
 
 CONVERGED = "converged"
 NOT_CONVERGED = "not converged"
@@ -161,7 +161,7 @@ class Estimate:
         }
 
     def __str__(self) -> str:
-        return text_table(self)
+        return as_text(self)
 
     @cached_property
     def _coefficients(self) -> dict[str, CoefficientEstimate]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -21,7 +20,7 @@ from linkwise.likelihood.starts.states import nodes, start_states
 from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.threads import one_blas_thread
+from linkwise.runtime import one_blas_thread, processors
 
 _NEAR = Schedule(loose=0.1, fast=0.01, trust=10.0)  # from a start with known deviations: the weak fit's
 _WARM = Schedule(loose=0.01, fast=0.003, trust=10.0)  # from the states of a fit to nearly the same laws
@@ -85,8 +84,7 @@ class Options:
 
 
 def _workers() -> int:
-    free = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
-    return min(len(free), _MOST_WORKERS)
+    return min(processors(), _MOST_WORKERS)
 
 
 def likelihood_fit(

@@ -18,7 +18,7 @@ from linkwise.likelihood.flow import Inputs, Orbit, Pushes
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import evaluate, linearise
 from linkwise.model.law import VARIABLES, Law
-from linkwise.threads import one_blas_thread
+from linkwise.runtime import one_blas_thread
 
 _AT_ONCE = 6_000_000  # numbers in the forces of one batch
 

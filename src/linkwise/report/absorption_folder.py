@@ -13,7 +13,7 @@ from linkwise.absorption.intervals import AbsorptionIntervals
 from linkwise.absorption.intervals_text import interval_headline, interval_rows
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep import AbsorptionMap
-from linkwise.absorption.sweep_text import map_findings, map_headline, map_rows
+from linkwise.absorption.sweep_text import map_headline, map_rows
 from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION, to_json, whole_folder
@@ -90,7 +90,7 @@ def write_absorption_map(
             sections=[Section("Map", "", map_rows(found), embedded(partial / "map.svg"))],
             structure=structure,
             version=version("linkwise"),
-            findings=map_findings(found),
+            findings=found.findings,
         )
         (partial / "report.html").write_text(page, encoding="utf-8")
         _finish(partial, absorption_of(found))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 from linkwise.errors import StudyError
+from linkwise.runtime import processors
 from linkwise.study.definition import Study
 from linkwise.study.executor import Crew, Processes
 from linkwise.study.export import export_study
@@ -66,8 +66,3 @@ def _crew(workers: int | None, scheduler: str | None) -> Crew:
         ) from error
     crew: Crew = cluster.Cluster(scheduler)
     return crew
-
-
-def processors() -> int:
-    """The processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

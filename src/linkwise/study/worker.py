@@ -14,11 +14,11 @@ from time import perf_counter
 
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
 from linkwise.study.definition import Study
 from linkwise.study.method import Answer
 from linkwise.study.row import FAILED, FAULT, Case, Row
 from linkwise.study.toml_file import build_study
-from linkwise.threads import one_blas_thread
 
 _RECORDS = 64  # clean records that a worker keeps
 _ALONE = (

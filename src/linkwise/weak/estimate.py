@@ -14,7 +14,7 @@ from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.threads import one_blas_thread
+from linkwise.runtime import one_blas_thread
 from linkwise.weak.displacements import SeenMotion, differences, read_motion
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit

@@ -17,11 +17,11 @@ from scipy.linalg import cho_solve
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.runtime import one_blas_thread
 from linkwise.sindy.regression.cholesky import cholesky
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.regressor import Candidate, Regressor
 from linkwise.sindy.regression.selection import best, candidate
-from linkwise.threads import one_blas_thread
 
 _SMALLEST = 1e-9  # penalty, in shares of the largest, at which the path ends
 _STEPS_PER_COLUMN = 8

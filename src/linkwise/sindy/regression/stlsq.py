@@ -10,10 +10,10 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
+from linkwise.runtime import one_blas_thread
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.regressor import Candidate, Regressor
 from linkwise.sindy.regression.selection import EXACT, best, candidate
-from linkwise.threads import one_blas_thread
 
 _PASSES = 50  # supports only shrink; a loop this long means nothing is left to drop one by one
 _FEW, _FEWER = 64, 16  # terms from which the path goes down more gently, and one by one
