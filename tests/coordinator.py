@@ -21,7 +21,7 @@ AT_START = (
 
 def start(study: Path, folder: Path) -> subprocess.Popen[str]:
     """A coordinator with two workers, in a process of its own."""
-    command = [sys.executable, "-m", "linkwise.cli", "study", str(study), "--workers", "2", "-o", str(folder)]
+    command = [sys.executable, "-m", "linkwise", "study", str(study), "--workers", "2", "-o", str(folder)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 

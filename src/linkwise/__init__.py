@@ -6,9 +6,7 @@ what it touches.
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -247,23 +245,6 @@ _HOMES = {
     "analysis.wells": ("barrier", "wells"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
-
-
-class _Package(ModuleType):
-    """The type of this package.
-
-    Some modules bear the name of their one function (`simulate`, `identify`). The import system binds a
-    loaded submodule to its package under that name; here the function is bound instead, whoever imported
-    the module and in whatever order.
-    """
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if _HOME.get(name) == name and isinstance(value, ModuleType):
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> object:
