@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from test_discovery_quadratic import Regression
+from regressions import Regression
 
 from linkwise.discovery.criterion import Price
 from linkwise.discovery.quadratic_model import Quadratic

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
+from regressions import Regression
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates
@@ -14,38 +13,6 @@ from linkwise.discovery.quadratic_model import Quadratic
 from linkwise.discovery.terms import parse_terms
 
 SAME = 1e-8  # the same sums in another order
-
-
-@dataclass(frozen=True, eq=False)
-class Regression:
-    """y (N,) = columns (N, p) c + noise of deviation 1."""
-
-    columns: np.ndarray
-    y: np.ndarray
-
-    @classmethod
-    def drawn(cls, seed: int, size: int = 7, samples: int = 60) -> Regression:
-        """Columns of sizes over six decades that lean on each other."""
-        random = np.random.default_rng(seed)
-        columns = random.normal(size=(samples, size)) @ (
-            np.eye(size) + 0.4 * random.normal(size=(size, size))
-        )
-        true = random.normal(size=size)
-        y = columns @ true + random.normal(size=samples)
-        return cls(columns * 10.0 ** random.uniform(-3.0, 3.0, size), y)
-
-    @property
-    def quadratic(self) -> Quadratic:
-        names = tuple(f"c{number}" for number in range(self.columns.shape[1]))
-        return Quadratic(names, self.columns.T @ self.columns, self.columns.T @ self.y)
-
-    def least_squares(self, chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
-        """Values, z, and the squares that are left less those of y itself."""
-        part = self.columns[:, chosen]
-        values, *_ = np.linalg.lstsq(part, self.y)
-        deviation = np.sqrt(np.linalg.inv(part.T @ part).diagonal())
-        left = self.y - part @ values
-        return values, values / deviation, float(left @ left - self.y @ self.y)
 
 
 CHOICES = [[0], [2, 5], [0, 1, 3, 6], [0, 1, 2, 3, 4, 5, 6]]

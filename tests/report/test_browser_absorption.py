@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from test_browser import CHROMIUM, show
+from browser import CHROMIUM, show
 
 import linkwise as lw
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from problems import THREE, truth
 
 import linkwise as lw
 from linkwise.likelihood.flow import Inputs, flow, tangents
@@ -16,37 +17,6 @@ from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
-THREE = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[mass]]
-name = "m2"
-mass = 0.01
-[[mass]]
-name = "m3"
-mass = 0.02
-[[link]]
-name = "spring"
-between = ["m1", "base"]
-law = "k*d + c*v"
-coefficients = { k = 30000.0, c = 1.0 }
-[[link]]
-name = "nes1"
-between = ["m2", "m1"]
-law = "alpha*d + beta*d**3 + c*v"
-coefficients = { alpha = -100.0, beta = 1e6, c = 0.02 }
-[[link]]
-name = "friction"
-between = ["m3", "m1"]
-law = "F*tanh(v/s)"
-coefficients = { F = 1.0, s = 0.5 }
-[[link]]
-name = "nes2"
-between = ["m3", "m2"]
-law = "alpha*d + beta*d**3 + c*v"
-coefficients = { alpha = "=nes1.alpha", beta = 8e5, c = 0.03 }
-"""
 
 
 @pytest.fixture(scope="module")
@@ -58,19 +28,6 @@ def three() -> lw.Structure:
 @pytest.fixture(scope="module")
 def asked(three) -> lw.Structure:
     return three.unknown("all", "mass:m2", "mass:m3")
-
-
-def truth(structure: lw.Structure, asked: lw.Structure) -> np.ndarray:
-    """(p,) what the unknowns of `asked` are in `structure`."""
-    masses = dict(zip(structure.mass_names, structure.mass_values, strict=True))
-    return np.array(
-        [
-            masses[p.name.removesuffix(".mass")]
-            if p.name.endswith(".mass")
-            else structure.coefficient(p.name).value
-            for p in asked.parameters
-        ]
-    )
 
 
 def driven(structure: lw.Structure, sensors=("x", "v", "a"), duration: float = 0.4) -> lw.Record:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from test_likelihood_flow import THREE
+from problems import THREE
 
 import linkwise as lw
 from linkwise.likelihood import score_test as module

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_likelihood_flow import THREE, truth
+from problems import THREE, truth
 
 import linkwise as lw
 from linkwise.likelihood import segments as module

@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from test_engine import oscillator
+from problems import oscillator
 
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain

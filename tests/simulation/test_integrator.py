@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from problems import oscillator
 from scipy.integrate import solve_ivp
 
 from linkwise.errors import SimulationError
@@ -18,13 +19,6 @@ from linkwise.simulation.link_forces import Forces
 from linkwise.simulation.run import Manner, travel
 from linkwise.simulation.schedule import Course
 from linkwise.simulation.simulate import simulate
-
-
-def oscillator(law, *, mass=1.0, to="ground", **values):
-    """One mass on one link."""
-    coefficients = {name: Coefficient.number(value) for name, value in values.items()}
-    link = Link("link", ("m1", to), Law.parse(law), coefficients)
-    return Structure("oscillator", (Mass("m1", Coefficient.number(mass)),), (link,))
 
 
 def by_scipy(structure, excitation, times, method="DOP853"):

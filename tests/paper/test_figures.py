@@ -13,11 +13,12 @@ from matplotlib.figure import Figure
 from paper_rows import BEST, paper_rows, paper_study
 
 import linkwise as lw
+from linkwise.paper import figures_2_to_5
 from linkwise.paper.figures_6_7 import figure_6, figure_7
 from linkwise.paper.figures_8_9 import figure_8, figure_9
 from linkwise.paper.published import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2
 from linkwise.paper.subset import PaperStudy
-from linkwise.plot import paper_motion, save
+from linkwise.plot import save
 from linkwise.plot.study_accuracy import accuracy_figure
 from linkwise.plot.study_responses import responses_figure
 from linkwise.report.study_page import Told
@@ -55,7 +56,7 @@ def worst_departure(figure: Figure, file: Path) -> float:
     return worst
 
 
-@pytest.mark.parametrize(("masses", "figure"), [(2, paper_motion.figure_2), (8, paper_motion.figure_4)])
+@pytest.mark.parametrize(("masses", "figure"), [(2, figures_2_to_5.figure_2), (8, figures_2_to_5.figure_4)])
 def test_every_curve_is_the_reference_for_as_long_as_it_can_be_told(masses, figure, shared_reference):
     """1e-6 is what double precision has departed by at the end of the files."""
     assert worst_departure(figure(), shared_reference / f"bnes_{masses}.csv") < 1e-6
@@ -68,7 +69,7 @@ def test_the_reference_would_tell_another_curve(shared_reference):
 
 
 def test_past_the_horizon_a_curve_is_marked_as_one_of_many():
-    figure = paper_motion.figure_4()
+    figure = figures_2_to_5.figure_4()
     horizon = lw.simulate(
         lw.bnes_chain(8), release={"v:m1": 3.0}, duration=6.0, rate=1000.0
     ).simulated.horizon
@@ -82,14 +83,14 @@ def test_past_the_horizon_a_curve_is_marked_as_one_of_many():
 
 
 def test_a_predictable_chain_is_not_marked():
-    figure = paper_motion.figure_2()
+    figure = figures_2_to_5.figure_2()
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["a  primary mass m1", "b  sink m2"]
     assert figure.get_suptitle() == "" and figure.legends == []
 
 
 def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it():
     """Neighbours start 1e-12 apart, a thousand times more than rounding, so they part a little earlier."""
-    motion = paper_motion.chain_motion(8)
+    motion = figures_2_to_5.chain_motion(8)
     spread = (motion.greatest - motion.least).max(axis=1) / np.abs(motion.record.values).max()
     time = motion.record.time
     assert spread[time < 0.5 * motion.horizon].max() < 1e-3
@@ -98,7 +99,8 @@ def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it():
 
 
 @pytest.mark.parametrize(
-    ("figure", "masses"), [(paper_motion.figure_3, ["m1"]), (paper_motion.figure_5, ["m1", "m3", "m5", "m7"])]
+    ("figure", "masses"),
+    [(figures_2_to_5.figure_3, ["m1"]), (figures_2_to_5.figure_5, ["m1", "m3", "m5", "m7"])],
 )
 def test_primary_masses_are_shown_with_and_without_sinks(figure, masses):
     panels = titled(figure())
@@ -111,19 +113,19 @@ def test_primary_masses_are_shown_with_and_without_sinks(figure, masses):
 
 def test_the_bare_primary_mass_decays_as_a_linear_oscillator():
     """Fig. 3: x = v0/w exp(-ct/2m) sin(wt), w^2 = k/m - (c/2m)^2."""
-    time, bare = curve(paper_motion.figure_3().axes[0], "without sinks")
+    time, bare = curve(figures_2_to_5.figure_3().axes[0], "without sinks")
     w = np.sqrt(30000.0 - 0.25)
     np.testing.assert_allclose(bare, np.exp(-0.5 * time) * np.sin(w * time) / w, atol=1e-12)
 
 
 def test_figures_are_written_as_png_and_svg(tmp_path: Path):
-    png, svg = save(paper_motion.figure_3(), tmp_path / "figure_3")
+    png, svg = save(figures_2_to_5.figure_3(), tmp_path / "figure_3")
     assert png.read_bytes()[:4] == b"\x89PNG" and "<svg" in svg.read_text()
     assert svg.stat().st_size < 500_000
 
 
 def test_the_printed_numbers_are_those_of_the_paper():
-    paper = Path(__file__).resolve().parents[2] / "shared" / "paper.md"
+    paper = Path(__file__).resolve().parents[3] / "shared" / "paper.md"
     if not paper.is_file():
         pytest.skip("no ../shared/paper.md beside the checkout")
     text = paper.read_text()

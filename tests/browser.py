@@ -1,0 +1,73 @@
+"""Pages in a real browser that has no network."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.image import imread
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+OPTIONS = [
+    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"),
+    *(
+        "--disable-component-update",
+        "--disable-sync",
+        "--hide-scrollbars",
+        "--enable-logging=stderr",
+        "--v=0",
+    ),
+    *("--host-resolver-rules=MAP * ~NOTFOUND", "--window-size=1000,2500", "--virtual-time-budget=20000"),
+]
+# What the page is allowed, put into a copy: all that it carries in itself. Asking for anything else is a word on the console,
+# which a file or a host that cannot be had is not.
+PROBE = """<script>addEventListener("load", () => {
+  for (const image of document.images) image.dataset.width = image.naturalWidth;
+})</script>"""
+ALLOWED = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A page after its scripts ran: the document, what stood on the console, how many colours a part of the window shows."""
+
+    document: str
+    console: tuple[str, ...]
+    shades: int
+
+    @property
+    def pictures(self) -> dict[str, int]:
+        """Width in pixels of every image by what it is said to show; 0 where it is broken."""
+        without = re.sub(r'src="[^"]*"', "", self.document)
+        return {
+            name: int(width) for name, width in re.findall(r'<img +alt="([^"]*)" data-width="(\d+)"', without)
+        }
+
+    @property
+    def body(self) -> str:
+        """What the reader sees of the document, as markup."""
+        return re.sub(r"<script.*?</script>", "", self.document.partition("<body")[2], flags=re.DOTALL)
+
+
+def show(page: Path, scratch: Path) -> Shown:
+    """Open a copy of `page` in a fresh profile below `scratch`, without any network."""
+    picture, copy = scratch / "window.png", scratch / "copy.html"
+    policy = f'<head><meta http-equiv="Content-Security-Policy" content="{ALLOWED}">{PROBE}'
+    markup = page.read_text(encoding="utf-8")
+    assert "<head>" in markup
+    copy.write_text(markup.replace("<head>", policy, 1), encoding="utf-8")
+    run = subprocess.run(
+        [
+            *(str(CHROMIUM), *OPTIONS, f"--user-data-dir={scratch / 'profile'}"),
+            *(f"--screenshot={picture}", "--dump-dom", copy.absolute().as_uri()),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    console = re.findall(r":CONSOLE[:(]\d+\)?\] (.*)", run.stderr)
+    return Shown(run.stdout, tuple(console), len({tuple(row) for row in imread(picture).reshape(-1, 4)[::7]}))
