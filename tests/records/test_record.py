@@ -11,7 +11,7 @@ from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 from linkwise.records.decimation import ATTENUATION, PASSBAND, lowpass
 from linkwise.records.record import Record
-from linkwise.records.truth import EnergyBalance, Settled, Simulated
+from linkwise.records.truth import EnergyBalance, Settled, SimulationTruth
 
 N = 400
 RATE = 1000.0
@@ -35,7 +35,7 @@ def record(wave):
 
 def truth(n):
     ramp = np.arange(float(n))
-    return Simulated(
+    return SimulationTruth(
         structure=SimpleNamespace(name="any"),
         displacement=np.column_stack([ramp, -ramp]),
         velocity=np.column_stack([2.0 * ramp, ramp]),

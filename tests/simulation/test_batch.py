@@ -9,47 +9,49 @@ import linkwise as lw
 from linkwise.absorption.crossings import crossings, distinct
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
-from linkwise.simulation.batch import LANES, can_fly, fly
-from linkwise.simulation.schedule import Course
-from linkwise.simulation.simulate import Motion
+from linkwise.simulation.batch import LANES, can_batch, run_batch
+from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.simulate import SimulatedMotion
 
 TIMES = np.arange(501) / 1000.0
 RELEASE = Excitation.of(release={"v:m1": 1.0})
 TOPS = [np.zeros((LANES, 0)), np.zeros((LANES, 1))]
 
 
-def courses(betas: list[float], excitation: Excitation = RELEASE) -> list[Course]:
-    return [Course(lw.bnes_chain(2, beta=beta), excitation, TIMES) for beta in betas]
+def schedules(betas: list[float], excitation: Excitation = RELEASE) -> list[RunSchedule]:
+    return [RunSchedule(lw.bnes_chain(2, beta=beta), excitation, TIMES) for beta in betas]
 
 
 def tops(runs: int) -> list[np.ndarray]:
     return [each[:runs] for each in TOPS]
 
 
-def agree(flock: object, run: int, course: Course) -> None:
+def agree(batch: object, run: int, schedule: RunSchedule) -> None:
     """Double precision throughout against the first steps in 80 bits: same numerics, before chaos multiplies it."""
-    motion = Motion.of(course)
+    motion = SimulatedMotion.of(schedule)
     energy, size = motion.energy, np.abs(motion.displacement).max()
-    np.testing.assert_allclose(flock.x[..., run], motion.displacement, rtol=0.0, atol=1e-8 * size)
+    np.testing.assert_allclose(batch.x[..., run], motion.displacement, rtol=0.0, atol=1e-8 * size)
     np.testing.assert_allclose(
-        flock.v[..., run], motion.velocity, rtol=0.0, atol=1e-8 * np.abs(motion.velocity).max()
+        batch.v[..., run], motion.velocity, rtol=0.0, atol=1e-8 * np.abs(motion.velocity).max()
     )
     put_in = energy.put_in - energy.put_in[0]  # released with energy that no work was done for
     scale = np.abs(energy.put_in).max()
-    np.testing.assert_allclose(flock.heat[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
-    np.testing.assert_allclose(flock.work[:, run], put_in, rtol=0.0, atol=1e-8 * scale)
-    found = distinct(flock.passages[run][1], 0.5)
-    np.testing.assert_allclose(found, crossings(course, motion.run, [np.empty(0), np.zeros(1)])[1], atol=1e-8)
+    np.testing.assert_allclose(batch.heat[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
+    np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * scale)
+    found = distinct(batch.passages[run][1], 0.5)
+    np.testing.assert_allclose(
+        found, crossings(schedule, motion.run, [np.empty(0), np.zeros(1)])[1], atol=1e-8
+    )
     assert len(found) > 3  # or the line above would compare nothing
 
 
 @pytest.mark.parametrize("betas", [[1e6, 3e5, 5e5, 2e6], [8e5]])
 def test_free_decays(betas: list[float]) -> None:
-    fleet = courses(betas)
-    flock = fly(fleet, tops(len(betas)))
-    assert flock.alive.all()
-    for run, course in enumerate(fleet):
-        agree(flock, run, course)
+    fleet = schedules(betas)
+    batch = run_batch(fleet, tops(len(betas)))
+    assert batch.alive.all()
+    for run, schedule in enumerate(fleet):
+        agree(batch, run, schedule)
 
 
 def test_blows_samples_and_functions_of_time_do_work() -> None:
@@ -58,13 +60,13 @@ def test_blows_samples_and_functions_of_time_do_work() -> None:
         forces={"m1": samples, "m2": "0.1*sin(30*t)"},
         impulses=(lw.Impulse("m1", 0.5, 0.25), lw.Impulse("m2", 0.01, 0.2555), lw.Impulse("m1", 0.3, 0.0)),
     )
-    fleet = courses([1e6, 7e5], excitation)
-    flock = fly(fleet, tops(2))
-    for run, course in enumerate(fleet):
-        motion = Motion.of(course)
+    fleet = schedules([1e6, 7e5], excitation)
+    batch = run_batch(fleet, tops(2))
+    for run, schedule in enumerate(fleet):
+        motion = SimulatedMotion.of(schedule)
         put_in = motion.energy.put_in
-        np.testing.assert_allclose(flock.work[:, run], put_in, rtol=0.0, atol=1e-8 * put_in.max())
-        apart = np.abs(flock.x[..., run] - motion.displacement).max()
+        np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * put_in.max())
+        apart = np.abs(batch.x[..., run] - motion.displacement).max()
         assert apart < 1e-8 * np.abs(motion.displacement).max()
 
 
@@ -77,23 +79,23 @@ def test_a_moving_base_does_work() -> None:
     held = Structure(
         "held", (Mass("m1", Coefficient.number(1.0)), Mass("m2", Coefficient.number(0.02))), links
     )
-    course = Course(held, Excitation.of(base="0.02*sin(28*t)"), TIMES)
-    flock = fly([course], tops(1))
-    agree(flock, 0, course)
+    schedule = RunSchedule(held, Excitation.of(base="0.02*sin(28*t)"), TIMES)
+    batch = run_batch([schedule], tops(1))
+    agree(batch, 0, schedule)
 
 
 def test_a_lane_that_diverges_leaves_the_others_alone() -> None:
-    fleet = courses([1e6, -1e6, 7e5, -2e6])
-    flock = fly(fleet, tops(4))
-    assert flock.alive.tolist() == [True, False, True, False]
-    assert np.isnan(flock.x[..., 1]).all() and not len(flock.passages[1][1])
+    fleet = schedules([1e6, -1e6, 7e5, -2e6])
+    batch = run_batch(fleet, tops(4))
+    assert batch.alive.tolist() == [True, False, True, False]
+    assert np.isnan(batch.x[..., 1]).all() and not len(batch.passages[1][1])
     for run in (0, 2):
-        agree(flock, run, fleet[run])
-    assert not fly(courses([-1e6, -1e6]), tops(2)).alive.any()
+        agree(batch, run, fleet[run])
+    assert not run_batch(schedules([-1e6, -1e6]), tops(2)).alive.any()
 
 
 def test_only_smooth_laws_can_fly() -> None:
     links = (Link("a", ("m1", "ground"), lw.Law.parse("k*d + F*sign(v)"),
                   {"k": Coefficient.number(9.0), "F": Coefficient.number(1.0)}),)  # fmt: skip
     rubbing = Structure("rubbing", (Mass("m1", Coefficient.number(1.0)),), links)
-    assert not can_fly(Course(rubbing, RELEASE, TIMES)) and can_fly(courses([1e6])[0])
+    assert not can_batch(RunSchedule(rubbing, RELEASE, TIMES)) and can_batch(schedules([1e6])[0])

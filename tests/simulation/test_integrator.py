@@ -15,21 +15,21 @@ from linkwise.model.excitation import Excitation, Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.simulation import integrator as engine
-from linkwise.simulation.link_forces import Forces
-from linkwise.simulation.run import Manner, travel
-from linkwise.simulation.schedule import Course
+from linkwise.simulation.link_forces import LinkForces
+from linkwise.simulation.run import RunOptions, integrate
+from linkwise.simulation.schedule import RunSchedule
 from linkwise.simulation.simulate import simulate
 
 
 def by_scipy(structure, excitation, times, method="DOP853"):
     """(N, 2n) states from the laws as NumPy evaluates them."""
-    forces, n = Forces(structure, excitation), structure.size
+    forces, n = LinkForces(structure, excitation), structure.size
 
     def slope(t, state):
         x, v = state[None, :n], state[None, n:]
         return np.concatenate([v[0], forces.accelerations(np.array([t]), x, v)[0]])
 
-    start = Course(structure, excitation, times).start
+    start = RunSchedule(structure, excitation, times).start
     answer = solve_ivp(slope, (0.0, times[-1]), start, method, times, rtol=1e-11, atol=1e-13, max_step=0.02)
     return answer.y.T
 
@@ -137,13 +137,15 @@ def test_each_thread_has_its_own_integrator():
 
 
 def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it():
-    course = Course(bnes_chain(10), Excitation.of({"v:m1": 3.0}), np.arange(6001) / 1000.0)
+    schedule = RunSchedule(bnes_chain(10), Excitation.of({"v:m1": 3.0}), np.arange(6001) / 1000.0)
     coarse, fine = [], []
-    run = travel(course, course.times, lambda first, states: coarse.append(states.copy()))
-    more = np.sort(np.append(course.times, np.random.default_rng(0).uniform(0.0, 6.0, 20000)))
-    again = travel(course, more, lambda first, states: fine.append(states.copy()), Manner(repeated=run))
+    run = integrate(schedule, schedule.times, lambda first, states: coarse.append(states.copy()))
+    more = np.sort(np.append(schedule.times, np.random.default_rng(0).uniform(0.0, 6.0, 20000)))
+    again = integrate(
+        schedule, more, lambda first, states: fine.append(states.copy()), RunOptions(repeated=run)
+    )
     assert again.steps == run.steps and run.waypoints
-    same = np.isin(more, course.times)
+    same = np.isin(more, schedule.times)
     assert np.array_equal(np.concatenate(fine)[same], np.concatenate(coarse))  # 6 s: chaos would show one bit
 
 

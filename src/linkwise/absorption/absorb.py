@@ -18,8 +18,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
-from linkwise.simulation.schedule import Course
-from linkwise.simulation.simulate import Drives, Motion
+from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.simulate import ExcitationKeywords, SimulatedMotion
 
 Passages = tuple[Floats, ...]
 
@@ -34,7 +34,7 @@ def absorb(
     settle: float = 0.05,
     harvesters: Mapping[str, float] | None = None,
     progress: Callable[[float, str], object] = lambda fraction, now: None,
-    **excitation: Unpack[Drives],
+    **excitation: Unpack[ExcitationKeywords],
 ) -> Absorption:
     """What the sinks of a structure do for `duration` in s, against the same structure without them.
 
@@ -55,9 +55,9 @@ def answer(trial: Trial, progress: Callable[[float, str], object] = lambda fract
     """`absorb` for a question that stands."""
     progress(0.0, "with sinks")
     potentials = Potentials.of([trial.structure])
-    one, vibration, passages = _side(trial, trial.course, potentials)
+    one, vibration, passages = _side(trial, trial.schedule, potentials)
     progress(0.5, "without sinks")
-    other, bare, _ = _side(trial, trial.bare_course, Potentials.of([trial.bare.structure]))
+    other, bare, _ = _side(trial, trial.bare_schedule, Potentials.of([trial.bare.structure]))
     level = trial.settle * bare.peak
     if not np.any(bare.runs.v):
         raise SimulationError(
@@ -82,16 +82,16 @@ def answer(trial: Trial, progress: Callable[[float, str], object] = lambda fract
     )
 
 
-def _side(trial: Trial, course: Course, potentials: Potentials) -> tuple[Side, Vibration, Passages]:
+def _side(trial: Trial, schedule: RunSchedule, potentials: Potentials) -> tuple[Side, Vibration, Passages]:
     """One of the two runs."""
-    motion = Motion.of(course)
+    motion = SimulatedMotion.of(schedule)
     runs = runs_of(motion, potentials.tops(0))
-    columns = [course.structure.mass_names.index(name) for name in trial.primaries]
+    columns = [schedule.structure.mass_names.index(name) for name in trial.primaries]
     vibration = Vibration(runs, columns, resting_places([trial.resting_structure], trial.primaries))
-    base = course.excitation.base
-    where = None if base is None else base.value(course.times)
+    base = schedule.excitation.base
+    where = None if base is None else base.value(schedule.times)
     side = Side(
-        structure=course.structure,
+        structure=schedule.structure,
         x=motion.displacement,
         v=motion.velocity,
         envelope=vibration.decay.envelope[..., 0],

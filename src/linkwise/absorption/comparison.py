@@ -16,7 +16,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
-from linkwise.simulation.schedule import Course
+from linkwise.simulation.schedule import RunSchedule
 from linkwise.simulation.simulate import check_excitation, output_times
 
 _PER_PERIOD = 20  # samples of the fastest mode, without a rate: cubics between them are right to 3e-5
@@ -77,14 +77,14 @@ class Trial:
         return replace(self, structure=structure, excitation=excitation, bare=other)
 
     @property
-    def course(self) -> Course:
+    def schedule(self) -> RunSchedule:
         """The run with sinks."""
-        return Course(self.structure, self.excitation, self.times)
+        return RunSchedule(self.structure, self.excitation, self.times)
 
     @property
-    def bare_course(self) -> Course:
+    def bare_schedule(self) -> RunSchedule:
         """The run without them."""
-        return Course(self.bare.structure, self.bare.excitation, self.times)
+        return RunSchedule(self.bare.structure, self.bare.excitation, self.times)
 
     @cached_property
     def primaries(self) -> tuple[str, ...]:

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.simulation.run import Manner, Travelled, travel
-from linkwise.simulation.schedule import Course
+from linkwise.simulation.run import RunLog, RunOptions, integrate
+from linkwise.simulation.schedule import RunSchedule
 
 _NEWTON = 5  # runs after the cubic at most; two make its error of 1e-6 of a step one of rounding
 _AGREED = 1e-6  # of a step: the last move of a root that was found
@@ -20,34 +20,34 @@ _TREMBLE = 1e-9  # of the farthest from a top: a link that near has not begun to
 _SAME = 1e-9  # of the run: passages closer than that are one, and one so close to the start is the start
 
 
-def crossings(course: Course, run: Travelled, tops: Sequence[Floats]) -> tuple[Floats, ...]:
-    """Times in s at which each link passes one of its `tops`, (K,) m a link, on the course that went as `run`.
+def crossings(schedule: RunSchedule, run: RunLog, tops: Sequence[Floats]) -> tuple[Floats, ...]:
+    """Times in s at which each link passes one of its `tops`, (K,) m a link, on the schedule that went as `run`.
 
     A link that starts on a top does not pass it by leaving it.
     """
     if not any(len(each) for each in tops):
         return tuple(np.empty(0) for _ in tops)
     steps: list[float] = []
-    travel(course, course.times[-1:], lambda first, states: None, Manner(repeated=run, log=steps))
-    edges = np.unique(np.concatenate([[0.0], course.stops, steps]))
-    edges = edges[np.append(np.diff(edges) > _SAME * 1e-3 * course.end, True)]
-    d, rate = _motion(course, run, edges)
+    integrate(schedule, schedule.times[-1:], lambda first, states: None, RunOptions(repeated=run, log=steps))
+    edges = np.unique(np.concatenate([[0.0], schedule.stops, steps]))
+    edges = edges[np.append(np.diff(edges) > _SAME * 1e-3 * schedule.end, True)]
+    d, rate = _motion(schedule, run, edges)
     links, levels, times = _guesses(edges, d, rate, tops)
     order = np.argsort(times, kind="stable")
     links, levels, times = links[order], levels[order], times[order]
-    step = course.end / max(run.steps, 1)
+    step = schedule.end / max(run.steps, 1)
     move = np.full(len(times), np.inf)
     for _ in range(_NEWTON):
         if not np.any(np.abs(move) > _AGREED * step):
             break
         unique, back = np.unique(times, return_inverse=True)
-        d, rate = _motion(course, run, unique)
+        d, rate = _motion(schedule, run, unique)
         with np.errstate(all="ignore"):
             move = (d[back, links] - levels) / rate[back, links]
-        times = np.clip(np.where(np.abs(move) < step, times - move, times), 0.0, course.end)
+        times = np.clip(np.where(np.abs(move) < step, times - move, times), 0.0, schedule.end)
     passed = np.abs(move) <= _AGREED * step  # a cubic may bend where a motion that sets in gently does not
     links, times = links[passed], times[passed]
-    return tuple(distinct(times[links == number], course.end) for number in range(len(tops)))
+    return tuple(distinct(times[links == number], schedule.end) for number in range(len(tops)))
 
 
 def begun(times: Floats, time: Floats, d: Floats, tops: Floats) -> Floats:
@@ -71,18 +71,18 @@ def distinct(times: Floats, end: float) -> Floats:
     return apart
 
 
-def _motion(course: Course, run: Travelled, times: Floats) -> tuple[Floats, Floats]:
+def _motion(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Floats, Floats]:
     """(M, L) elongations and rates of all links at `times`."""
-    size, base = course.structure.size, course.excitation.base
+    size, base = schedule.structure.size, schedule.excitation.base
     states = np.empty((len(times), 2 * size))
 
     def receive(first: int, block: Floats) -> None:
         states[first : first + len(block)] = block
 
-    travel(course, times, receive, Manner(repeated=run))
+    integrate(schedule, times, receive, RunOptions(repeated=run))
     where = None if base is None else base.value(times)
     moving = None if base is None else base.derivative(times)
-    structure = course.structure
+    structure = schedule.structure
     return structure.elongations(states[:, :size], where), structure.elongations(states[:, size:], moving)
 
 

@@ -20,7 +20,7 @@ from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.simulation.batch import LANES
-from linkwise.simulation.schedule import Course
+from linkwise.simulation.schedule import RunSchedule
 
 Progress = Callable[[float, str], object]
 T = TypeVar("T")
@@ -55,13 +55,13 @@ class _Crew:
 
     def run(
         self,
-        courses: Sequence[Course],
+        schedules: Sequence[RunSchedule],
         potentials: Potentials,
         note: Callable[[Runs, Indices], None],
     ) -> Bools:
-        """Run all courses and `note` what the living ones did; returns which are."""
-        alive = np.zeros(len(courses), dtype=bool)
-        every = np.arange(len(courses))
+        """Run all schedules and `note` what the living ones did; returns which are."""
+        alive = np.zeros(len(schedules), dtype=bool)
+        every = np.arange(len(schedules))
         stopped = Event()
 
         def task(which: Indices) -> int:
@@ -70,7 +70,7 @@ class _Crew:
                     break
                 group = which[first : first + LANES]
                 runs, ended = runs_together(
-                    [courses[run] for run in group], potentials.rows(group), self.alone
+                    [schedules[run] for run in group], potentials.rows(group), self.alone
                 )
                 alive[group] = ended
                 if ended.any():
@@ -78,15 +78,15 @@ class _Crew:
             return len(which)
 
         done = 0
-        size = max(LANES, min(_TASK, -(-len(courses) // (self.workers * LANES)) * LANES))
-        pool = ThreadPoolExecutor(max(1, min(self.workers, -(-len(courses) // LANES))))
+        size = max(LANES, min(_TASK, -(-len(schedules) // (self.workers * LANES)) * LANES))
+        pool = ThreadPoolExecutor(max(1, min(self.workers, -(-len(schedules) // LANES))))
         try:
             futures = [
-                pool.submit(task, every[first : first + size]) for first in range(0, len(courses), size)
+                pool.submit(task, every[first : first + size]) for first in range(0, len(schedules), size)
             ]
             for future in as_completed(futures):
                 done += future.result()
-                self.progress(done / len(courses))
+                self.progress(done / len(schedules))
         finally:  # Ctrl-C waits for the runs under way and starts no others
             stopped.set()
             pool.shutdown(wait=True, cancel_futures=True)
@@ -139,18 +139,18 @@ def _reference(
     resting: Sequence[RestingPlaces],
     crew: _Crew,
 ) -> Reference:
-    courses = [trial.bare_course for trial in trials]
-    potentials = Potentials.of([course.structure for course in courses])
+    schedules = [trial.bare_schedule for trial in trials]
+    potentials = Potentials.of([schedule.structure for schedule in schedules])
     masses = len(trials[0].primaries)
     found = np.full((4, masses, len(trials)), np.nan)
 
     def note(runs: Runs, which: Indices) -> None:
-        columns = [courses[0].structure.mass_names.index(name) for name in trials[0].primaries]
+        columns = [schedules[0].structure.mass_names.index(name) for name in trials[0].primaries]
         vibration = Vibration(runs, columns, [resting[run] for run in which])
         level = trials[0].settle * vibration.peak
         found[:, :, which] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
 
-    crew.run(courses, potentials, note)
+    crew.run(schedules, potentials, note)
     return Reference(*found)
 
 
@@ -161,7 +161,7 @@ def _with_sinks(
     envelopes: bool,
     crew: _Crew,
 ) -> Survey:
-    courses = [trial.course for trial in trials]
+    schedules = [trial.schedule for trial in trials]
     potentials = Potentials.of([trial.structure for trial in trials])
     quantities = quantities_of(trials[0])
     values = np.full((len(trials), len(quantities)), np.nan)
@@ -179,5 +179,5 @@ def _with_sinks(
         if bounds is not None:
             bounds[:, :, which] = vibration.decay.envelope
 
-    alive = crew.run(courses, potentials, note)
+    alive = crew.run(schedules, potentials, note)
     return Survey(quantities, values, alive, bounds)

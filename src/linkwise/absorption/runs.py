@@ -11,9 +11,9 @@ from linkwise.absorption.crossings import begun, crossings, distinct
 from linkwise.absorption.potentials import Potentials, elongations
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
-from linkwise.simulation.batch import can_fly, fly
-from linkwise.simulation.schedule import Course
-from linkwise.simulation.simulate import Motion
+from linkwise.simulation.batch import can_batch, run_batch
+from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.simulate import SimulatedMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +45,17 @@ class Runs:
         )
 
 
-def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
+def runs_of(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
     """One motion by itself, in the best precision there is and past the kinks of its laws; `tops` (K,) m of each link."""
-    energy, course = motion.energy, motion.course
-    base = course.excitation.base
-    d = course.structure.elongations(motion.displacement, None if base is None else base.value(course.times))
-    found = crossings(course, motion.run, tops)
-    passages = tuple(begun(found[k], course.times, d[:, k], tops[k]) for k in range(len(tops)))
+    energy, schedule = motion.energy, motion.schedule
+    base = schedule.excitation.base
+    d = schedule.structure.elongations(
+        motion.displacement, None if base is None else base.value(schedule.times)
+    )
+    found = crossings(schedule, motion.run, tops)
+    passages = tuple(begun(found[k], schedule.times, d[:, k], tops[k]) for k in range(len(tops)))
     return Runs(
-        time=course.times,
+        time=schedule.times,
         x=motion.displacement[..., None],
         v=motion.velocity[..., None],
         heat=energy.dissipated[..., None],
@@ -63,46 +65,46 @@ def runs_of(motion: Motion, tops: list[Floats]) -> Runs:
 
 
 def runs_together(
-    courses: Sequence[Course], potentials: Potentials, alone: bool = False
+    schedules: Sequence[RunSchedule], potentials: Potentials, alone: bool = False
 ) -> tuple[Runs, Bools]:
-    """Courses that differ in numbers only, `potentials` those of their structures, and (W,) which came to their end.
+    """Schedules that differ in numbers only, `potentials` those of their structures, and (W,) which came to their end.
 
     They are run side by side in double precision; one by one where laws are not smooth, and on request: `alone`.
     """
-    if alone or not can_fly(courses[0]):
-        return _one_by_one(courses, potentials)
-    course = courses[0]
-    flock = fly(courses, [each.tops for each in potentials.barriers])
-    base = course.excitation.base
-    where = None if base is None else base.value(course.times)
-    start = np.stack([each.start for each in courses], axis=1)[None]
-    size = course.structure.size
+    if alone or not can_batch(schedules[0]):
+        return _one_by_one(schedules, potentials)
+    schedule = schedules[0]
+    batch = run_batch(schedules, [each.tops for each in potentials.barriers])
+    base = schedule.excitation.base
+    where = None if base is None else base.value(schedule.times)
+    start = np.stack([each.start for each in schedules], axis=1)[None]
+    size = schedule.structure.size
     at_start = None if base is None else base.value(np.zeros(1))
     energy = (
         potentials.kinetic(start[:, size:]) + potentials.stored(start[:, :size], at_start) + potentials.floor
     )
     passages = []
-    d = elongations(course.structure, flock.x, where)
-    for run in range(len(courses)):
+    d = elongations(schedule.structure, batch.x, where)
+    for run in range(len(schedules)):
         tops = potentials.tops(run)
         cleaned = (
-            begun(distinct(times, course.end), flock.time, d[:, run, link], tops[link])
-            for link, times in enumerate(flock.passages[run])
+            begun(distinct(times, schedule.end), batch.time, d[:, run, link], tops[link])
+            for link, times in enumerate(batch.passages[run])
         )
         passages.append(tuple(cleaned))
-    return Runs(flock.time, flock.x, flock.v, flock.heat, flock.work + energy, tuple(passages)), flock.alive
+    return Runs(batch.time, batch.x, batch.v, batch.heat, batch.work + energy, tuple(passages)), batch.alive
 
 
-def _one_by_one(courses: Sequence[Course], potentials: Potentials) -> tuple[Runs, Bools]:
-    points, structure = len(courses[0].times), courses[0].structure
-    size, links, count = structure.size, len(structure.links), len(courses)
+def _one_by_one(schedules: Sequence[RunSchedule], potentials: Potentials) -> tuple[Runs, Bools]:
+    points, structure = len(schedules[0].times), schedules[0].structure
+    size, links, count = structure.size, len(structure.links), len(schedules)
     x, v = np.full((points, size, count), np.nan), np.full((points, size, count), np.nan)
     heat, put_in = np.full((points, links, count), np.nan), np.full((points, count), np.nan)
     passages: list[tuple[Floats, ...]] = []
     alive = np.ones(count, dtype=bool)
-    for run, course in enumerate(courses):
+    for run, schedule in enumerate(schedules):
         try:
-            one = runs_of(Motion.of(course), potentials.tops(run))
+            one = runs_of(SimulatedMotion.of(schedule), potentials.tops(run))
         except SimulationError:
             alive[run] = False
             passages.append(tuple(np.empty(0) for _ in range(links)))
@@ -110,4 +112,4 @@ def _one_by_one(courses: Sequence[Course], potentials: Potentials) -> tuple[Runs
         x[..., run], v[..., run] = one.x[..., 0], one.v[..., 0]
         heat[..., run], put_in[:, run] = one.heat[..., 0], one.put_in[:, 0]
         passages += one.passages
-    return Runs(courses[0].times, x, v, heat, put_in, tuple(passages)), alive
+    return Runs(schedules[0].times, x, v, heat, put_in, tuple(passages)), alive

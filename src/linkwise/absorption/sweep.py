@@ -23,7 +23,7 @@ from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory
-from linkwise.simulation.simulate import Motion
+from linkwise.simulation.simulate import SimulatedMotion
 from linkwise.text import as_text
 
 _RUN_BYTES, _MASS_BYTES = 4000, 1000  # of one run until the last has ended, and of each of its masses
@@ -186,7 +186,7 @@ def absorption_map(
 def _horizon(trial: Trial) -> float | None:
     """Of the run in the middle of the grid; None where that one diverges."""
     try:
-        return Motion.of(trial.course).horizon
+        return SimulatedMotion.of(trial.schedule).horizon
     except SimulationError:
         return None
 

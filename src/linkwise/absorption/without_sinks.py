@@ -13,7 +13,7 @@ from linkwise.absorption.sinks import Sink
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Number, Symbol, add, substitute, to_text
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.excitation import Drive, Excitation, Impulse, TimeFunction
+from linkwise.model.excitation import Excitation, Impulse, InputSignal, TimeFunction
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.structure import Structure
@@ -129,9 +129,9 @@ def _rehung(link: Link, root: Mapping[str, str], ahead: Mapping[str, float]) -> 
     return replace(link, between=(first, second), law=law)
 
 
-def _gathered(forces: Mapping[str, Drive], root: Mapping[str, str]) -> dict[str, Drive]:
+def _gathered(forces: Mapping[str, InputSignal], root: Mapping[str, str]) -> dict[str, InputSignal]:
     """The forces on the masses that are left; those on one mass are added."""
-    found: dict[str, Drive] = {}
+    found: dict[str, InputSignal] = {}
     for mass, force in forces.items():
         place = root[mass]
         if place not in found:

@@ -32,7 +32,7 @@ _PURE = frozenset({"sign", "exp", "tanh", "sin", "cos"})  # the value has no uni
 _SILENT, _ALONE, _FACTOR = range(3)  # the order in which numbers are made pure
 
 
-class Disagreement(Exception):
+class UnitConflict(Exception):
     """No units of the coefficients fit: `reason` says why, `place` is the sub-expression that does not."""
 
     def __init__(self, reason: str, place: Expression) -> None:
@@ -45,7 +45,7 @@ def infer(
 ) -> dict[str, Dimension | None]:
     """The dimension of every symbol that is no variable, in order of appearance; None where any would do.
 
-    Raises Disagreement where none does.
+    Raises UnitConflict where none does.
     """
     reader = _Reader(variables)
     reader.equate(reader.term(expression), _Form({}, whole), expression, f"the force must be in {whole}")
@@ -124,7 +124,7 @@ class _Reader:
     def equate(self, form: _Form, other: _Form, place: Expression, demand: str) -> None:
         excess = self.system.add(form.times(other, Fraction(-1)))
         if excess != NONE:
-            raise Disagreement(
+            raise UnitConflict(
                 f"No units of the coefficients fit: {demand}, here it is off by {excess}.", place
             )
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 from linkwise.errors import RecordError
-from linkwise.files.assemble import Options, to_record
+from linkwise.files.assemble import ReadOptions, to_record
 from linkwise.files.table import Table
 from linkwise.records.record import Record
 
@@ -59,7 +59,7 @@ def read_record(
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
     masses = None if known_masses is None else tuple(known_masses)
-    return to_record(table, str(path), Options(channels or {}, rate, resample, masses))
+    return to_record(table, str(path), ReadOptions(channels or {}, rate, resample, masses))
 
 
 def write_record(record: Record, path: str | Path) -> None:

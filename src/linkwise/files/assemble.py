@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
-from linkwise.files.columns import Choice, choose, ignored, listing
+from linkwise.files.columns import ColumnChoice, choose, ignored, listing
 from linkwise.files.header import si_factor
 from linkwise.files.table import Table
 from linkwise.records.record import Record
@@ -19,7 +19,7 @@ from linkwise.records.timeline import JITTER
 
 
 @dataclass(frozen=True)
-class Options:
+class ReadOptions:
     """How a file is to be read; see `files.read_record`."""
 
     channels: Mapping[str, str | int]
@@ -42,7 +42,7 @@ class _Grid:
         return cls(start + np.arange(count) / rate, start, rate)
 
 
-def to_record(table: Table, file: str, options: Options) -> Record:
+def to_record(table: Table, file: str, options: ReadOptions) -> Record:
     """The record in a table. Raises RecordError with file, line and channel."""
     chosen = choose(table, file, options.channels, options.known_masses)
     columns = {choice.name: _in_si(table, file, choice) for choice in chosen if choice.name != "time"}
@@ -94,7 +94,7 @@ def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None
     )
 
 
-def _in_si(table: Table, file: str, choice: Choice) -> NDArray[Any]:
+def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
     """(N,) values of a chosen column in SI units; whole numbers without a unit stay whole, so that they are noted."""
     column = table.columns[choice.column]
     if column.values is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from linkwise.errors import RecordError
-from linkwise.files.header import Heading
+from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Column, Table
 from linkwise.records.channel import BASE, Channel
 
@@ -15,7 +15,7 @@ _SHOWN = 12  # columns listed in an error or a note
 
 
 @dataclass(frozen=True)
-class Choice:
+class ColumnChoice:
     """Column number `column` (from 0) holds `name`, "time" or a channel, in `unit` ("" for SI)."""
 
     name: str
@@ -30,7 +30,7 @@ class Choice:
 
 def choose(
     table: Table, file: str, channels: Mapping[str, str | int], known_masses: tuple[str, ...] | None
-) -> tuple[Choice, ...]:
+) -> tuple[ColumnChoice, ...]:
     """The columns of the record; see `files.read_record` for `channels` and `known_masses`.
 
     Raises RecordError for a mapping that does not fit, a channel that stands twice, a mass that the structure does not
@@ -45,7 +45,7 @@ def choose(
     return chosen
 
 
-def ignored(table: Table, chosen: tuple[Choice, ...]) -> list[str]:
+def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note on the columns that nothing uses."""
     used = {choice.column for choice in chosen}
     left = [column.header for i, column in enumerate(table.columns) if i not in used and column.header]
@@ -66,11 +66,11 @@ def _list(names: list[str]) -> str:
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
-def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple[Choice, ...]:
+def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple[ColumnChoice, ...]:
     """The columns that the user named."""
-    chosen: dict[str, Choice] = {}
+    chosen: dict[str, ColumnChoice] = {}
     for key, column in channels.items():
-        heading = Heading.parse(key)
+        heading = ColumnHeader.parse(key)
         if heading.is_time:
             name = "time"
         else:
@@ -81,14 +81,16 @@ def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple
         if name in chosen:
             raise RecordError("--channel names it twice", file, channel=name)
         index = _find(table, file, key, column)
-        chosen[name] = Choice(name, index, heading.unit or Heading.parse(table.headers[index]).unit)
+        chosen[name] = ColumnChoice(
+            name, index, heading.unit or ColumnHeader.parse(table.headers[index]).unit
+        )
     return tuple(chosen.values())
 
 
 def _find(table: Table, file: str, key: str, column: str | int) -> int:
     """The index of a column by its header, its header without unit, the last part of its path, or its number from 1."""
     wanted = str(column).strip()
-    headings = [Heading.parse(header) for header in table.headers]
+    headings = [ColumnHeader.parse(header) for header in table.headers]
     for names in (
         list(table.headers),
         [heading.name for heading in headings],
@@ -111,12 +113,12 @@ def _find(table: Table, file: str, key: str, column: str | int) -> int:
 
 
 def _recognised(
-    table: Table, file: str, mapped: tuple[Choice, ...], known_masses: tuple[str, ...] | None
-) -> tuple[Choice, ...]:
+    table: Table, file: str, mapped: tuple[ColumnChoice, ...], known_masses: tuple[str, ...] | None
+) -> tuple[ColumnChoice, ...]:
     """The columns whose headers say what they are, less what the user has mapped."""
     taken = {choice.name for choice in mapped}
     used = {choice.column for choice in mapped}
-    found: dict[str, Choice] = {}
+    found: dict[str, ColumnChoice] = {}
     for index, column in enumerate(table.columns):
         heading = _meaning(column, known_masses)
         if heading is None or index in used:
@@ -132,19 +134,19 @@ def _recognised(
                 table.header_line,
                 name,
             )
-        found[name] = Choice(name, index, heading.unit)
+        found[name] = ColumnChoice(name, index, heading.unit)
     return tuple(found.values())
 
 
-def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> Heading | None:
+def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHeader | None:
     """What a column says it is; None for a column that says nothing known.
 
     A spelling that merely stands for a channel (`a_1` in MATLAB) does not count where it would name an unknown mass.
     """
-    leaf = Heading.parse(column.header).leaf
+    leaf = ColumnHeader.parse(column.header).leaf
     if leaf.is_time or leaf.channel is not None:
         return leaf
-    meant = Heading(column.meaning, leaf.unit)
+    meant = ColumnHeader(column.meaning, leaf.unit)
     if meant.channel is None:
         return None
     known = known_masses is None or meant.channel.mass in (*known_masses, BASE)
@@ -169,7 +171,7 @@ def _nothing_recognised(table: Table, file: str) -> RecordError:
 
 
 def _refuse_unknown_mass(
-    table: Table, file: str, choice: Choice, known_masses: tuple[str, ...] | None
+    table: Table, file: str, choice: ColumnChoice, known_masses: tuple[str, ...] | None
 ) -> None:
     """RecordError for a channel of a mass that the structure does not have."""
     if known_masses is None or choice.name == "time":

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
 from linkwise.files.cells import Dialect, columns_of, number
-from linkwise.files.header import Heading
+from linkwise.files.header import ColumnHeader
 from linkwise.files.lines import read_lines
 from linkwise.files.table import Table
 from linkwise.records.record import Record
@@ -96,7 +96,7 @@ def _header(lines: list[str]) -> tuple[int | None, int]:
 
 def _says_something(cell: str) -> bool:
     """True for the header of a time or a channel."""
-    heading = Heading.parse(cell)
+    heading = ColumnHeader.parse(cell)
     return heading.is_time or heading.channel is not None
 
 

@@ -14,14 +14,14 @@ _TIME = frozenset({"time", "t"})
 
 
 @dataclass(frozen=True)
-class Heading:
+class ColumnHeader:
     """A header taken apart: `name` without its unit, `unit` as written ("" where none is)."""
 
     name: str
     unit: str = ""
 
     @classmethod
-    def parse(cls, text: str) -> Heading:
+    def parse(cls, text: str) -> ColumnHeader:
         """Never fails: text without a unit at its end is all name."""
         text = text.strip().strip("\"'").strip()
         match = _UNIT.match(text)
@@ -44,9 +44,9 @@ class Heading:
             return None
 
     @property
-    def leaf(self) -> Heading:
+    def leaf(self) -> ColumnHeader:
         """The heading without the groups above it: `run1/x:m1[mm]` is x:m1 in mm."""
-        return Heading(self.name.rpartition("/")[2], self.unit)
+        return ColumnHeader(self.name.rpartition("/")[2], self.unit)
 
 
 def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str) -> float:

@@ -18,7 +18,7 @@ from linkwise.likelihood.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.simulation.simulate import Drives, simulate
+from linkwise.simulation.simulate import ExcitationKeywords, simulate
 
 SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
 _TURN = 0.25  # radians of the fastest motion in one step of the tangents
@@ -36,7 +36,7 @@ def limit(
     unknown: Sequence[str] = (),
     sensors: Iterable[str] = ("x",),
     segment: float = SEGMENT,
-    **excitation: Unpack[Drives],
+    **excitation: Unpack[ExcitationKeywords],
 ) -> Limit:
     """The smallest standard errors that a planned test of `structure`, whose numbers are those expected, can reach.
 

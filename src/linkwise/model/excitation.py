@@ -62,7 +62,7 @@ def _program(expression: Expression) -> Program:
     return Program([expression], ("t",))
 
 
-class Pieces(NamedTuple):
+class PiecewisePolynomial(NamedTuple):
     """A piecewise polynomial: on [edges[p], edges[p+1]] it is sum_k coefficients[p, k] (t - edges[p])^k."""
 
     edges: Floats
@@ -134,9 +134,9 @@ class Sampled:
         return PPoly(pieces.c[:, real], np.append(pieces.x[:-1][real], pieces.x[-1]))
 
     @cached_property
-    def pieces(self) -> Pieces:
+    def pieces(self) -> PiecewisePolynomial:
         """The interpolant as polynomials, lowest power first."""
-        return Pieces(self._spline.x, np.ascontiguousarray(self._spline.c[::-1].T))
+        return PiecewisePolynomial(self._spline.x, np.ascontiguousarray(self._spline.c[::-1].T))
 
     def value(self, time: ArrayLike) -> Floats:
         """The interpolant at `time` in s; SimulationError outside of the samples."""
@@ -198,7 +198,7 @@ class Impulse:
             )
 
 
-Drive = TimeFunction | Sampled
+InputSignal = TimeFunction | Sampled
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +211,8 @@ class Excitation:
 
     release: Mapping[str, float] = field(default_factory=dict)
     impulses: tuple[Impulse, ...] = ()
-    forces: Mapping[str, Drive] = field(default_factory=dict)
-    base: Drive | None = None
+    forces: Mapping[str, InputSignal] = field(default_factory=dict)
+    base: InputSignal | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "release", MappingProxyType(dict(self.release)))
@@ -224,8 +224,8 @@ class Excitation:
         cls,
         release: Mapping[str, float] | None = None,
         impulses: Iterable[Impulse] = (),
-        forces: Mapping[str, Drive | str | float] | None = None,
-        base: Drive | str | float | None = None,
+        forces: Mapping[str, InputSignal | str | float] | None = None,
+        base: InputSignal | str | float | None = None,
     ) -> Excitation:
         """An excitation from what a user writes: a text or a number for a force or the base is a `TimeFunction`.
 
@@ -242,7 +242,7 @@ class Excitation:
         return Excitation, (dict(self.release), self.impulses, dict(self.forces), self.base)
 
     @property
-    def drives(self) -> dict[str, Drive]:
+    def drives(self) -> dict[str, InputSignal]:
         """Force by mass and, under the name "base", the motion of the base."""
         return dict(self.forces) if self.base is None else {**self.forces, "base": self.base}
 
@@ -257,7 +257,7 @@ def _number(name: str, value: object) -> float:
     return number
 
 
-def _drive(what: str, given: object) -> Drive:
+def _drive(what: str, given: object) -> InputSignal:
     if isinstance(given, TimeFunction | Sampled):
         return given
     if isinstance(given, str):

@@ -33,7 +33,7 @@ from linkwise.expression import (
     symbols,
 )
 from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON
-from linkwise.expression.inference import Disagreement, infer
+from linkwise.expression.inference import UnitConflict, infer
 from linkwise.expression.parser import Parsed
 from linkwise.expression.quadrature import integral_from_zero
 
@@ -131,7 +131,7 @@ class Law:
         """
         try:
             found = infer(self.expression, {"d": METRE, "v": METRE_PER_SECOND}, NEWTON)
-        except Disagreement as error:
+        except UnitConflict as error:
             place = parse_with_places(self.text, VARIABLES).place(error.place)
             advice = "Give each term a coefficient of its own."
             raise LawError(error.reason, self.text, place, advice) from None

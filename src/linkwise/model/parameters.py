@@ -18,7 +18,7 @@ _UNDETERMINED = "?"  # what a law says of a coefficient whose unit does not foll
 
 
 @dataclass(frozen=True)
-class Slot:
+class CoefficientSlot:
     """The place of one coefficient: `index` is that of its link, or -1 - i for mass i; `key` its name there."""
 
     index: int
@@ -44,26 +44,26 @@ class Parameter:
     members: tuple[tuple[int, str], ...]
 
 
-def slots(masses: Sequence[Mass], links: Sequence[Link]) -> dict[str, Slot]:
+def slots(masses: Sequence[Mass], links: Sequence[Link]) -> dict[str, CoefficientSlot]:
     """Every coefficient by its full name, links first, in the order of the file.
 
     Raises StructureError where a mass and a link of one name make a full name ambiguous.
     """
-    found: dict[str, Slot] = {}
+    found: dict[str, CoefficientSlot] = {}
     for index, link in enumerate(links):
         for key, coefficient in link.coefficients.items():
-            found[f"{link.name}.{key}"] = Slot(index, key, link.law, coefficient)
+            found[f"{link.name}.{key}"] = CoefficientSlot(index, key, link.law, coefficient)
     for index, mass in enumerate(masses):
         name = f"{mass.name}.mass"
         if name in found:
             raise StructureError(
                 f'"{name}" is a mass and a coefficient of the link of that name; rename one of them'
             )
-        found[name] = Slot(-1 - index, "mass", None, mass.mass)
+        found[name] = CoefficientSlot(-1 - index, "mass", None, mass.mass)
     return found
 
 
-def leaders(places: Mapping[str, Slot]) -> dict[str, str]:
+def leaders(places: Mapping[str, CoefficientSlot]) -> dict[str, str]:
     """For every shared coefficient the one that it follows in the end.
 
     Raises StructureError for a leader that does not exist, a circle, and a leader of another unit.
@@ -90,7 +90,7 @@ def leaders(places: Mapping[str, Slot]) -> dict[str, str]:
     return found
 
 
-def parameters(places: Mapping[str, Slot], follows: Mapping[str, str]) -> tuple[Parameter, ...]:
+def parameters(places: Mapping[str, CoefficientSlot], follows: Mapping[str, str]) -> tuple[Parameter, ...]:
     """The free unknowns in the order of `places`, each with all the places that follow it."""
     members: dict[str, list[tuple[int, str]]] = {
         name: [(slot.index, slot.key)]
@@ -106,7 +106,9 @@ def parameters(places: Mapping[str, Slot], follows: Mapping[str, str]) -> tuple[
     return tuple(_parameter(name, units[name], places[name], tuple(sites)) for name, sites in members.items())
 
 
-def _parameter(name: str, unit: str, slot: Slot, members: tuple[tuple[int, str], ...]) -> Parameter:
+def _parameter(
+    name: str, unit: str, slot: CoefficientSlot, members: tuple[tuple[int, str], ...]
+) -> Parameter:
     coefficient = slot.coefficient
     lower = max(coefficient.lower, 0.0) if any(index < 0 for index, _ in members) else coefficient.lower
     return Parameter(name, unit, coefficient.value, lower, coefficient.upper, members)

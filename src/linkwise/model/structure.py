@@ -20,7 +20,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import BASE, GROUND, Link, Mass, near_miss
-from linkwise.model.parameters import Parameter, Slot, leaders, parameters, slots
+from linkwise.model.parameters import CoefficientSlot, Parameter, leaders, parameters, slots
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 
@@ -76,7 +76,7 @@ class Structure:
             )
 
     @cached_property
-    def _slots(self) -> dict[str, Slot]:
+    def _slots(self) -> dict[str, CoefficientSlot]:
         return slots(self.masses, self.links)
 
     @cached_property
@@ -254,7 +254,7 @@ class Structure:
 def _replaced(
     masses: tuple[Mass, ...],
     links: tuple[Link, ...],
-    places: Mapping[str, Slot],
+    places: Mapping[str, CoefficientSlot],
     changes: Mapping[str, Coefficient],
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
     """Masses and links with some coefficients, by full name, exchanged."""

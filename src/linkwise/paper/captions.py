@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.paper.figures_2_to_5 import chain_motion
-from linkwise.simulation.neighbours import NEIGHBOURS, Motion
+from linkwise.simulation.neighbours import NEIGHBOURS, OrbitEnvelope
 
 
 def motion_captions() -> dict[str, str]:
@@ -23,7 +23,7 @@ def motion_captions() -> dict[str, str]:
     }
 
 
-def _two_masses(motion: Motion) -> str:
+def _two_masses(motion: OrbitEnvelope) -> str:
     d = motion.record.channel("x:m2") - motion.record.channel("x:m1")
     crossings = motion.record.time[1:][np.diff(np.sign(d)) != 0]
     return (
@@ -37,7 +37,7 @@ def _two_masses(motion: Motion) -> str:
     )
 
 
-def _many(motion: Motion) -> str:
+def _many(motion: OrbitEnvelope) -> str:
     if motion.horizon is None:
         return "Double precision follows these orbits to their end."
     return (
@@ -54,7 +54,7 @@ def _past(horizon: float) -> str:
     )
 
 
-def _compared(motion: Motion, without: Motion, paper: str) -> str:
+def _compared(motion: OrbitEnvelope, without: OrbitEnvelope, paper: str) -> str:
     shares = [
         (
             mass,

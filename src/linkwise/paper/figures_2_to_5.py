@@ -12,11 +12,11 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation
 from linkwise.paper.published import DURATION, RATE, start
 from linkwise.plot.study_responses import comparison_figure, responses_figure
-from linkwise.simulation.neighbours import Motion, motion_after
+from linkwise.simulation.neighbours import OrbitEnvelope, motion_after
 
 
 @lru_cache(maxsize=4)
-def chain_motion(masses: int, *, sinks: bool = True) -> Motion:
+def chain_motion(masses: int, *, sinks: bool = True) -> OrbitEnvelope:
     """The paper's run of the chain of so many masses, with its sinks or without the masses that they are."""
     structure = bnes_chain(masses)
     if not sinks:

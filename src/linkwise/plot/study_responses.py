@@ -11,13 +11,13 @@ from matplotlib.ticker import MaxNLocator
 
 from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, scale
 from linkwise.plot.style import sheet
-from linkwise.simulation.neighbours import Motion
+from linkwise.simulation.neighbours import OrbitEnvelope
 
 _PANEL_HEIGHT = 1.45  # inches
 _STRETCH = 10  # samples of a range drawn as one: narrower than a line
 
 
-def responses_figure(motion: Motion, *, columns: int = 1, titles: Sequence[str] = ()) -> Figure:
+def responses_figure(motion: OrbitEnvelope, *, columns: int = 1, titles: Sequence[str] = ()) -> Figure:
     """The displacement of every mass in a panel of its own, lettered row by row; `titles` name them, else the masses do.
 
     Past the horizon a panel is shaded and the range of neighbouring orbits shown: the curve is one of many there.
@@ -35,7 +35,7 @@ def responses_figure(motion: Motion, *, columns: int = 1, titles: Sequence[str] 
 
 
 def comparison_figure(
-    motion: Motion, without: Motion, *, columns: int = 1, titles: Sequence[str] = ()
+    motion: OrbitEnvelope, without: OrbitEnvelope, *, columns: int = 1, titles: Sequence[str] = ()
 ) -> Figure:
     """The masses of `without`, as they move with their sinks (`motion`) and without them, each in a panel of its own."""
     masses = without.masses
@@ -51,7 +51,7 @@ def comparison_figure(
     return figure
 
 
-def _draw_range(axes: Axes, motion: Motion, mass: str, also: Motion | None = None) -> float:
+def _draw_range(axes: Axes, motion: OrbitEnvelope, mass: str, also: OrbitEnvelope | None = None) -> float:
     """Shade what lies past the horizon; returns the factor from m to the unit that the axes are labelled with."""
     column = motion.masses.index(mass)
     largest = float(np.abs(motion.record.channel(f"x:{mass}")).max())
@@ -77,7 +77,9 @@ def _draw_range(axes: Axes, motion: Motion, mass: str, also: Motion | None = Non
     return factor
 
 
-def _draw_record(axes: Axes, motion: Motion, mass: str, factor: float, *, color: str, label: str) -> None:
+def _draw_record(
+    axes: Axes, motion: OrbitEnvelope, mass: str, factor: float, *, color: str, label: str
+) -> None:
     axes.plot(
         motion.record.time,
         motion.record.channel(f"x:{mass}") * factor,
@@ -92,7 +94,7 @@ def _letter(number: int) -> str:
     return "abcdefghijklmnopqrstuvwxyz"[number % 26]
 
 
-def _finish(figure: Figure, panels: list[Axes], count: int, columns: int, motion: Motion) -> None:
+def _finish(figure: Figure, panels: list[Axes], count: int, columns: int, motion: OrbitEnvelope) -> None:
     time = motion.record.time
     for number, axes in enumerate(panels):
         axes.set_visible(number < count)

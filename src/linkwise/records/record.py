@@ -17,7 +17,7 @@ from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 from linkwise.records.decimation import lowpass
 from linkwise.records.timeline import Timeline
-from linkwise.records.truth import Simulated
+from linkwise.records.truth import SimulationTruth
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,7 +39,7 @@ class Record:
     channels: tuple[str, ...]
     values: Floats
     noise: Mapping[str, float] = field(default_factory=dict)
-    simulated: Simulated | None = None
+    simulated: SimulationTruth | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
 

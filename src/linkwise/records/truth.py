@@ -40,7 +40,7 @@ class EnergyBalance:
         )
 
 
-class Account(Protocol):
+class MotionDiagnostics(Protocol):
     """What a simulation can tell but that costs more than the motion itself: worked out when somebody asks."""
 
     @property
@@ -62,7 +62,7 @@ class Settled:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
+class SimulationTruth:
     """The motion behind a simulated record, sample by sample, free of noise.
 
     `displacement` and `velocity` (N, n) in m and m/s in the structure's order of masses, relative to the
@@ -75,7 +75,7 @@ class Simulated:
     displacement: Floats
     velocity: Floats
     base: Floats | None
-    account: Account
+    account: MotionDiagnostics
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: range | None = None
 
@@ -92,7 +92,7 @@ class Simulated:
         """The time in s past which a double-precision orbit cannot be trusted; None where it can throughout."""
         return self.account.horizon
 
-    def rows(self, which: slice) -> Simulated:
+    def rows(self, which: slice) -> SimulationTruth:
         """The truth at the samples of a slice."""
         all_samples = range(len(self.displacement)) if self.samples is None else self.samples
         return replace(

@@ -35,7 +35,7 @@ _AT_ONCE = 64  # blocks transformed together: they stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class BlockSpectra:
     """The power of channels in blocks of `block` samples that overlap by half, 1 for white noise of variance 1.
 
     `mean` (C, K) is that of the `counts` (C,) blocks that miss no sample, in all bins between 0 Hz and half the sampling rate;
@@ -108,7 +108,7 @@ def _block(channels: Floats) -> int:
     return int(min(256, 2 ** int(np.log2(max(channels.shape[1] // 3, 16)))))
 
 
-def _sigma(channels: Floats, seen: Look | None) -> Floats:
+def _sigma(channels: Floats, seen: BlockSpectra | None) -> Floats:
     """(C,) noise of the channels, of which `seen` may be known."""
     sigma = np.full(len(channels), np.nan)
     for block, fewest in _FEWEST.items():
@@ -121,7 +121,7 @@ def _sigma(channels: Floats, seen: Look | None) -> Floats:
     return sigma
 
 
-def _shared_level(look: Look, fewest: int) -> Floats:
+def _shared_level(look: BlockSpectra, fewest: int) -> Floats:
     """(C,) power that the quiet cells of each channel share, NaN with fewer than so many whole blocks."""
     deep = _CELLS[look.block][1]
     if look.cells.shape[1] >= fewest and (look.counts == look.cells.shape[1]).all():
@@ -147,7 +147,7 @@ def _quiet_level(power: Floats, deep: int) -> Floats:
     return np.asarray(level)
 
 
-def _look(channels: Floats, block: int) -> Look:
+def _look(channels: Floats, block: int) -> BlockSpectra:
     """At `channels` (C, N), in blocks of so many samples."""
     hann, unit, groups = _spectrum(block)
     blocks = max(0, (channels.shape[1] - _ORDER - block) // (block // 2) + 1)
@@ -166,7 +166,7 @@ def _look(channels: Floats, block: int) -> Look:
             total[channel] += (waves if whole.all() else waves[whole]).sum(axis=0)
             counts[channel] += np.count_nonzero(whole)
     mean = total.reshape(len(channels), -1, 2).sum(axis=2) * unit / np.maximum(counts, 1)[:, None]
-    return Look(block, mean, counts, cells)
+    return BlockSpectra(block, mean, counts, cells)
 
 
 @lru_cache(maxsize=32)

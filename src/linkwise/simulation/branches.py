@@ -12,21 +12,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linkwise.simulation.integrator import Equations, peek
+from linkwise.simulation.integrator import CompiledSystem, trial_step
 
 _MOMENT = 1e-3  # of a step: far enough that g stands above rounding, near enough that it keeps its sign
 _SHORTEST = 1e-12  # of a step
 _ON = 1e-6  # of its change within the moment: so near to zero a kink counts as zero
 
 
-class Settled(NamedTuple):
+class BranchChoice(NamedTuple):
     """How a motion goes on: up to `moment` it may be integrated blind to kinks. `stuck` is the kink that holds it, or None."""
 
     moment: float
     stuck: int | None = None
 
 
-def settle(equations: Equations, longest: float) -> Settled:
+def settle(equations: CompiledSystem, longest: float) -> BranchChoice:
     """Set the branches in the parameters of `equations.blind` to those of the motion that follows from where it stands.
 
     `longest` in s bounds the trial step. A kink that stays exactly zero (nothing moves) is muted.
@@ -40,7 +40,7 @@ def settle(equations: Equations, longest: float) -> Settled:
     turned = np.zeros(equations.kinks, dtype=int)
     part = _MOMENT
     while True:
-        later, moment = peek(blind, part, longest)
+        later, moment = trial_step(blind, part, longest)
         then = equations.bends(later, parameters, moment)
         blind.state[:], blind.time = state, time
         now = equations.bends(state, parameters, time)
@@ -51,8 +51,8 @@ def settle(equations: Equations, longest: float) -> Settled:
         wrong = on & (then * branches < 0.0)
         if not wrong.any():
             muted[:] = then == 0.0
-            return Settled(moment)
+            return BranchChoice(moment)
         turned += wrong
         if turned.max() > 2:
-            return Settled(time, int(np.argmax(turned)))
+            return BranchChoice(time, int(np.argmax(turned)))
         branches[wrong] *= -1.0

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from linkwise.analysis.energy import kinetic_energy, potential_energy
 from linkwise.arrays import Floats
 from linkwise.records.truth import EnergyBalance
-from linkwise.simulation.link_forces import Forces
-from linkwise.simulation.run import Manner, Travelled, travel
-from linkwise.simulation.schedule import Course
+from linkwise.simulation.link_forces import LinkForces
+from linkwise.simulation.run import RunLog, RunOptions, integrate
+from linkwise.simulation.schedule import RunSchedule
 
 _NOTHING = 1e-13  # of the run: edges closer than that are one, apart by rounding
 
 
-class Rule(NamedTuple):
+class QuadratureRule(NamedTuple):
     """Times and weights of a quadrature; `sample` is the first output time at or after each, which it counts for."""
 
     times: Floats
@@ -33,16 +33,18 @@ class Rule(NamedTuple):
     sample: NDArray[np.int64]
 
 
-def energy_balance(course: Course, displacement: Floats, velocity: Floats, run: Travelled) -> EnergyBalance:
-    """The balance at the course's output times, of the motion (N, n) that `run` gave there."""
-    structure, base = course.structure, course.excitation.base
+def energy_balance(
+    schedule: RunSchedule, displacement: Floats, velocity: Floats, run: RunLog
+) -> EnergyBalance:
+    """The balance at the schedule's output times, of the motion (N, n) that `run` gave there."""
+    structure, base = schedule.structure, schedule.excitation.base
     steps: list[float] = []
-    manner = Manner(repeated=run, log=steps)
-    travel(course, course.times[-1:], lambda first, states: None, manner)
-    rule = _rule(course, steps)
-    forces = Forces(structure, course.excitation)
+    manner = RunOptions(repeated=run, log=steps)
+    integrate(schedule, schedule.times[-1:], lambda first, states: None, manner)
+    rule = _rule(schedule, steps)
+    forces = LinkForces(structure, schedule.excitation)
     size, links = structure.size, len(structure.links)
-    gained = np.zeros((len(course.times), links + 1))  # dissipated per link, put in
+    gained = np.zeros((len(schedule.times), links + 1))  # dissipated per link, put in
 
     def receive(first: int, states: Floats) -> None:
         part = slice(first, first + len(states))
@@ -52,15 +54,15 @@ def energy_balance(course: Course, displacement: Floats, velocity: Floats, run: 
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
         gained[sample[starts]] += np.add.reduceat(power, starts, axis=0)
         # a blow lifts the kinetic energy by m J (v - J/2), with v the velocity after it
-        for stop, jump in course.jumps.items():
-            for row in np.flatnonzero(time == course.stops[stop]):
+        for stop, jump in schedule.jumps.items():
+            for row in np.flatnonzero(time == schedule.stops[stop]):
                 lift = structure.mass_values * jump[size:] * (states[row, size:] - 0.5 * jump[size:])
                 gained[sample[row], links] += lift.sum()
 
-    travel(course, rule.times, receive, Manner(repeated=run))
-    where = None if base is None else base.value(course.times)
+    integrate(schedule, rule.times, receive, RunOptions(repeated=run))
+    where = None if base is None else base.value(schedule.times)
     potential = potential_energy(structure, displacement, where)
-    x, v = course.start[None, :size], course.start[None, size:]
+    x, v = schedule.start[None, :size], schedule.start[None, size:]
     at_start = potential_energy(structure, x, None if base is None else base.value(np.zeros(1))).sum()
     gained = np.cumsum(gained, axis=0)
     return EnergyBalance(
@@ -71,24 +73,24 @@ def energy_balance(course: Course, displacement: Floats, velocity: Floats, run: 
     )
 
 
-def _rule(course: Course, steps: list[float]) -> Rule:
+def _rule(schedule: RunSchedule, steps: list[float]) -> QuadratureRule:
     """Panels between everything that must not lie inside one; impulses with weight 0."""
-    edges = np.unique(np.concatenate([[0.0], course.times, course.stops, steps]))
+    edges = np.unique(np.concatenate([[0.0], schedule.times, schedule.stops, steps]))
     width = np.diff(edges)
-    real = width > _NOTHING * course.end
+    real = width > _NOTHING * schedule.end
     middle, width = 0.5 * (edges[1:] + edges[:-1])[real], width[real]
     nodes, node_weights = np.polynomial.legendre.leggauss(6)
     times = (middle[:, None] + 0.5 * width[:, None] * nodes).ravel()
     weights = (0.5 * width[:, None] * node_weights).ravel()
-    struck = course.stops[sorted(course.jumps)]
+    struck = schedule.stops[sorted(schedule.jumps)]
     times, weights = np.concatenate([times, struck]), np.concatenate([weights, np.zeros(len(struck))])
     order = np.argsort(times, kind="stable")
     times, weights = times[order], weights[order]
-    sample = np.searchsorted(course.times, times, side="left")
-    return Rule(times, weights, sample.clip(max=len(course.times) - 1))
+    sample = np.searchsorted(schedule.times, times, side="left")
+    return QuadratureRule(times, weights, sample.clip(max=len(schedule.times) - 1))
 
 
-def _powers(forces: Forces, time: Floats, x: Floats, v: Floats) -> Floats:
+def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats) -> Floats:
     """(M, L + 1) W: what every link dissipates, and last what forces and base put in."""
     lost = forces.lost(time, x, v)
     power = np.zeros((len(time), lost.shape[1] + 1))

@@ -11,27 +11,27 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.simulation.run import Manner, Travelled, travel
-from linkwise.simulation.schedule import Course
+from linkwise.simulation.run import RunLog, RunOptions, integrate
+from linkwise.simulation.schedule import RunSchedule
 
 DEPARTURE = 1e-3  # of the largest displacement
 _PART = 0.6  # of the mean step of the first run
 
 
-def horizon(course: Course, displacement: Floats, run: Travelled) -> float | None:
+def horizon(schedule: RunSchedule, displacement: Floats, run: RunLog) -> float | None:
     """The first output time in s at which a second run is away from `displacement` (N, n) by `DEPARTURE` of its largest
     value, or None where it never is. The second run starts in double precision; the first went as `run`.
     """
-    size = course.structure.size
+    size = schedule.structure.size
     allowed = DEPARTURE * np.abs(displacement).max()
     found: list[float] = []
 
     def receive(first: int, states: Floats) -> bool:
         apart = np.abs(states[:, :size] - displacement[first : first + len(states)]).max(axis=1) > allowed
         if apart.any():
-            found.append(float(course.times[first + int(np.argmax(apart))]))
+            found.append(float(schedule.times[first + int(np.argmax(apart))]))
         return bool(found)
 
-    longest = _PART * course.end / max(run.steps, 1)
-    travel(course, course.times, receive, Manner(longest, extended=False))
+    longest = _PART * schedule.end / max(run.steps, 1)
+    integrate(schedule, schedule.times, receive, RunOptions(longest, extended=False))
     return found[0] if found else None

@@ -39,7 +39,7 @@ from linkwise.expression import (
     multiply,
     symbols,
 )
-from linkwise.simulation.shape import SCALE, Layout, Shape, edges, power_lost
+from linkwise.simulation.shape import SCALE, ParameterLayout, Shape, edges, power_lost
 
 Formula = Any  # heyoka.expression: the library ships no types
 
@@ -52,7 +52,7 @@ _CALLS: Mapping[str, Callable[..., Formula]] = {
 }  # fmt: skip
 
 
-class Equations:
+class CompiledSystem:
     """The equations of motion of one shape, compiled; one object a thread, since a run leaves its state in it.
 
     State vectors are (2n,): y of every mass, then y'. `kinks` is the number of places where a law or an input bends, or wakes
@@ -66,8 +66,8 @@ class Equations:
         bends = [(owner, kink) for owner, tree in trees for kink in (*kinks(tree), *edges(tree))]
         self._bends = {bend: number for number, bend in enumerate(dict.fromkeys(bends))}
         self.kinks = len(self._bends)
-        self.layout = Layout(shape, self.kinks)
-        self._batches: dict[tuple[int, tuple[int, ...]], Batch] = {}
+        self.layout = ParameterLayout(shape, self.kinks)
+        self._batches: dict[tuple[int, tuple[int, ...]], BatchIntegrator] = {}
 
     def owner(self, kink: int) -> int:
         """The number of the link whose law has this kink; -1 for an input."""
@@ -201,7 +201,7 @@ class Equations:
             t_events=events,
         )
 
-    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> Batch:
+    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> BatchIntegrator:
         """The integrator of `lanes` structures side by side, for a shape without kinks.
 
         Its states (2n + L + 1, lanes) are y, y', the energy in J that each link has dissipated and the work of the inputs;
@@ -211,7 +211,7 @@ class Equations:
         if (lanes, watched) not in self._batches:
             passages: list[list[tuple[int, float]]] = [[] for _ in watched]
             elongations = (self._link_names(link)["d"] for link in watched)
-            self._batches[lanes, watched] = Batch(
+            self._batches[lanes, watched] = BatchIntegrator(
                 heyoka.taylor_adaptive_batch(
                     [*self.system, *self._accounts],
                     np.zeros((len(self.system) + len(self._accounts), lanes)),
@@ -232,7 +232,7 @@ class Equations:
 
     @cached_property
     def _accounts(self) -> list[tuple[Formula, Formula]]:
-        """Equations of the energies: heat of every link, then the work of forces and base."""
+        """CompiledSystem of the energies: heat of every link, then the work of forces and base."""
         heat, work = [], [heyoka.expression(0.0)]
         base = [self._input(i)[1] for i, (mass, _) in enumerate(self.shape.inputs) if mass == -2]
         for number, (first, second, law) in enumerate(self.shape.links):
@@ -288,13 +288,13 @@ def _power(base: Formula, exponent: int) -> Formula:
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
+class BatchIntegrator:
     """An integrator of several structures, and where it notes (lane, time in s) of each watched passage."""
 
     integrator: Any
     passages: list[list[tuple[int, float]]]
 
-    def advance(self, grid: Floats, most_steps: int) -> tuple[Floats, Bools]:
+    def propagate(self, grid: Floats, most_steps: int) -> tuple[Floats, Bools]:
         """States (M, variables, lanes) at `grid` (M,), whose first time is where the lanes stand, and which lanes failed.
 
         Where one lane fails, no longer finite or out of steps, the others may not come to the end either.
@@ -311,14 +311,14 @@ def _noting(times: list[tuple[int, float]]) -> Callable[[Any, float, int, int], 
     return lambda _, time, __, lane: times.append((lane, time))
 
 
-def equations(shape: Shape) -> Equations:
+def equations(shape: Shape) -> CompiledSystem:
     """The compiled equations of a shape; compiled once a thread and kept."""
     return _equations(shape, threading.get_ident())
 
 
 @lru_cache(maxsize=128)
-def _equations(shape: Shape, thread: Hashable) -> Equations:
-    return Equations(shape)
+def _equations(shape: Shape, thread: Hashable) -> CompiledSystem:
+    return CompiledSystem(shape)
 
 
 def compilations() -> int:
@@ -332,8 +332,8 @@ def forget() -> None:
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """What one call of `advance` did: `states` (M, 2n) at the requested times that were reached, the time it came to, the
+class PropagationResult:
+    """What one call of `propagate` did: `states` (M, 2n) at the requested times that were reached, the time it came to, the
     number of steps, and why it ended.
     """
 
@@ -343,14 +343,14 @@ class Stretch:
     ended: str  # "done", "steps", "kink", "not finite"
 
 
-def advance(
+def propagate(
     integrator: Any,
     grid: NDArray[Any],
     *,
     most_steps: int = 0,
     longest_step: float = np.inf,
     log: list[float] | None = None,
-) -> Stretch:
+) -> PropagationResult:
     """Run an integrator over `grid` (M,), whose first time is where it stands; its state and time move on.
 
     The time after every step is added to `log`, if there is one.
@@ -367,7 +367,7 @@ def advance(
         ended = "not finite"
     else:
         ended = "kink"
-    return Stretch(states, float(integrator.time), steps, ended)
+    return PropagationResult(states, float(integrator.time), steps, ended)
 
 
 @dataclass(frozen=True)
@@ -392,7 +392,7 @@ def last_finite(integrator: Any, time: float, state: NDArray[Any]) -> tuple[floa
     return time, state
 
 
-def peek(integrator: Any, part: float, longest: float) -> tuple[Floats, float]:
+def trial_step(integrator: Any, part: float, longest: float) -> tuple[Floats, float]:
     """State and time after a `part` of the step that the integrator would take, at most `longest` in s; it moves on."""
     start = float(integrator.time)
     integrator.step(max_delta_t=longest, write_tc=True)

@@ -16,7 +16,7 @@ from linkwise.simulation.shape import power_lost
 
 
 @dataclass(frozen=True, eq=False)
-class Forces:
+class LinkForces:
     """The forces in a structure under an excitation; time on axis 0 of all arrays."""
 
     structure: Structure

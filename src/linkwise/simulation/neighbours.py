@@ -17,7 +17,7 @@ APART = 1e-12  # of the release, from one neighbour to the next: less than any t
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class OrbitEnvelope:
     """A simulated `record` of displacements and the range that its neighbours cover.
 
     `least` and `greatest` (N, n) in m are the extremes, sample by sample, of orbits whose releases differ by
@@ -41,7 +41,7 @@ class Motion:
 
 def motion_after(
     structure: Structure, release: Mapping[str, float], *, duration: float, rate: float
-) -> Motion:
+) -> OrbitEnvelope:
     """The motion of every mass after `release` ({"v:m1": m/s, "x:m1": m}), as `simulate` has it.
 
     Neighbours are run only where chaos leaves something to show. Raises what `simulate` raises.
@@ -58,4 +58,4 @@ def motion_after(
             values = run(1.0 + number * APART).values
             np.minimum(least, values, out=least)
             np.maximum(greatest, values, out=greatest)
-    return Motion(record, least, greatest)
+    return OrbitEnvelope(record, least, greatest)

@@ -15,14 +15,14 @@ from linkwise.expression import Expression
 from linkwise.model.excitation import Excitation, Sampled
 from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
-from linkwise.simulation.shape import SCALE, Layout, Shape
+from linkwise.simulation.shape import SCALE, ParameterLayout, Shape
 
 BLOCK = 4096  # output samples between two stops, for progress and to look whether the motion diverges ...
 _HELD = 500_000  # ... and no more than this over the number of masses, to bound memory
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class RunSchedule:
     """A structure and what drives it, from 0 to `end` in s, ready to run.
 
     `times` (N,) are the output times that cut the run into blocks.
@@ -94,7 +94,7 @@ class Course:
 
     @cached_property
     def pieces(self) -> Floats:
-        """(S - 1, w) parameters of the sampled inputs on each stretch, in the order of `Layout.inputs`."""
+        """(S - 1, w) parameters of the sampled inputs on each stretch, in the order of `ParameterLayout.inputs`."""
         middle = 0.5 * (self.stops[1:] + self.stops[:-1])
         columns = [np.empty((middle.size, 0))]
         for drive in self._sampled:
@@ -103,7 +103,7 @@ class Course:
             columns += [edges[piece, None], coefficients[piece]]
         return np.hstack(columns)
 
-    def parameters(self, layout: Layout, kind: type = np.float64) -> NDArray[Any]:
+    def parameters(self, layout: ParameterLayout, kind: type = np.float64) -> NDArray[Any]:
         """Every parameter but branches and pieces. In extended precision a number is what its decimals say."""
         double = kind is np.float64
         exact: Callable[[float], Any] = float if double else lambda value: kind(repr(float(value)))

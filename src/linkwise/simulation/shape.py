@@ -22,7 +22,7 @@ class Shape(NamedTuple):
     inputs: tuple[tuple[int, Expression | int], ...] = ()
 
 
-class Layout:
+class ParameterLayout:
     """Where each run-time parameter of a shape stands in the vector of parameters.
 
     Coefficients link by link in the order of the law, sigma of every kink, what is added to every kink that shall not be

@@ -12,29 +12,29 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError, SimulationError
-from linkwise.model.excitation import Drive, Excitation, Impulse, Sampled
+from linkwise.model.excitation import Excitation, Impulse, InputSignal, Sampled
 from linkwise.model.link import BASE, near_miss
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.records.truth import EnergyBalance, Simulated
+from linkwise.records.truth import EnergyBalance, SimulationTruth
 from linkwise.runtime import available_memory
 from linkwise.simulation.energy_balance import energy_balance
 from linkwise.simulation.horizon import horizon
-from linkwise.simulation.link_forces import Forces
-from linkwise.simulation.run import Travelled, travel
-from linkwise.simulation.schedule import Course
+from linkwise.simulation.link_forces import LinkForces
+from linkwise.simulation.run import RunLog, integrate
+from linkwise.simulation.schedule import RunSchedule
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
 
 
-class Drives(TypedDict, total=False):
+class ExcitationKeywords(TypedDict, total=False):
     """The keywords of `Excitation.of`."""
 
     release: Mapping[str, float]
     impulses: Iterable[Impulse]
-    forces: Mapping[str, Drive | str | float]
-    base: Drive | str | float | None
+    forces: Mapping[str, InputSignal | str | float]
+    base: InputSignal | str | float | None
 
 
 def simulate(
@@ -45,7 +45,7 @@ def simulate(
     times: ArrayLike | None = None,
     sensors: Iterable[str] = ("x",),
     progress: Callable[[float], object] | None = None,
-    **excitation: Unpack[Drives],
+    **excitation: Unpack[ExcitationKeywords],
 ) -> Record:
     """Simulate from t = 0 and return what sensors see, with the truth in `.simulated`.
 
@@ -61,12 +61,12 @@ def simulate(
     drive = Excitation.of(**excitation)
     check_excitation(structure, drive, float(grid[-1]))
     channels = _channels(structure, drive, sensors)
-    motion = Motion.of(Course(structure, drive, grid), progress)
+    motion = SimulatedMotion.of(RunSchedule(structure, drive, grid), progress)
     values = np.empty((len(grid), len(channels)))
     place = {name: i for i, name in enumerate(structure.mass_names)}
     arrays = {"x": motion.displacement, "v": motion.velocity}
     if any(channel.kind == "a" for channel in channels):
-        arrays["a"] = Forces(structure, drive).accelerations(grid, motion.displacement, motion.velocity)
+        arrays["a"] = LinkForces(structure, drive).accelerations(grid, motion.displacement, motion.velocity)
     for column, channel in enumerate(channels):
         if channel.is_input:
             values[:, column] = drive.drives[channel.mass].value(grid)
@@ -78,45 +78,45 @@ def simulate(
         rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
         channels=tuple(str(channel) for channel in channels),
         values=values,
-        simulated=Simulated(structure, motion.displacement, motion.velocity, base, motion),
+        simulated=SimulationTruth(structure, motion.displacement, motion.velocity, base, motion),
         source=f"simulation of {structure.name}",
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """A course that was run: displacements and velocities (N, n) at its times, and the account of them when asked."""
+class SimulatedMotion:
+    """A schedule that was run: displacements and velocities (N, n) at its times, and the account of them when asked."""
 
-    course: Course
+    schedule: RunSchedule
     displacement: Floats
     velocity: Floats
-    run: Travelled
+    run: RunLog
 
     @classmethod
-    def of(cls, course: Course, progress: Callable[[float], object] | None = None) -> Motion:
-        """Run a course. SimulationError where it cannot be run to its end."""
-        size = course.structure.size
-        x, v = np.empty((len(course.times), size)), np.empty((len(course.times), size))
+    def of(cls, schedule: RunSchedule, progress: Callable[[float], object] | None = None) -> SimulatedMotion:
+        """Run a schedule. SimulationError where it cannot be run to its end."""
+        size = schedule.structure.size
+        x, v = np.empty((len(schedule.times), size)), np.empty((len(schedule.times), size))
 
         def receive(first: int, states: Floats) -> None:
             rows = slice(first, first + len(states))
             x[rows], v[rows] = states[:, :size], states[:, size:]
             if progress is not None:
-                progress((first + len(states)) / len(course.times))
+                progress((first + len(states)) / len(schedule.times))
 
-        run = travel(course, course.times, receive)
+        run = integrate(schedule, schedule.times, receive)
         x.flags.writeable = v.flags.writeable = False
-        return cls(course, x, v, run)
+        return cls(schedule, x, v, run)
 
     @cached_property
     def energy(self) -> EnergyBalance:
         """The energy balance at every output time."""
-        return energy_balance(self.course, self.displacement, self.velocity, self.run)
+        return energy_balance(self.schedule, self.displacement, self.velocity, self.run)
 
     @cached_property
     def horizon(self) -> float | None:
         """The time in s from which the orbit cannot be trusted, None where it can throughout."""
-        return horizon(self.course, self.displacement, self.run)
+        return horizon(self.schedule, self.displacement, self.run)
 
 
 def output_times(duration: float | None, rate: float | None, times: ArrayLike | None = None) -> Floats:
