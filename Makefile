@@ -7,7 +7,7 @@ RESULTS := results/two-mass-chain
 STUDY := results/paper
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify study test benchmark check clean
+.PHONY: help env identify study test docs benchmark check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -41,5 +41,10 @@ check: env  ## lint and check types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+docs: env  ## build the documentation in docs/site, with warnings as errors
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	$(BIN)/sphinx-build -q -W --keep-going -b html -d docs/site/.doctrees docs docs/site
+	$(BIN)/python docs/check_site.py docs/site
+
 clean:  ## remove the environment and what was built or written
-	rm -rf $(VENV) results .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) results docs/site docs/api docs/gallery .pytest_cache .mypy_cache .ruff_cache .hypothesis

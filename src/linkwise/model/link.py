@@ -21,7 +21,9 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 
 GROUND = "ground"
+"""The end of a link that is fixed in space."""
 BASE = "base"
+"""The end of a link that moves with a recorded or stated base motion."""
 
 _FORBIDDEN = set("[]:=/\\")  # they have a meaning in channel headers, on the command line or in file names
 

@@ -21,6 +21,7 @@ from linkwise.signals.states import Method, States, differentiate
 Convention = Literal["displacement", "states", "differenced", "derivatives"]
 
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
+"""Where `noisy_states` can put its noise, by name (METHODS section 3)."""
 MEANING: dict[Convention, str] = {
     "displacement": "noise on every displacement, velocities and accelerations by differentiating it (the paper's steps 2 "
     "and 3)",

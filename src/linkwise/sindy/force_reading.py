@@ -24,6 +24,7 @@ from linkwise.sindy.regression.regressor import Fit
 Reading = Literal["coefficients", "ends", "displacements"]
 
 READINGS: tuple[Reading, ...] = get_args(Reading)
+"""How `monomial_force` can read the force of a link from a monomial model."""
 
 
 def monomial_force(

@@ -1,0 +1,77 @@
+"""How the documentation is built: `make docs` runs Sphinx on this folder with warnings as errors."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import linkwise as lw
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "extensions"))
+
+project = "linkwise"
+author = "The linkwise developers"
+copyright = author
+version = release = lw.__version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_gallery.gen_gallery",
+    "api_reference",
+    "mathml",
+]
+exclude_patterns = ["extensions", "site"]
+nitpicky = True
+
+# Pages
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+# Docstrings
+default_role = "autolink"
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 88
+autosummary_generate = True
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = True
+
+# Without a network nothing outside this package can be linked to; names of it that are not public are no links.
+nitpick_ignore_regex = [("py:.*", r"(?!linkwise\.).*"), ("py:.*", r"linkwise\.[a-z_]+\..*")]
+
+
+# Gallery
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "reset_modules": ("matplotlib", "figure_style.reset"),
+    "abort_on_example_error": True,
+    "remove_config_comments": True,
+    "show_memory": False,
+    "write_computation_times": False,
+    "min_reported_time": 1e9,
+    "download_all_examples": False,
+}
+
+# Site
+html_theme = "pydata_sphinx_theme"
+html_title = "linkwise"
+html_static_path = ["static"]
+html_css_files = ["linkwise.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "navbar_align": "left",
+    "navbar_end": ["theme-switcher"],
+    "show_prev_next": True,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "secondary_sidebar_items": ["page-toc"],
+}
+html_context = {"default_mode": "auto"}

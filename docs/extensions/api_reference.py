@@ -1,0 +1,124 @@
+"""The API reference, written from `linkwise.__all__`: a new public name appears by itself or fails the build.
+
+Names are grouped by the package that they live in, in the order of PACKAGES; each gets a page of its own in docs/api.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from importlib import import_module
+from pathlib import Path
+
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+from sphinx.pycode import ModuleAnalyzer
+
+import linkwise as lw
+
+PACKAGES = {
+    "model": "Structures, laws and excitations",
+    "records": "Records",
+    "files": "Record files",
+    "signals": "Signals",
+    "simulation": "Simulation",
+    "analysis": "Analysis of structures",
+    "identification": "Identification",
+    "estimates": "Estimates",
+    "likelihood": "Maximum likelihood",
+    "weak": "Weak form",
+    "sindy": "SINDy",
+    "discovery": "Discovery",
+    "absorption": "Vibration absorption",
+    "study": "Studies",
+    "plot": "Figures",
+    "report": "Result folders",
+    "paper": "The paper",
+    "verdict": "Trust",
+    "units": "Units",
+    "errors": "Errors",
+}
+INDEX = """\
+API reference
+=============
+
+Everything that ``linkwise`` makes public, by subject. Arrays are given with their shapes, as in (N,), and units; names
+load on first use, so ``import linkwise as lw`` costs next to nothing.
+
+.. currentmodule:: linkwise
+"""
+
+
+def imported(module: str) -> dict[str, str]:
+    """The names that a module imports from others, those for type checkers included, and from which."""
+    file = import_module(module).__file__
+    nodes = ast.walk(ast.parse(Path(str(file)).read_text(encoding="utf-8")))
+    imports = [node for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+def comment(name: str, module: str) -> list[str]:
+    """The lines of the docstring below a constant, or of the `#:` comment above it, where it is defined."""
+    while name in (names := imported(module)):
+        module = names[name]
+    comments = ModuleAnalyzer.for_module(module).find_attr_docs()
+    if ("", name) not in comments:
+        raise ExtensionError(f'the public constant "{name}" has no docstring: write one below it in {module}')
+    return comments["", name]
+
+
+def page(name: str, home: str) -> str:
+    """The page of one public name."""
+    value = getattr(lw, name)
+    head = f"{name}\n{'=' * len(name)}\n\n.. currentmodule:: linkwise\n\n"
+    if inspect.isclass(value):
+        return f"{head}.. autoclass:: {name}\n   :members:\n"
+    if callable(value):
+        return f"{head}.. autofunction:: {name}\n"
+    if inspect.ismodule(value):
+        return f"{head}.. automodule:: linkwise.{name}\n   :members:\n"
+    text = "\n   ".join(comment(name, home))
+    return f"{head}.. py:data:: {name}\n   :value: {value!r}\n\n   {text}\n"
+
+
+def summary(name: str, value: object) -> str:
+    """A line of the index."""
+    return f"   {name}\n" if callable(value) or inspect.ismodule(value) else ""
+
+
+def pages() -> dict[str, str]:
+    """All pages of the reference by name, the index among them."""
+    home = imported("linkwise")
+    if missing := sorted(set(lw.__all__) - set(home)):
+        raise ExtensionError(f"public names that are not imported for type checkers: {', '.join(missing)}")
+    package = {name: home[name].split(".")[1] for name in lw.__all__}
+    if unknown := sorted(set(package.values()) - set(PACKAGES)):
+        raise ExtensionError(f"docs/extensions/api_reference.py has no title for: {', '.join(unknown)}")
+    written = {name: page(name, home[name]) for name in lw.__all__}
+    index = [INDEX]
+    for folder, title in PACKAGES.items():
+        names = sorted((name for name in lw.__all__ if package[name] == folder), key=str.lower)
+        if names:
+            table = "".join(summary(name, getattr(lw, name)) for name in names)
+            tree = "".join(f"   {name}\n" for name in names)
+            index += [title, "-" * len(title), "", ".. autosummary::", "", table]
+            index += [".. toctree::", "   :hidden:", "", tree]
+    return {**written, "index": "\n".join(index)}
+
+
+def write(app: Sphinx) -> None:
+    """Write the pages into docs/api; those that have not changed keep their time, so that they are not built again."""
+    folder = Path(app.srcdir) / "api"
+    folder.mkdir(exist_ok=True)
+    wanted = {folder / f"{name}.rst": text for name, text in pages().items()}
+    for old in set(folder.glob("*.rst")) - set(wanted):
+        old.unlink()
+    for path, text in wanted.items():
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the reference before Sphinx looks for pages."""
+    app.connect("builder-inited", write, priority=100)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
