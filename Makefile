@@ -43,8 +43,8 @@ check: env  ## lint and check types
 
 docs: env  ## build the documentation in docs/site, with warnings as errors
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
-	$(BIN)/sphinx-build -q -W --keep-going -b html -d docs/site/.doctrees docs docs/site
+	$(BIN)/sphinx-build -q -E -W --keep-going -b html -d docs/site/.doctrees docs docs/site
 	$(BIN)/python docs/check_site.py docs/site
 
 clean:  ## remove the environment and what was built or written
-	rm -rf $(VENV) results docs/site docs/api docs/gallery .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) results docs/site docs/api docs/gallery docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -22,9 +22,10 @@ extensions = [
     "myst_parser",
     "sphinx_gallery.gen_gallery",
     "api_reference",
+    "executed",
     "mathml",
 ]
-exclude_patterns = ["extensions", "site"]
+exclude_patterns = ["extensions", "generated", "site"]
 nitpicky = True
 
 # Pages
@@ -32,7 +33,7 @@ myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 # Docstrings
-default_role = "autolink"
+default_role = "py:obj"
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
@@ -52,6 +53,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "reset_modules": ("matplotlib", "figure_style.reset"),
     "abort_on_example_error": True,
+    "run_stale_examples": True,
     "remove_config_comments": True,
     "show_memory": False,
     "write_computation_times": False,
@@ -64,6 +66,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "linkwise"
 html_static_path = ["static"]
 html_css_files = ["linkwise.css"]
+html_sidebars = {"index": [], "first-hour": [], "methods": [], "architecture": []}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

@@ -18,13 +18,13 @@ def reset(gallery_conf: object, name: str) -> None:
             "axes.titlelocation": "left",
             "axes.titlesize": 10,
             "figure.constrained_layout.use": True,
-            "figure.figsize": (8.0, 3.6),
+            "figure.figsize": (6.6, 3.2),
             "font.size": 9,
             "grid.alpha": 0.35,
             "grid.linewidth": 0.5,
             "legend.fontsize": 8,
             "legend.frameon": False,
             "lines.linewidth": 1.2,
-            "savefig.dpi": 130,
+            "savefig.dpi": 160,
         }
     )
