@@ -1,7 +1,7 @@
 """Code on pages that runs while the page is built, so that every number below it was printed by it.
 
-Blocks of one page share their names and an empty folder that they work in. A block that fails fails the build, and so does one that
-should fail and does not::
+Blocks of one page share their names and a folder that is empty at first. A block that fails fails the build, and so does one
+that should fail and does not::
 
     ```{run}                     Python; what it prints and the figures that it opens stand below it
     :raises: RecordError         it must raise this, and the message stands below it
