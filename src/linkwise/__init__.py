@@ -76,7 +76,7 @@ if TYPE_CHECKING:
     from linkwise.study.toml_file import read_study
     from linkwise.units import to_si
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "BASE",

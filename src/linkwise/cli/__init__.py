@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import click
 
+from linkwise import __version__
 from linkwise.cli.absorb import absorb
 from linkwise.cli.console import fail
 from linkwise.cli.discover import discover
@@ -28,7 +29,7 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(package_name="linkwise")
+@click.version_option(__version__)
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def linkwise(debug: bool) -> None:
     """Identify the force law of every link of a nonlinear structure from its measured motion.

@@ -1,0 +1,38 @@
+"""What names the version of a release agrees: the package, the citation and the changelog."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import linkwise as lw
+
+TOP = Path(__file__).resolve().parents[1]
+CHANGELOG = (TOP / "CHANGELOG.md").read_text(encoding="utf-8")
+CITATION = (TOP / "CITATION.cff").read_text(encoding="utf-8")
+RELEASE = re.compile(r"^## \[(\d+\.\d+\.\d+)\] - (\d{4}-\d{2}-\d{2})$", re.MULTILINE)
+
+
+def cited(key: str) -> str:
+    """The value of a key at the top level of the citation file."""
+    found = re.search(rf'^{key}: "?([^"\n]+)"?$', CITATION, re.MULTILINE)
+    assert found is not None, key
+    return found[1]
+
+
+def test_the_newest_release_of_the_changelog_is_this_version() -> None:
+    assert RELEASE.findall(CHANGELOG)[0] == (lw.__version__, cited("date-released"))
+    assert cited("version") == lw.__version__
+
+
+def test_releases_stand_newest_first_below_what_is_unreleased() -> None:
+    versions = [tuple(map(int, version.split("."))) for version, _ in RELEASE.findall(CHANGELOG)]
+    assert len(versions) >= 2 and versions == sorted(versions, reverse=True)
+    assert CHANGELOG.index("## [Unreleased]") < CHANGELOG.index(f"## [{lw.__version__}]")
+
+
+def test_the_licence_is_the_same_everywhere() -> None:
+    project = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["license"] == cited("license") == "BSD-3-Clause"
+    assert (TOP / "LICENSE").read_text(encoding="utf-8").startswith("BSD 3-Clause License\n")
