@@ -6,8 +6,12 @@ what it touches.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from operator import attrgetter
 from typing import TYPE_CHECKING
+
+from linkwise.deprecation import Deprecated
 
 if TYPE_CHECKING:
     from linkwise.absorption.absorb import absorb
@@ -246,8 +250,15 @@ _HOMES = {
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
+# Old spellings of public names; they warn and are not listed by dir(). CONTRIBUTING.md says when one may go.
+_DEPRECATED: dict[str, Deprecated] = {}
+
 
 def __getattr__(name: str) -> object:
+    if name in _DEPRECATED:
+        new = _DEPRECATED[name].new
+        _DEPRECATED[name].warn(f"linkwise.{name}", f"linkwise.{new}")
+        return attrgetter(new)(sys.modules[__name__])
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

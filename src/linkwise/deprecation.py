@@ -1,0 +1,86 @@
+"""Old spellings of public names and keywords: they go on working, warn, and say what to write instead.
+
+The policy (what, since when, until when) stands in CONTRIBUTING.md. A test reads every `Deprecated(...)` of the source and
+fails when the version reaches its `until`, so that no old spelling outlives its promise.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from typing import NamedTuple, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Deprecated(NamedTuple):  # a dataclass would double the time that `import linkwise` takes
+    """What replaces an old spelling, the version since which it warns and the version in which it goes.
+
+    Parameters
+    ----------
+    new : str
+        The replacement: of a public name the name to import from linkwise, dotted where it lies deeper; of a keyword the
+        keyword.
+    since, until : str
+        Versions, such as "0.2.0" and "0.4.0".
+    """
+
+    new: str
+    since: str
+    until: str
+
+    def warn(self, old: str, new: str) -> None:
+        """Warn that `old` is now called `new`; the warning points to the line that called the caller of this method."""
+        message = (
+            f"{old} is deprecated since linkwise {self.since} and will be removed in {self.until}; use {new}"
+        )
+        warnings.warn(message, DeprecationWarning, stacklevel=3)
+
+
+def deprecated_keyword(old: str, entry: Deprecated) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a function take a keyword by its old spelling too.
+
+    Parameters
+    ----------
+    old : str
+        The old spelling.
+    entry : Deprecated
+        The keyword that replaces it, and the versions.
+
+    Returns
+    -------
+    callable
+        A decorator. The function that it returns raises TypeError where a call gives both spellings.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from linkwise.deprecation import Deprecated, deprecated_keyword
+    >>> @deprecated_keyword("fs", Deprecated("rate", since="0.2.0", until="9.0.0"))
+    ... def period(*, rate: float) -> float:
+    ...     return 1.0 / rate
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     period(fs=4.0)
+    0.25
+    >>> print(caught[0].message)
+    keyword 'fs' of period is deprecated since linkwise 0.2.0 and will be removed in 9.0.0; use 'rate'
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def renamed(*args: P.args, **kwargs: P.kwargs) -> R:
+            if old in kwargs:
+                if entry.new in kwargs:
+                    raise TypeError(
+                        f"{function.__qualname__} got {entry.new!r} and also {old!r}, its old spelling"
+                    )
+                entry.warn(f"keyword {old!r} of {function.__qualname__}", repr(entry.new))
+                kwargs[entry.new] = kwargs.pop(old)
+            return function(*args, **kwargs)
+
+        return renamed
+
+    return decorate
