@@ -5,9 +5,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.built
 RESULTS := results/two-mass-chain
 STUDY := results/paper
+PYTEST := -m pytest -q -n auto --maxprocesses 8 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify study test docs benchmark check clean
+.PHONY: help env identify study test matrix docs benchmark check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -32,7 +33,10 @@ study: env  ## reproduce the paper in results/paper: half an hour on two process
 	$(BIN)/linkwise study paper -o $(STUDY)
 
 test: env  ## run all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --maxprocesses 8 --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python $(PYTEST)
+
+matrix: env  ## run all tests on every installed Python from 3.11, and once with the lowest versions of all dependencies
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/matrix.py $(PYTEST)
 
 benchmark: env  ## measure speed and accuracy against the figures that they must reach
 	$(BIN)/python -m pytest -q -s -o python_files='bench_*.py' benchmarks
@@ -47,4 +51,4 @@ docs: env  ## build the documentation in docs/site, with warnings as errors
 	$(BIN)/python docs/check_site.py docs/site
 
 clean:  ## remove the environment and what was built or written
-	rm -rf $(VENV) results docs/site docs/api docs/gallery docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .matrix results docs/site docs/api docs/gallery docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
