@@ -143,7 +143,7 @@ def test_every_help_has_an_example(command: list[str], capsys: pytest.CaptureFix
 
 def test_a_reader_that_goes_away_is_no_error() -> None:
     """`linkwise ... | head -1` closes the pipe early."""
-    command = f"{sys.executable} -m linkwise.cli structure bnes --dof 1000 | head -1"
+    command = f"{sys.executable} -m linkwise structure bnes --dof 1000 | head -1"
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert result.stdout.startswith("name = ") and result.stderr == ""
 

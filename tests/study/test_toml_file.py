@@ -159,7 +159,9 @@ def test_names_that_are_not_there() -> None:
 
 
 def test_the_documented_study_is_one() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "how-to" / "studies-and-clusters.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "studies-and-clusters.md").read_text(
+        encoding="utf-8"
+    )
     study = parse_study(page.partition("```toml\n")[2].partition("```")[0], "studies-and-clusters.md", Path())
     assert study.first_seed == 1 and study.cycles == 50 and study.quick == 3
     assert [method.name for method in study.methods] == ["ml", "physics-informed", "all monomials"]
