@@ -35,6 +35,7 @@ from linkwise.expression import (
     to_text,
     walk,
 )
+from linkwise.expression.functions import writable_functions
 
 NAMES = ("d", "v", "k", "g")
 D, V, K = Symbol("d"), Symbol("v"), Symbol("k")
@@ -71,9 +72,9 @@ def texts() -> st.SearchStrategy[str]:
                 lambda t: f"({t[0]})**{t[1]}"
             ),
             inner.map(lambda t: f"-{t}"),
-            st.tuples(st.sampled_from([f for f, n in FUNCTIONS.items() if n == 1]), inner).map(
-                lambda t: f"{t[0]}({t[1]})"
-            ),
+            st.tuples(
+                st.sampled_from([name for name in writable_functions() if FUNCTIONS[name].arity == 1]), inner
+            ).map(lambda t: f"{t[0]}({t[1]})"),
             st.tuples(st.sampled_from(["max", "min"]), inner, inner).map(lambda t: f"{t[0]}({t[1]}, {t[2]})"),
         )
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from linkwise.expression.calculus import antiderivative, differentiate, kinks, polynomial
+from linkwise.expression.calculus import antiderivative, differentiate, kink_and_branch, kinks, polynomial
+from linkwise.expression.functions import FUNCTIONS, LawFunction
 from linkwise.expression.parser import parse, parse_with_places
 from linkwise.expression.program import Program
 from linkwise.expression.tree import (
-    FUNCTIONS,
     Call,
     Expression,
     Number,
@@ -25,7 +25,7 @@ from linkwise.expression.tree import (
 )
 
 __all__ = [
-    "FUNCTIONS", "Call", "Expression", "Number", "Power", "Product", "Program", "Sum", "Symbol", "add", "antiderivative",
-    "call", "differentiate", "kinks", "multiply", "parse", "parse_with_places", "polynomial", "power", "substitute",
-    "symbols", "to_text", "walk",
+    "FUNCTIONS", "Call", "Expression", "LawFunction", "Number", "Power", "Product", "Program", "Sum", "Symbol", "add",
+    "antiderivative", "call", "differentiate", "kink_and_branch", "kinks", "multiply", "parse", "parse_with_places",
+    "polynomial", "power", "substitute", "symbols", "to_text", "walk",
 ]  # fmt: skip

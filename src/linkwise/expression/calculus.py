@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 
+from linkwise.expression.functions import FUNCTIONS
+from linkwise.expression.parser import parse_rule
 from linkwise.expression.tree import (
     MINUS_ONE,
     ONE,
@@ -20,10 +22,10 @@ from linkwise.expression.tree import (
     children,
     multiply,
     power,
+    substitute,
     symbols,
 )
 
-_HALF = Number(0.5)
 _TINY = Number(sys.float_info.min)
 _LARGEST_EXPANSION = 64  # exponent up to which a power of a sum is multiplied out
 _LARGEST_TABLE = 1024  # products of terms in one step of it; beyond, the expression counts as no polynomial
@@ -74,34 +76,12 @@ def _power_slope(base: Expression, exponent: int | float | Expression, name: str
 
 def _call_slopes(function: str, arguments: tuple[Expression, ...]) -> tuple[Expression, ...]:
     """The partial derivatives of a function by each of its arguments."""
-    first = arguments[0]
-    this = call(function, *arguments)
-    match function:
-        case "abs":
-            return (call("sign", first),)
-        case "sign":
-            return (ZERO,)
-        case "sqrt":
-            return (multiply(_HALF, power(this, -1)),)
-        case "exp":
-            return (this,)
-        case "tanh":
-            return (add(ONE, multiply(MINUS_ONE, power(this, 2))),)
-        case "sin":
-            return (call("cos", first),)
-        case "cos":
-            return (multiply(MINUS_ONE, call("sin", first)),)
-        case "log":
-            return (power(first, -1),)
-        case "max" | "min":
-            above = multiply(_HALF, call("sign", add(first, multiply(MINUS_ONE, arguments[1]))))
-            below = multiply(MINUS_ONE, above)
-            return (
-                (add(_HALF, above), add(_HALF, below))
-                if function == "max"
-                else (add(_HALF, below), add(_HALF, above))
-            )
-    raise ValueError(f"no derivative of {function}")
+    return tuple(_applied(rule, arguments) for rule in FUNCTIONS[function].derivatives)
+
+
+def _applied(rule: str, arguments: tuple[Expression, ...]) -> Expression:
+    """A rule of the table of functions for these arguments."""
+    return substitute(parse_rule(rule), dict(zip(("x", "y"), arguments, strict=False)))
 
 
 def polynomial(expression: Expression, names: tuple[str, ...]) -> dict[tuple[int, ...], Expression] | None:
@@ -157,8 +137,8 @@ def _times(
 def antiderivative(expression: Expression, name: str) -> Expression | None:
     """An antiderivative by `name`, continuous wherever the expression is finite, or None where no rule is known.
 
-    Rules: polynomials; sums; constant factors; sin, cos, exp, tanh, sqrt, abs, sign and powers of a linear argument; powers
-    of `name` times abs(name) and sign(name). The value at 0 is whatever the rule gives.
+    Rules: polynomials; sums; constant factors; powers of a linear argument and functions of one, where the table of functions
+    has a rule; powers of `name` times abs(name) and sign(name). The value at 0 is whatever the rule gives.
     """
     terms = polynomial(expression, (name,))
     variable = Symbol(name)
@@ -230,23 +210,8 @@ def _power_primitive(argument: Expression, exponent: Expression) -> Expression |
 
 def _primitive(function: str, argument: Expression) -> Expression | None:
     """An antiderivative by the argument."""
-    size = call("abs", argument)
-    match function:
-        case "sin":
-            return multiply(MINUS_ONE, call("cos", argument))
-        case "cos":
-            return call("sin", argument)
-        case "exp":
-            return call("exp", argument)
-        case "sqrt":
-            return multiply(Number(2.0 / 3.0), argument, call("sqrt", argument))
-        case "abs":
-            return multiply(_HALF, argument, size)
-        case "sign":
-            return size
-        case "tanh":  # log cosh, written so that it neither overflows nor cancels far from 0
-            return add(size, call("log", add(ONE, call("exp", multiply(Number(-2.0), size)))))
-    return None
+    rule = FUNCTIONS[function].antiderivative
+    return None if rule is None else _applied(rule, (argument,))
 
 
 def _expression(exponent: int | float | Expression) -> Expression:
@@ -256,7 +221,7 @@ def _expression(exponent: int | float | Expression) -> Expression:
 def kinks(expression: Expression) -> tuple[Expression, ...]:
     """Where the expression is not smooth: the zeros of these expressions, each once, inner ones first.
 
-    They are the arguments of abs and sign and the differences of the arguments of max and min.
+    They are the kinks of its functions: arguments of abs and sign, differences of the arguments of max and min.
     """
     found: dict[Expression, None] = {}
 
@@ -264,10 +229,19 @@ def kinks(expression: Expression) -> tuple[Expression, ...]:
         for below in children(node):
             visit(below)
         match node:
-            case Call("abs" | "sign", (argument,)):
-                found.setdefault(argument)
-            case Call("max" | "min", (first, second)):
-                found.setdefault(add(first, multiply(MINUS_ONE, second)))
+            case Call(function, arguments) if FUNCTIONS[function].kink is not None:
+                found.setdefault(kink_and_branch(function, arguments)[0])
 
     visit(expression)
     return tuple(found)
+
+
+def kink_and_branch(function: str, arguments: tuple[Expression, ...]) -> tuple[Expression, Expression]:
+    """Where a function with a kink is not smooth, and what it is on either side with `s` for the sign there, in `x` and `y`.
+
+    Raises ValueError for a smooth function.
+    """
+    rules = FUNCTIONS[function]
+    if rules.kink is None:
+        raise ValueError(f"{function} is smooth")
+    return _applied(rules.kink, arguments), parse_rule(rules.branch)

@@ -14,6 +14,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from linkwise.expression.dimension import NONE, Dimension
+from linkwise.expression.functions import FUNCTIONS
 from linkwise.expression.tree import (
     MINUS_ONE,
     Call,
@@ -28,7 +29,6 @@ from linkwise.expression.tree import (
     to_text,
 )
 
-_PURE = frozenset({"sign", "exp", "tanh", "sin", "cos"})  # the value has no unit, whatever the argument
 _SILENT, _ALONE, _FACTOR = range(3)  # the order in which numbers are made pure
 
 
@@ -145,7 +145,9 @@ class _Reader:
         match expression:
             case Symbol(name):
                 return name not in self.variables
-            case Call(function, _) if function in _PURE:
+            case Call(function, _) if not FUNCTIONS[
+                function
+            ].degree:  # the value has no unit, whatever the argument
                 return False
         return any(self.carries(below) for below in children(expression))
 
@@ -175,15 +177,14 @@ class _Reader:
         raise TypeError(f"no expression: {expression!r}")
 
     def call(self, function: str, arguments: tuple[Expression, ...]) -> _Form:
-        if len(arguments) == 2:
-            return self.equal(arguments)
-        if function == "abs":
-            return self.read(arguments[0])
-        if function == "sqrt":
-            return _UNIT.times(self.read(arguments[0]), Fraction(1, 2))
-        inner = self.term(arguments[0])
-        if function != "sign":
-            self.equate(inner, _UNIT, arguments[0], f"the argument of {function} has no unit")
+        degree = FUNCTIONS[function].degree
+        if degree:
+            common = self.equal(arguments) if len(arguments) > 1 else self.read(arguments[0])
+            return _UNIT.times(common, degree)
+        for argument in arguments:
+            inner = self.term(argument)
+            if degree is None:
+                self.equate(inner, _UNIT, argument, f"the argument of {function} has no unit")
         return _UNIT
 
     def equal(self, parts: tuple[Expression, ...]) -> _Form:

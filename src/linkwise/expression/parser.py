@@ -8,10 +8,11 @@ import keyword
 import math
 import re
 from dataclasses import dataclass
+from functools import cache
 
 from linkwise.errors import LawError
+from linkwise.expression.functions import FUNCTIONS, writable_functions
 from linkwise.expression.tree import (
-    FUNCTIONS,
     MINUS_ONE,
     Expression,
     Number,
@@ -28,7 +29,6 @@ LONGEST = 2000  # characters
 _TOKEN = re.compile(
     r"(?P<space>\s+)|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|//|[-+*/(),])"
 )
-_KNOWN = ", ".join(FUNCTIONS)
 _STRANGE = {
     "^": "A power is written with two stars: d**3.",
     "=": "Write only the right-hand side, the expression itself.",
@@ -90,6 +90,13 @@ def parse_with_places(text: str, variables: tuple[str, ...] = ()) -> Parsed:
         ) from None
     walker = _Walker(text, line)
     return Parsed(walker.read(body, 0), tuple(walker.places))
+
+
+@cache
+def parse_rule(text: str) -> Expression:
+    """The tree of a rule in the table of functions, which may contain functions that a law may not."""
+    line = f"({text})"
+    return _Walker(text, line).read(ast.parse(line, mode="eval").body, 0)
 
 
 class _Scan:
@@ -168,7 +175,7 @@ class _Scan:
 
     def check_open(self, position: int) -> None:
         called = self.kind == "name"
-        if called and self.token not in FUNCTIONS:
+        if called and self.token not in writable_functions():
             raise self.unknown_function()
         if not called and not self.expects_operand:
             raise self.error(
@@ -184,13 +191,14 @@ class _Scan:
 
     def unknown_function(self) -> LawError:
         name = self.token
-        near = difflib.get_close_matches(name.lower(), FUNCTIONS, n=1)
+        known = writable_functions()
+        near = difflib.get_close_matches(name.lower(), known, n=1)
         if name in self.variables:
             advice = f"{name} is a variable: for a product write {name}*(...)."
         elif near:
-            advice = f"Did you mean {near[0]}? The functions are {_KNOWN}. For a product write {name}*(...)."
+            advice = f"Did you mean {near[0]}? The functions are {', '.join(known)}. For a product write {name}*(...)."
         else:
-            advice = f"The functions are {_KNOWN}. For a product write {name}*(...)."
+            advice = f"The functions are {', '.join(known)}. For a product write {name}*(...)."
         return self.error(f"{name!r} is not a function.", self.position, advice)
 
     def check_close(self, token: str, position: int) -> None:
@@ -283,7 +291,7 @@ class _Walker:
         return Number(converted)
 
     def name(self, name: str, node: ast.expr) -> Expression:
-        if name in FUNCTIONS:
+        if name in writable_functions():
             raise self.error(
                 f"{name!r} is a function, not a name.",
                 node,
@@ -292,7 +300,7 @@ class _Walker:
         return Number(math.pi) if name == "pi" else Symbol(name)
 
     def function(self, name: str, arguments: list[ast.expr], node: ast.expr, depth: int) -> Expression:
-        least = FUNCTIONS[name]
+        least = FUNCTIONS[name].arity
         if len(arguments) < least or (least == 1 and len(arguments) > 1):
             wanted = "one argument" if least == 1 else "two or more arguments"
             raise self.error(

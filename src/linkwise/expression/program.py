@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any, final
 
@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
+from linkwise.expression.functions import FUNCTIONS
 from linkwise.expression.tree import Call, Expression, Number, Power, Product, Sum, Symbol, multiply
 
-_UFUNCS: dict[str, Callable[..., Any]] = {
-    "abs": np.absolute, "sign": np.sign, "sqrt": np.sqrt, "exp": np.exp, "tanh": np.tanh, "sin": np.sin, "cos": np.cos,
-    "max": np.maximum, "min": np.minimum, "log": np.log, "+": np.add, "-": np.subtract, "*": np.multiply,
-    "/": np.divide, "negative": np.negative, "**": np.power,
+_OPERATORS: dict[str, np.ufunc] = {
+    "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "negative": np.negative, "**": np.power,
 }  # fmt: skip
-_COMMUTE = frozenset({"+", "*", "max", "min"})
 _LARGEST_PRODUCT = 64  # integer powers up to this are products
 
 
@@ -97,7 +95,7 @@ class _Writer:
         return self.index[value]
 
     def apply(self, operation: str, *operands: int) -> int:
-        if operation in _COMMUTE:
+        if operation in ("+", "*") or (len(operands) == 2 and operation in FUNCTIONS):
             operands = tuple(sorted(operands))
         return self.number((operation, *operands), any(self.wide[operand] for operand in operands))
 
@@ -176,7 +174,7 @@ class _Writer:
 
 def _allocate(
     writer: _Writer, outputs: list[int]
-) -> tuple[list[Any], list[tuple[Callable[..., Any], int, int, int, bool]], list[int]]:
+) -> tuple[list[Any], list[tuple[np.ufunc, int, int, int, bool]], list[int]]:
     """Constants, the tape and the places of the outputs, on few slots.
 
     A slot is used again, by a value of its kind (wide or narrow), from the operation on that reads its value for the last
@@ -207,6 +205,10 @@ def _allocate(
         else:
             to = inputs + len(slots)
             slots.append(None)
-        tape.append((_UFUNCS[operation], first, second, to, wide))
+        tape.append((_ufunc(operation), first, second, to, wide))
         slot[number] = to
     return slots, tape, [slot[number] for number in outputs]
+
+
+def _ufunc(operation: str) -> np.ufunc:
+    return _OPERATORS[operation] if operation in _OPERATORS else FUNCTIONS[operation].value

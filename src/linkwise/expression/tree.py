@@ -6,7 +6,7 @@ products, fold constants, collect like terms and equal bases, and drop zeros and
 - a difference is a `Sum` with a `Product` that starts with a negative `Number`; the constant of a sum comes last;
 - a product starts with its `Number`, if it has one; factors `Power(b, -n)`, the divisors, come last;
 - `Power.exponent` is an `int` (neither 0 nor 1), a `float` that is no integer, or an `Expression` that is no `Number`;
-- `max` and `min` have two arguments, every other function has one.
+- a function has one argument or two, as its entry in `functions.FUNCTIONS` says.
 
 Constants fold in double precision. What would fold to something that is not finite (1/0) stays as it is, so that whoever
 evaluates it meets the infinity where the user wrote it.
@@ -15,19 +15,13 @@ evaluates it meets the infinity where the user wrote it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import final
 
-FUNCTIONS: Mapping[str, int] = {
-    "abs": 1, "sign": 1, "sqrt": 1, "exp": 1, "tanh": 1, "sin": 1, "cos": 1, "max": 2, "min": 2,
-}  # fmt: skip
-"""Functions a user may write, and the least number of arguments each takes. Derivatives and integrals also use `log`."""
+import numpy as np
 
-_FOLD: Mapping[str, Callable[..., float]] = {
-    "abs": abs, "sign": lambda a: float((a > 0) - (a < 0)), "sqrt": math.sqrt, "exp": math.exp, "tanh": math.tanh,
-    "sin": math.sin, "cos": math.cos, "max": max, "min": min, "log": math.log,
-}  # fmt: skip
+from linkwise.expression.functions import FUNCTIONS
 
 
 class Expression:
@@ -181,17 +175,17 @@ def power(base: Expression, exponent: int | float | Expression) -> Expression:
 
 
 def call(function: str, *arguments: Expression) -> Expression:
-    """The canonical call; `max` and `min` of more than two arguments become calls of two."""
+    """The canonical call; one of more than two arguments becomes nested calls of two."""
     if len(arguments) > 2:
         return call(function, call(function, *arguments[:-1]), arguments[-1])
     if len(arguments) == 2 and arguments[0] == arguments[1]:
         return arguments[0]
     values = [argument.value for argument in arguments if isinstance(argument, Number)]
     if len(values) == len(arguments):
-        try:
-            return Number(float(_FOLD[function](*values)))
-        except (ValueError, OverflowError):
-            pass
+        with np.errstate(all="ignore"):
+            folded = float(FUNCTIONS[function].value(*values))
+        if math.isfinite(folded):
+            return Number(folded)
     return Call(function, arguments)
 
 

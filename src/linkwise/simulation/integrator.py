@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.expression import (
+    FUNCTIONS,
     Call,
     Expression,
     Number,
@@ -33,10 +34,9 @@ from linkwise.expression import (
     Product,
     Sum,
     Symbol,
-    add,
     differentiate,
+    kink_and_branch,
     kinks,
-    multiply,
     symbols,
 )
 from linkwise.simulation.shape import SCALE, ParameterLayout, Shape, edges, power_lost
@@ -46,10 +46,6 @@ Formula = Any  # heyoka.expression: the library ships no types
 TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
 EXTENDED_TOLERANCE = 1e-16  # order 20, enough for 80-bit arithmetic: the method stays far below its tolerance
 UNROLLED = 12  # masses up to which the step is compiled without loops: twice as fast, compiles longer
-
-_CALLS: Mapping[str, Callable[..., Formula]] = {
-    "sqrt": heyoka.sqrt, "exp": heyoka.exp, "tanh": heyoka.tanh, "sin": heyoka.sin, "cos": heyoka.cos, "log": heyoka.log,
-}  # fmt: skip
 
 
 class CompiledSystem:
@@ -143,16 +139,12 @@ class CompiledSystem:
                     return _power(of(base), exponent)
                 case Power(base, exponent):
                     return of(base) ** (of(exponent) if isinstance(exponent, Expression) else exponent)
-                case Call("abs", (argument,)):
-                    return self._branch(owner, argument) * of(argument)
-                case Call("sign", (argument,)):
-                    return self._branch(owner, argument)
-                case Call("max" | "min" as function, (first, second)):
-                    sign = self._branch(owner, add(first, multiply(Number(-1.0), second)))
-                    half = 0.5 * sign if function == "max" else -0.5 * sign
-                    return (0.5 + half) * of(first) + (0.5 - half) * of(second)
-                case Call(function, (argument,)):
-                    return _CALLS[function](of(argument))
+                case Call(function, arguments) if FUNCTIONS[function].kink is not None:
+                    kink, branch = kink_and_branch(function, arguments)
+                    inner = dict(zip(("x", "y"), map(of, arguments), strict=False))
+                    return self._translate(branch, {**inner, "s": self._branch(owner, kink)}, owner)
+                case Call(function, arguments):
+                    return getattr(heyoka, FUNCTIONS[function].integrator or function)(*map(of, arguments))
             raise TypeError(f"no expression: {node!r}")
 
         return of(tree)

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from linkwise.expression import Call, Expression, Number, Symbol, add, multiply, substitute, symbols, walk
+from linkwise.expression import (
+    FUNCTIONS,
+    Call,
+    Expression,
+    Number,
+    Symbol,
+    add,
+    multiply,
+    substitute,
+    symbols,
+    walk,
+)
 
 SCALE = 2.0**-40  # m, a power of two so that scaling rounds nothing
-FLAT = 15.0  # argument of tanh up to which its slope, computed as 1 - tanh^2, still has digits; tanh is 1 - 2e-13 there
-FADED = -40.0  # argument of exp below which it is nothing beside rounding
 
 
 class Shape(NamedTuple):
@@ -56,14 +65,13 @@ def edges(tree: Expression) -> list[Expression]:
     Far out its derivatives are lost in rounding, so a Taylor series does not see what comes and would step over it: a pulse
     in time, or the reversal of a steep F*tanh(v/s). A step has to end where it wakes up.
     """
-    edges = []
-    for node in walk(tree):
-        match node:
-            case Call("tanh", (argument,)):
-                edges += [add(argument, Number(-FLAT)), add(argument, Number(FLAT))]
-            case Call("exp", (argument,)):
-                edges.append(add(argument, Number(-FADED)))
-    return edges
+    return [
+        add(argument, Number(-end))
+        for node in walk(tree)
+        if isinstance(node, Call)
+        for argument in node.arguments
+        for end in FUNCTIONS[node.function].flat
+    ]
 
 
 def power_lost(law: Expression) -> Expression:

@@ -1,0 +1,79 @@
+"""Tables of named things that can be extended; an entry may say where it lives and is then loaded on first use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from difflib import get_close_matches
+from importlib import import_module
+from typing import Generic, TypeVar, cast, final
+
+from linkwise.errors import LinkwiseError
+
+T = TypeVar("T")
+
+
+@final
+class Registry(Mapping[str, T], Generic[T]):
+    """Things of one `kind` by name, in the order in which they were registered.
+
+    An entry is the thing itself or a text "package.module:attribute" ("package.module" for a module), which is imported when
+    the entry is asked for: names can be listed without loading anything. `error` is what `lookup` raises for a name that is
+    not there.
+
+    >>> shapes = Registry("window", {"hann": 0.5})
+    >>> with shapes.temporarily("hamming", 0.54):
+    ...     list(shapes)
+    ['hann', 'hamming']
+    >>> shapes.lookup("hamming")
+    Traceback (most recent call last):
+    linkwise.errors.LinkwiseError: unknown window 'hamming'; choose from 'hann'
+    """
+
+    def __init__(
+        self, kind: str, entries: Mapping[str, T | str], error: type[LinkwiseError] = LinkwiseError
+    ) -> None:
+        self.kind, self.error = kind, error
+        self._entries: dict[str, T | str] = dict(entries)
+
+    def register(self, name: str, entry: T | str) -> None:
+        """Add an entry; ValueError for a name that is taken."""
+        if name in self._entries:
+            raise ValueError(f"the {self.kind} {name!r} is registered already")
+        self._entries[name] = entry
+
+    @contextmanager
+    def temporarily(self, name: str, entry: T | str) -> Iterator[None]:
+        """Add an entry for the time of a `with` block."""
+        self.register(name, entry)
+        try:
+            yield
+        finally:
+            del self._entries[name]
+
+    def lookup(self, name: str) -> T:
+        """The entry of that name; raises `error`, which lists those there are."""
+        if name in self._entries:
+            return self[name]
+        near = get_close_matches(name, self._entries, n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise self.error(
+            f"unknown {self.kind} {name!r}{hint}; choose from {', '.join(map(repr, self._entries))}"
+        )
+
+    def __getitem__(self, name: str) -> T:
+        entry = self._entries[name]
+        if isinstance(entry, str):
+            module, _, attribute = entry.partition(":")
+            loaded = import_module(module)
+            entry = self._entries[name] = cast(T, getattr(loaded, attribute) if attribute else loaded)
+        return entry
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._entries
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)

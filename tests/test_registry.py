@@ -1,0 +1,47 @@
+"""Registries: lazy entries, and what a wrong name is told."""
+
+from __future__ import annotations
+
+import fractions
+
+import pytest
+
+from linkwise.errors import IdentificationError
+from linkwise.registry import Registry
+
+
+def test_entries_load_on_first_use_and_keep_their_order() -> None:
+    registry: Registry[object] = Registry(
+        "thing", {"b": "fractions:Fraction", "a": "no.such.module:Thing", "m": "fractions"}
+    )
+    assert list(registry) == ["b", "a", "m"] and len(registry) == 3 and "a" in registry
+    assert registry["b"] is fractions.Fraction and registry.lookup("m") is fractions
+    with pytest.raises(ModuleNotFoundError):
+        registry["a"]
+
+
+def test_a_name_is_registered_once() -> None:
+    registry: Registry[int] = Registry("thing", {"a": 1})
+    registry.register("b", 2)
+    with pytest.raises(ValueError, match="the thing 'b' is registered already"):
+        registry.register("b", 3)
+    assert dict(registry) == {"a": 1, "b": 2}
+
+
+def test_a_temporary_entry_goes_whatever_happens() -> None:
+    registry: Registry[int] = Registry("thing", {"a": 1})
+    with pytest.raises(RuntimeError, match="on the way"), registry.temporarily("b", 2):
+        assert registry["b"] == 2
+        raise RuntimeError("on the way")
+    assert list(registry) == ["a"]
+
+
+def test_an_unknown_name_lists_those_there_are() -> None:
+    registry: Registry[int] = Registry("window", {"hann": 1, "hamming": 2}, IdentificationError)
+    with pytest.raises(IdentificationError) as error:
+        registry.lookup("haming")
+    assert (
+        str(error.value) == "unknown window 'haming' (did you mean 'hamming'?); choose from 'hann', 'hamming'"
+    )
+    with pytest.raises(KeyError):
+        registry["haming"]
