@@ -15,11 +15,11 @@ from coordinator import killed
 from small_study import small
 
 import linkwise as lw
-from linkwise.report.study_page import Told
-from linkwise.study.executor import Crew, Fate, Processes
+from linkwise.report.study_page import StudyReport
+from linkwise.study.executor import Executor, FailureKind, ProcessExecutor
 from linkwise.study.runner import run
-from linkwise.study.store import opened
-from linkwise.study.worker import Batch, Done
+from linkwise.study.store import open_store
+from linkwise.study.worker import CaseBatch, CaseResult
 
 WORKERS = 2
 HANDING_OUT = 0.05  # of the workers' time, at most
@@ -27,41 +27,41 @@ QUICK, WHOLE = 4.0, 90.0  # minutes on two processors
 
 
 @final
-class Timed(Crew):
+class Timed(Executor):
     """A crew that takes note of how long its workers worked, from when all of them were up to the last row."""
 
-    def __init__(self, crew: Crew) -> None:
-        self._crew, self.seconds = crew, crew.seconds
+    def __init__(self, executor: Executor) -> None:
+        self._executor, self.seconds = executor, executor.seconds
         self.worked, self.last, self.up = 0.0, 0.0, 0.0
         self._results = 0
 
     @property
-    def places(self) -> int:
-        return self._crew.places
+    def slots(self) -> int:
+        return self._executor.slots
 
     @property
     def idle(self) -> float:
         """The part of the time that workers waited."""
         return 1.0 - self.worked / (WORKERS * (self.last - self.up))
 
-    def submit(self, batch: Batch) -> Future[list[Done]]:
-        future = self._crew.submit(batch)
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
+        future = self._executor.submit(batch)
         future.add_done_callback(self._note)
         return future
 
-    def fate(self, future: Future[list[Done]]) -> Fate:
-        return self._crew.fate(future)
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
+        return self._executor.failure_kind(future)
 
     def __enter__(self) -> Self:
-        self._crew.__enter__()
+        self._executor.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._crew.__exit__(kind, error, trace)
+        self._executor.__exit__(kind, error, trace)
 
-    def _note(self, future: Future[list[Done]]) -> None:
+    def _note(self, future: Future[list[CaseResult]]) -> None:
         self.last = perf_counter()
         self._results += 1
         if self._results == 2 * WORKERS:  # each has loaded the library and run something
@@ -71,7 +71,7 @@ class Timed(Crew):
 
 
 @pytest.fixture
-def cluster() -> Iterator[Crew]:
+def cluster() -> Iterator[Executor]:
     distributed = pytest.importorskip("distributed")
     crews = pytest.importorskip("linkwise.study.dask_executor")
     with distributed.LocalCluster(
@@ -81,23 +81,23 @@ def cluster() -> Iterator[Crew]:
         dashboard_address=None,
         silence_logs=logging.CRITICAL,
     ) as there:
-        yield crews.Cluster(there.scheduler_address)
+        yield crews.DaskExecutor(there.scheduler_address)
 
 
-def idle(crew: Crew, folder: Path) -> float:
+def idle(executor: Executor, folder: Path) -> float:
     study = lw.read_study(small(folder, cycles=120))
-    with opened(folder / "out", study) as store, Timed(crew) as timed:
+    with open_store(folder / "out", study) as store, Timed(executor) as timed:
         run(study, store, timed, lambda progress: None)
     return timed.idle
 
 
 def test_handing_out_to_processes(tmp_path: Path) -> None:
-    found = idle(Processes(WORKERS), tmp_path)
+    found = idle(ProcessExecutor(WORKERS), tmp_path)
     print(f"\n{WORKERS} processes: {100 * found:.1f} % of their time workers wait")
     assert found < HANDING_OUT
 
 
-def test_handing_out_to_a_cluster(tmp_path: Path, cluster: Crew) -> None:
+def test_handing_out_to_a_cluster(tmp_path: Path, cluster: Executor) -> None:
     found = idle(cluster, tmp_path)
     print(f"\ndask, {WORKERS} processes: {100 * found:.1f} % of their time workers wait")
     assert found < HANDING_OUT
@@ -121,13 +121,13 @@ def test_the_paper(tmp_path: Path) -> None:
     """
     study = lw.read_study("paper")
     started = perf_counter()
-    with opened(tmp_path / "out", study.quickly()) as store, Timed(Processes(WORKERS)) as timed:
+    with open_store(tmp_path / "out", study.quickly()) as store, Timed(ProcessExecutor(WORKERS)) as timed:
         run(study.quickly(), store, timed, lambda progress: None)
     quick = (perf_counter() - started) / 60
     whole = timed.worked * len(study) / len(study.quickly()) / WORKERS / 60
     print(f"\npaper: {quick:.1f} min for {study.quick} cycles, {whole:.0f} min predicted for {study.cycles}")
     print(lw.study_summary(tmp_path / "out"))
-    claims = Told.of(study.quickly(), lw.read_rows(tmp_path / "out")).claims
+    claims = StudyReport.of(study.quickly(), lw.read_rows(tmp_path / "out")).claims
     print("\n".join(f"{claim.mark} {claim.text}" for claim in claims))
     assert [claim.met for claim in claims if claim.text.startswith("ml at 20 dB")] == [True]
     assert quick < QUICK and whole < WHOLE

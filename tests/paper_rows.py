@@ -10,7 +10,7 @@ from pathlib import Path
 from linkwise.paper.published import TABLE_2
 from linkwise.study.definition import Study
 from linkwise.study.row import Case, Row
-from linkwise.study.store import opened
+from linkwise.study.store import open_store
 from linkwise.study.toml_file import read_study
 
 CYCLES = 3
@@ -47,14 +47,18 @@ def _row(study: Study, case: Case, median: Callable[[Case, int], float]) -> Row:
         case.method,
         case.seed,
         "converged",
-        dict.fromkeys(subject.judged, nmse),
-        {f"{link}.{name}": value * factor for link in subject.judged for name, value in (("alpha", -100.0), ("beta", 1e6))},
+        dict.fromkeys(subject.judged_links, nmse),
+        {
+            f"{link}.{name}": value * factor
+            for link in subject.judged_links
+            for name, value in (("alpha", -100.0), ("beta", 1e6))
+        },
         seconds=0.01 * masses,
-    )  # fmt: skip
+    )
 
 
 def stored(folder: Path, study: Study, rows: Sequence[Row]) -> Path:
     """A study folder that holds the rows."""
-    with opened(folder, study) as store:
+    with open_store(folder, study) as store:
         store.add(rows)
     return folder

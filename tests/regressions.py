@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.discovery.quadratic_model import Quadratic
+from linkwise.discovery.quadratic_model import QuadraticModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +28,9 @@ class Regression:
         return cls(columns * 10.0 ** random.uniform(-3.0, 3.0, size), y)
 
     @property
-    def quadratic(self) -> Quadratic:
+    def quadratic(self) -> QuadraticModel:
         names = tuple(f"c{number}" for number in range(self.columns.shape[1]))
-        return Quadratic(names, self.columns.T @ self.columns, self.columns.T @ self.y)
+        return QuadraticModel(names, self.columns.T @ self.columns, self.columns.T @ self.y)
 
     def least_squares(self, chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
         """Values, z, and the squares that are left less those of y itself."""

@@ -69,7 +69,7 @@ def test_the_sink_takes_its_share_and_every_joule_is_somewhere(paper: lw.Absorpt
 def test_crossings_are_those_of_the_paper(paper: lw.Absorption) -> None:
     """METHODS section 1: it crosses wells until 2.38 s and settles at +0.0099 m."""
     (sink,) = paper.sinks
-    assert sink.last == pytest.approx(2.38, abs=5e-3) and sink.believed == len(sink.crossings)
+    assert sink.last == pytest.approx(2.38, abs=5e-3) and sink.before_horizon == len(sink.crossings)
     assert paper.with_sinks.x[-1, 1] == pytest.approx(0.0099, abs=5e-5)
     assert len(sink.crossings) % 2 == 1  # it leaves the top downwards without passing it, and ends up
     record = lw.simulate(lw.bnes_chain(2), release=RELEASE, duration=6.0, rate=20000.0)
@@ -96,7 +96,7 @@ def test_the_eight_mass_chain_says_where_chaos_begins() -> None:
     assert (
         f"Past {found.with_sinks.horizon:.3g} s" in found.findings[0] and "one of many" in found.findings[0]
     )
-    assert all(0 < each.believed < len(each.crossings) for each in found.sinks[:1])
+    assert all(0 < each.before_horizon < len(each.crossings) for each in found.sinks[:1])
     assert found.trusted
 
 
@@ -122,16 +122,19 @@ def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
         impulses=(lw.Impulse("m2", 0.5, 0.1),),
         forces={"m2": "sin(t)", "m1": "2"},
     )
-    bare = without_sinks(three, sinks, excitation, "locked")
-    assert bare.structure.mass_names == ("m1", "m3") and bare.structure.mass_values.tolist() == [1.1, 0.5]
-    assert bare.structure.link("b").between == ("m3", "m1")
+    baseline = without_sinks(three, sinks, excitation, "locked")
+    assert baseline.structure.mass_names == ("m1", "m3") and baseline.structure.mass_values.tolist() == [
+        1.1,
+        0.5,
+    ]
+    assert baseline.structure.link("b").between == ("m3", "m1")
     d = np.linspace(-0.1, 0.1, 5)
     np.testing.assert_allclose(
-        bare.structure.link("b").force(d), three.link("b").force(d - 0.03), rtol=1e-12, atol=1e-15
+        baseline.structure.link("b").force(d), three.link("b").force(d - 0.03), rtol=1e-12, atol=1e-15
     )
-    assert bare.excitation.release == {"x:m1": 0.01, "v:m1": pytest.approx(0.2 / 1.1)}
-    assert bare.excitation.impulses[0].mass == "m1"
-    force = bare.excitation.forces["m1"]
+    assert baseline.excitation.release == {"x:m1": 0.01, "v:m1": pytest.approx(0.2 / 1.1)}
+    assert baseline.excitation.impulses[0].mass == "m1"
+    force = baseline.excitation.forces["m1"]
     assert float(force.value(0.3)) == pytest.approx(2.0 + np.sin(0.3), rel=1e-12)
 
 

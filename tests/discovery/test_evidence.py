@@ -9,12 +9,12 @@ import pytest
 from judged import masses, terms
 
 import linkwise as lw
-from linkwise.discovery.criterion import Price
-from linkwise.discovery.discover import pool_of
-from linkwise.discovery.evidence import confusions, evidence
-from linkwise.discovery.quadratic_model import Quadratic
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.discover import candidate_pool
+from linkwise.discovery.evidence import evidence, exchange_remarks
+from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN
-from linkwise.discovery.selection import Decided
+from linkwise.discovery.selection import Selection
 from linkwise.likelihood.fit import Options, likelihood_fit
 
 #: Of cost: where two fits end within 0.02 of their least cost each, and the parabola is one to the third order.
@@ -31,7 +31,7 @@ class Case:
 
     def refitted(self, *, add: str = "", drop: str = "") -> tuple[float, dict[str, float]]:
         """Least cost and values of the answer with one decision turned round."""
-        pool = pool_of([self.record], masses(self.truth), "cubic")
+        pool = candidate_pool([self.record], masses(self.truth), "cubic")
         names = {term.name for term in self.found.kept} - {drop} | ({add} if add else set())
         structure = pool.structure(names)
         starts = {term.name: (term.value, term.standard_error) for term in self.found.terms}
@@ -89,7 +89,7 @@ def test_the_margin_of_a_term_that_was_kept_is_what_its_absence_costs(case: Case
     """The weakest one; the parabola is a cubic's tangent ten deviations away, so that 3 % of the cost is its own error."""
     weakest = case.found.kept[-1]
     cost, _ = case.refitted(drop=weakest.name)
-    assert weakest.margin == pytest.approx(cost - answer - weakest.price, rel=0.03)
+    assert weakest.margin == pytest.approx(cost - answer - weakest.penalty, rel=0.03)
 
 
 def test_the_margin_of_a_term_that_was_dropped_is_what_it_would_not_earn(case: Case, answer: float):
@@ -99,8 +99,8 @@ def test_the_margin_of_a_term_that_was_dropped_is_what_it_would_not_earn(case: C
     for term in dropped:
         cost, values = case.refitted(add=term.name)
         assert abs(values[term.name] - term.value) < np.sqrt(WITHIN) * term.standard_error
-        assert abs(term.margin - (term.price - (answer - cost))) < WITHIN
-    prices = {term.link: term.price for term in dropped}
+        assert abs(term.margin - (term.penalty - (answer - cost))) < WITHIN
+    prices = {term.link: term.penalty for term in dropped}
     pairs, samples = 3, 2 * 2001
     assert prices["m2-ground"] - prices["m1-ground"] == pytest.approx(np.log(samples) + 2.0 * np.log(pairs))
 
@@ -139,20 +139,20 @@ def test_runners_up_are_one_step_away_best_first(case: Case):
     assert min(single, key=single.__getitem__) in [each.change for each in near]
 
 
-def decided(h: np.ndarray, g: np.ndarray) -> Decided:
+def select_structure(h: np.ndarray, g: np.ndarray) -> Selection:
     """A choice of the first two of some terms of the two-mass chain, about a parabola that is made up."""
-    pool = pool_of(
+    pool = candidate_pool(
         [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
     )
     names = ("m1-ground.k", "m2-m1.k", "m2-ground.k")
     structure = pool.structure(names[:2])
-    price = Price.of(pool, names, 4000)
-    return Decided(frozenset(names[:2]), structure, None, Quadratic(names, h, g), price, True, 1)  # type: ignore[arg-type]
+    penalty = Penalty.of(pool, names, 4000)
+    return Selection(frozenset(names[:2]), structure, None, QuadraticModel(names, h, g), penalty, True, 1)  # type: ignore[arg-type]
 
 
 def test_what_this_record_hardly_tells_apart_is_said():
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.99], [0.0, 0.99, 1.0]])
-    (told,) = confusions(decided(h, np.array([100.0, 50.0, 49.95])))
+    (told,) = exchange_remarks(select_structure(h, np.array([100.0, 50.0, 49.95])))
     assert told == (
         "This record hardly tells m2-m1.k from m2-ground.k: with the other in its place the criterion is only 5.0 higher."
     )
@@ -162,8 +162,8 @@ def test_what_this_record_hardly_tells_apart_is_said():
 def test_what_another_term_could_replace_is_not_certain(lean: float, certain: set[str]):
     """However much would be lost without it and without the other."""
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, lean], [0.0, lean, 1.0]])
-    made = decided(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
-    pool = pool_of(
+    made = select_structure(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
+    pool = candidate_pool(
         [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
     )
     told = evidence(made, pool, trusted=True)
@@ -176,4 +176,4 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
 
 
 def test_what_it_tells_apart_is_not():
-    assert confusions(decided(np.eye(3), np.array([100.0, 50.0, 1.0]))) == ()
+    assert exchange_remarks(select_structure(np.eye(3), np.array([100.0, 50.0, 1.0]))) == ()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.discovery.discover import pool_of
-from linkwise.discovery.inactive_terms import silence_told, silent_terms
+from linkwise.discovery.discover import candidate_pool
+from linkwise.discovery.inactive_terms import inactive_remark, inactive_terms
 from linkwise.weak.displacements import read_motion
 
 TERMS = "v, d, contact(0.004), friction(0.01)"
@@ -51,15 +51,15 @@ def soft() -> lw.Record:
     return struck(0.1)
 
 
-def silent(*records: lw.Record) -> set[str]:
-    pool = pool_of(records, MASSES, TERMS)
+def inactive(*records: lw.Record) -> set[str]:
+    pool = candidate_pool(records, MASSES, TERMS)
     motions = [read_motion(record, pool.everything) for record in records]
-    return set(silent_terms(motions, [record.rate for record in records], pool))
+    return set(inactive_terms(motions, [record.rate for record in records], pool))
 
 
 def test_a_stop_that_was_reached_is_found_with_friction_beside(hard: lw.Record) -> None:
     found = lw.discover(hard, MASSES, terms=TERMS)
-    assert silent(hard) == set() and found.trusted
+    assert inactive(hard) == set() and found.trusted
     assert lw.term_score(found.structure, TRUTH).exact
 
 
@@ -77,7 +77,7 @@ def test_a_stop_on_the_other_side_is_found_as_well(hard: lw.Record) -> None:
 
 def test_a_stop_that_was_not_reached_is_left_out_and_named(soft: lw.Record) -> None:
     stops = {f"{link}.{side}" for link in ("m1-ground", "m2-ground", "m2-m1") for side in ("kc", "kn")}
-    assert silent(soft) == stops
+    assert inactive(soft) == stops
     found = lw.discover(soft, MASSES, terms=TERMS)
     assert lw.term_score(found.structure, TRUTH).missing == ("stop.kc",)
     assert lw.term_score(found.structure, TRUTH).extra == ()
@@ -86,18 +86,18 @@ def test_a_stop_that_was_not_reached_is_left_out_and_named(soft: lw.Record) -> N
 
 
 def test_another_record_may_reach_it(hard: lw.Record, soft: lw.Record) -> None:
-    assert silent(soft, hard) == set()
+    assert inactive(soft, hard) == set()
 
 
 def test_smooth_terms_and_gaps_are_not_taken_for_silence(hard: lw.Record) -> None:
     values = hard.values.copy()
     values[500:700, 0] = np.nan
-    assert silent(replace(hard, values=values)) == set()
-    pool = pool_of([hard], MASSES, "v, d**3, v*abs(v)")
-    assert silent_terms([read_motion(hard, pool.everything)], [hard.rate], pool) == ()
+    assert inactive(replace(hard, values=values)) == set()
+    pool = candidate_pool([hard], MASSES, "v, d**3, v*abs(v)")
+    assert inactive_terms([read_motion(hard, pool.everything)], [hard.rate], pool) == ()
 
 
 def test_few_are_named_and_the_rest_counted() -> None:
-    assert silence_told(()) == ()
-    [told] = silence_told([f"m{k}-ground.kc" for k in range(9)])
+    assert inactive_remark(()) == ()
+    [told] = inactive_remark([f"m{k}-ground.kc" for k in range(9)])
     assert told.startswith("m0-ground.kc, m1-ground.kc") and "m5-ground.kc and 3 more never acted" in told

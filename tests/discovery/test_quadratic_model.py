@@ -8,8 +8,8 @@ from regressions import Regression
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates
-from linkwise.discovery.criterion import Price
-from linkwise.discovery.quadratic_model import Quadratic
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.terms import parse_terms
 
 SAME = 1e-8  # the same sums in another order
@@ -55,7 +55,7 @@ def test_another_scatter_gives_the_sandwich():
     regression, random = Regression.drawn(4), np.random.default_rng(4)
     h, g = regression.quadratic.h, regression.quadratic.g
     root = random.normal(size=(7, 7)) * np.sqrt(h.diagonal())[:, None]
-    quadratic = Quadratic(regression.quadratic.names, h, g, root @ root.T)
+    quadratic = QuadraticModel(regression.quadratic.names, h, g, root @ root.T)
     inverse = np.linalg.inv(h)
     deviation = np.sqrt((inverse @ quadratic.scatter @ inverse).diagonal())
     np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=1e-6)
@@ -95,14 +95,14 @@ NAMES = tuple(POOL.by_name)  # of a-ground, b-ground, b-a, c-ground, c-a and c-b
 
 
 def test_a_model_pays_for_its_terms_and_for_its_links():
-    price = Price.of(POOL, NAMES, 1000)
+    penalty = Penalty.of(POOL, NAMES, 1000)
     naming = np.log(1000.0)
-    assert price.term == pytest.approx(naming + 2.0 * np.log(3))
-    assert price.link == pytest.approx(naming + 2.0 * np.log(6))
-    assert price.total([]) == 0.0
-    assert price.total([0]) == price.term + price.link
-    assert price.total([0, 1]) == 2.0 * price.term + price.link  # a second term on the same link
-    assert price.total([0, 3]) == 2.0 * price.term + 2.0 * price.link  # the first of another
+    assert penalty.term == pytest.approx(naming + 2.0 * np.log(3))
+    assert penalty.link == pytest.approx(naming + 2.0 * np.log(6))
+    assert penalty.total([]) == 0.0
+    assert penalty.total([0]) == penalty.term + penalty.link
+    assert penalty.total([0, 1]) == 2.0 * penalty.term + penalty.link  # a second term on the same link
+    assert penalty.total([0, 3]) == 2.0 * penalty.term + 2.0 * penalty.link  # the first of another
 
 
 def test_what_is_stated_costs_nothing():
@@ -111,11 +111,11 @@ def test_what_is_stated_costs_nothing():
         'coefficients = { k = "unknown" }\n'
     )
     pool = candidates(held.masses, parse_terms("v, d, d**3"), stated=held.links)
-    price = Price.of(pool, ("frame.k", "frame.c", "frame.k3"), 100)
-    assert price.pair.tolist() == [-1, 0, 0]
-    assert price.total([0]) == 0.0
-    assert price.total([0, 1]) == price.term  # the link is there anyhow
+    penalty = Penalty.of(pool, ("frame.k", "frame.c", "frame.k3"), 100)
+    assert penalty.pair.tolist() == [-1, 0, 0]
+    assert penalty.total([0]) == 0.0
+    assert penalty.total([0, 1]) == penalty.term  # the link is there anyhow
 
 
 def test_a_longer_record_asks_for_more_evidence():
-    assert Price.of(POOL, NAMES, 10_000).term > Price.of(POOL, NAMES, 1000).term
+    assert Penalty.of(POOL, NAMES, 10_000).term > Penalty.of(POOL, NAMES, 1000).term

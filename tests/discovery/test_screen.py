@@ -11,9 +11,9 @@ from judged import masses
 import linkwise as lw
 from linkwise.discovery import screen as module
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.discover import pool_of
-from linkwise.discovery.displacements import placed
-from linkwise.discovery.screen import Screened, screened
+from linkwise.discovery.discover import candidate_pool
+from linkwise.discovery.displacements import with_displacements
+from linkwise.discovery.screen import ScreenResult, screen
 from linkwise.weak.displacements import read_motion
 
 #: The elastic terms of the chain of four masses under the names of the candidates.
@@ -25,10 +25,10 @@ def chain_record(decibel: float, seed: int) -> lw.Record:
     return clean.with_noise(decibel, seed=seed)
 
 
-def run(record: lw.Record, structure: lw.Structure) -> tuple[Screened, Candidates]:
-    pool = pool_of([record], masses(structure), "cubic")
-    seen = placed(record, pool.masses)
-    return screened([seen], [read_motion(seen, pool.everything)], pool), pool
+def run(record: lw.Record, structure: lw.Structure) -> tuple[ScreenResult, Candidates]:
+    pool = candidate_pool([record], masses(structure), "cubic")
+    seen = with_displacements(record, pool.masses)
+    return screen([seen], [read_motion(seen, pool.everything)], pool), pool
 
 
 def elastic(names: frozenset[str], pool: Candidates) -> set[str]:
@@ -77,7 +77,7 @@ def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch):
 
 def test_measured_displacements_stay_as_they_are():
     record = chain_record(30.0, 1000)
-    assert placed(record, lw.bnes_chain(4).masses) is record
+    assert with_displacements(record, lw.bnes_chain(4).masses) is record
 
 
 @pytest.mark.parametrize("kind", ["v", "a"])
@@ -88,7 +88,7 @@ def test_displacements_are_summed_up_where_none_was_measured(kind: str):
         chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
     ).with_noise(40.0, seed=1000)
     seen = whole.select(("x:m2", f"{kind}:m1"))
-    found = placed(seen, chain.masses)
+    found = with_displacements(seen, chain.masses)
     assert found.channels == ("x:m2", f"{kind}:m1", "x:m1")
     np.testing.assert_array_equal(found.values[:, :2], seen.values)
     x, true = found.channel("x:m1"), whole.channel("x:m1")

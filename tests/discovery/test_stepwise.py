@@ -9,66 +9,66 @@ import numpy as np
 import pytest
 from regressions import Regression
 
-from linkwise.discovery.criterion import Price
-from linkwise.discovery.quadratic_model import Quadratic
-from linkwise.discovery.stepwise import Kind, best, improved, moves, pruned
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.stepwise import MoveKind, backward_elimination, best, local_search, ranked_moves
 
 SIZE = 8
 DRAWS = range(1000, 1040)
 
 
-def problem(seed: int) -> tuple[Quadratic, Price]:
+def problem(seed: int) -> tuple[QuadraticModel, Penalty]:
     """Eight coefficients of four links, three of them small or none, in columns that lean on each other."""
     random = np.random.default_rng(seed)
     columns = random.normal(size=(80, SIZE)) @ (np.eye(SIZE) + 0.4 * random.normal(size=(SIZE, SIZE)))
     true = random.normal(size=SIZE) * random.choice([0.0, 0.2, 1.0], size=SIZE)
     y = columns @ true + random.normal(size=80)
-    price = Price(term=6.0, link=7.0, pair=np.arange(SIZE) // 2, stated=frozenset())
-    return Regression(columns, y).quadratic, price
+    penalty = Penalty(term=6.0, link=7.0, pair=np.arange(SIZE) // 2, stated=frozenset())
+    return Regression(columns, y).quadratic, penalty
 
 
-def criterion(quadratic: Quadratic, price: Price, chosen: list[int]) -> float:
-    return quadratic.cost(chosen) + price.total(chosen)
+def criterion(quadratic: QuadraticModel, penalty: Penalty, chosen: list[int]) -> float:
+    return quadratic.cost(chosen) + penalty.total(chosen)
 
 
 @cache
 def least(seed: int) -> float:
     """The least criterion of all 256 choices."""
-    quadratic, price = problem(seed)
+    quadratic, penalty = problem(seed)
     choices = (list(some) for size in range(SIZE + 1) for some in combinations(range(SIZE), size))
-    return min(criterion(quadratic, price, some) for some in choices)
+    return min(criterion(quadratic, penalty, some) for some in choices)
 
 
 @pytest.mark.parametrize("swaps", [False, True])
 def test_a_move_gains_what_it_says(swaps: bool):
-    quadratic, price = problem(1)
+    quadratic, penalty = problem(1)
     chosen = [0, 3, 5]
-    found = moves(quadratic, price, chosen, swaps=swaps)
+    found = ranked_moves(quadratic, penalty, chosen, swaps=swaps)
     assert [move.gain for move in found] == sorted((move.gain for move in found), reverse=True)
-    assert {move.kind for move in found} == {Kind.ADD, Kind.DROP, *([Kind.SWAP] if swaps else [])}
+    assert {move.kind for move in found} == {MoveKind.ADD, MoveKind.DROP, *([MoveKind.SWAP] if swaps else [])}
     assert len(found) == 5 + 3 + 3 * swaps
-    before = criterion(quadratic, price, chosen)
+    before = criterion(quadratic, penalty, chosen)
     for move in found:
         after = sorted({*chosen, *([] if move.in_ is None else [move.in_])} - {move.out})
-        assert move.gain == pytest.approx(before - criterion(quadratic, price, after), rel=1e-8, abs=1e-8)
+        assert move.gain == pytest.approx(before - criterion(quadratic, penalty, after), rel=1e-8, abs=1e-8)
 
 
-@pytest.mark.parametrize("search", [improved, best])
+@pytest.mark.parametrize("search", [local_search, best])
 @pytest.mark.parametrize("start", [[], list(range(SIZE)), [1, 6]], ids=str)
 def test_a_search_ends_where_no_single_move_gains_and_never_above_its_start(search, start: list[int]):
     for seed in DRAWS:
-        quadratic, price = problem(seed)
-        end = search(quadratic, price, start)
-        assert criterion(quadratic, price, end) <= criterion(quadratic, price, start) + 1e-9
-        assert moves(quadratic, price, end, swaps=True)[0].gain <= 1e-6
+        quadratic, penalty = problem(seed)
+        end = search(quadratic, penalty, start)
+        assert criterion(quadratic, penalty, end) <= criterion(quadratic, penalty, start) + 1e-9
+        assert ranked_moves(quadratic, penalty, end, swaps=True)[0].gain <= 1e-6
 
 
 @pytest.mark.parametrize("start", [[], list(range(SIZE)), [1, 6]], ids=str)
 def test_the_best_of_all_choices_is_found_in_nine_of_ten(start: list[int]):
     found = []
     for seed in DRAWS:
-        quadratic, price = problem(seed)
-        reached = criterion(quadratic, price, best(quadratic, price, start))
+        quadratic, penalty = problem(seed)
+        reached = criterion(quadratic, penalty, best(quadratic, penalty, start))
         assert reached >= least(seed) - 1e-9
         found.append(reached < least(seed) + 1e-9)
     assert np.mean(found) >= 0.9
@@ -76,49 +76,53 @@ def test_the_best_of_all_choices_is_found_in_nine_of_ten(start: list[int]):
 
 def test_one_search_alone_is_caught_more_often():
     """Three starts are there for a reason: on the same draws the first alone misses more."""
-    missed = {improved: 0, best: 0}
+    missed = {local_search: 0, best: 0}
     for seed in DRAWS:
-        quadratic, price = problem(seed)
+        quadratic, penalty = problem(seed)
         for search in missed:
-            missed[search] += criterion(quadratic, price, search(quadratic, price, [])) > least(seed) + 1e-9
-    assert missed[best] < missed[improved]
+            missed[search] += (
+                criterion(quadratic, penalty, search(quadratic, penalty, [])) > least(seed) + 1e-9
+            )
+    assert missed[best] < missed[local_search]
 
 
 def test_what_has_no_price_is_never_taken_away_or_added():
-    quadratic, price = problem(2)
-    free = Price(price.term, price.link, np.where(np.arange(SIZE) == 3, -1, price.pair), price.stated)
-    heavy = Price(1e9, 1e9, free.pair, free.stated)
-    assert improved(quadratic, heavy, [0, 3, 5]) == [3] == best(quadratic, heavy, [0, 3, 5])
-    assert not [move for move in moves(quadratic, free, [0, 5], swaps=True) if move.in_ == 3]
+    quadratic, penalty = problem(2)
+    free = Penalty(
+        penalty.term, penalty.link, np.where(np.arange(SIZE) == 3, -1, penalty.pair), penalty.stated
+    )
+    heavy = Penalty(1e9, 1e9, free.pair, free.stated)
+    assert local_search(quadratic, heavy, [0, 3, 5]) == [3] == best(quadratic, heavy, [0, 3, 5])
+    assert not [move for move in ranked_moves(quadratic, free, [0, 5], swaps=True) if move.in_ == 3]
 
 
 def test_a_term_on_a_link_that_stands_is_taken_before_one_on_a_new_link():
     """One may stand for the other: the damper belongs where a spring is, even where it fits a little less well."""
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.98], [0.0, 0.98, 1.0]])
     g = np.array([100.0, 4.0, 4.2])
-    price = Price(term=6.0, link=7.0, pair=np.array([0, 0, 1]), stated=frozenset())
-    quadratic = Quadratic(("spring", "its damper", "a damper elsewhere"), h, g)
-    assert best(quadratic, price, [0]) == [0, 1]
-    assert best(quadratic, price, [0, 2]) == [0, 1]
+    penalty = Penalty(term=6.0, link=7.0, pair=np.array([0, 0, 1]), stated=frozenset())
+    quadratic = QuadraticModel(("spring", "its damper", "a damper elsewhere"), h, g)
+    assert best(quadratic, penalty, [0]) == [0, 1]
+    assert best(quadratic, penalty, [0, 2]) == [0, 1]
 
 
 def test_a_pair_that_is_stated_has_its_link_for_nothing():
     h, g = np.eye(2), np.array([3.0, 3.0])
     pair = np.array([0, 1])
-    quadratic = Quadratic(("on a stated link", "on another"), h, g)
-    assert best(quadratic, Price(6.0, 7.0, pair, frozenset({0})), []) == [0]
-    assert best(quadratic, Price(6.0, 7.0, pair, frozenset()), []) == []
+    quadratic = QuadraticModel(("on a stated link", "on another"), h, g)
+    assert best(quadratic, Penalty(6.0, 7.0, pair, frozenset({0})), []) == [0]
+    assert best(quadratic, Penalty(6.0, 7.0, pair, frozenset()), []) == []
 
 
 def test_pruned_keeps_what_stands_above_the_limit_and_what_must_stay():
     for seed in DRAWS:
         quadratic, _ = problem(seed)
-        left = pruned(quadratic, list(range(SIZE)), frozenset({2}), 3.0)
+        left = backward_elimination(quadratic, list(range(SIZE)), frozenset({2}), 3.0)
         z = np.abs(quadratic.solve(left).z)
         assert 2 in left
         assert all(each >= 3.0 for each, number in zip(z, left, strict=True) if number != 2)
-    assert pruned(quadratic, list(range(SIZE)), frozenset(), 0.0) == list(range(SIZE))
-    assert pruned(quadratic, list(range(SIZE)), frozenset(), np.inf) == []
+    assert backward_elimination(quadratic, list(range(SIZE)), frozenset(), 0.0) == list(range(SIZE))
+    assert backward_elimination(quadratic, list(range(SIZE)), frozenset(), np.inf) == []
 
 
 def test_pruned_goes_gently():
@@ -129,13 +133,15 @@ def test_pruned_goes_gently():
     quadratic = Regression(columns, column + random.normal(size=500)).quadratic
     z = np.abs(quadratic.solve(range(3)).z)
     assert np.all(z < 3.0)  # all at once, all would go
-    assert len(pruned(quadratic, [0, 1, 2], frozenset(), 3.0)) == 1
+    assert len(backward_elimination(quadratic, [0, 1, 2], frozenset(), 3.0)) == 1
 
 
 def test_columns_that_are_one_and_the_same_do_not_stop_the_search():
     regression = Regression.drawn(7, size=3)
     doubled = Regression(np.column_stack([regression.columns, regression.columns[:, 1]]), regression.y)
-    price = Price(6.0, 7.0, np.array([0, 1, 2, 3]), frozenset())
-    found = best(doubled.quadratic, price, [0, 1])
+    penalty = Penalty(6.0, 7.0, np.array([0, 1, 2, 3]), frozenset())
+    found = best(doubled.quadratic, penalty, [0, 1])
     assert len({1, 3} & set(found)) <= 1
-    assert criterion(doubled.quadratic, price, found) <= criterion(doubled.quadratic, price, [0, 1]) + 1e-9
+    assert (
+        criterion(doubled.quadratic, penalty, found) <= criterion(doubled.quadratic, penalty, [0, 1]) + 1e-9
+    )

@@ -21,7 +21,7 @@ from linkwise.paper.subset import PaperStudy
 from linkwise.plot import save
 from linkwise.plot.study_accuracy import accuracy_figure
 from linkwise.plot.study_responses import responses_figure
-from linkwise.report.study_page import Told
+from linkwise.report.study_page import StudyReport
 from linkwise.simulation.neighbours import motion_after
 
 SHOWN = 0.8  # s that every curve must follow the reference
@@ -137,10 +137,10 @@ def test_the_printed_numbers_are_those_of_the_paper():
 
 
 @pytest.fixture(scope="module")
-def told() -> Told:
+def told() -> StudyReport:
     """What made-up rows of the paper's study tell."""
     study = paper_study()
-    return Told.of(study, paper_rows(study))
+    return StudyReport.of(study, paper_rows(study))
 
 
 def values(axes: Axes, label: str) -> np.ndarray:
@@ -148,7 +148,7 @@ def values(axes: Axes, label: str) -> np.ndarray:
     return np.asarray(next(line for line in axes.lines if line.get_label() == label).get_ydata())
 
 
-def test_figure_8_has_the_paper_beside_ours(told: Told) -> None:
+def test_figure_8_has_the_paper_beside_ours(told: StudyReport) -> None:
     figure = figure_8(told.table, told.paper, BEST)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         *("a  40 dB", "b  30 dB", "c  20 dB", "d  time of one estimate, 20 dB")
@@ -166,7 +166,7 @@ def test_figure_8_has_the_paper_beside_ours(told: Told) -> None:
     assert sorted(names) == sorted({*names}) and "physics-informed" not in names
 
 
-def test_figure_9_has_the_paper_beside_ours(told: Told) -> None:
+def test_figure_9_has_the_paper_beside_ours(told: StudyReport) -> None:
     errors, times = figure_9(told.table, told.paper).axes
     np.testing.assert_array_equal(values(errors, "paper, physics-informed"), [0.5] * 5)
     np.testing.assert_array_equal(values(errors, "physics-informed"), [0.4] * 5)
@@ -175,7 +175,7 @@ def test_figure_9_has_the_paper_beside_ours(told: Told) -> None:
 
 
 @pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])
-def test_forces_stand_beside_the_theory(told: Told, draw, shown) -> None:
+def test_forces_stand_beside_the_theory(told: StudyReport, draw, shown) -> None:
     """The made-up coefficients are all off by one factor, so the error is that factor's wherever the force is largest."""
     forces, errors = draw(told.study, told.table, told.paper, BEST).axes
     labels = [line.get_label() for line in forces.lines]
@@ -190,21 +190,21 @@ def test_forces_stand_beside_the_theory(told: Told, draw, shown) -> None:
     assert d[0] < -20.0 and d[-1] > 20.0 and forces.get_xlabel() == "elongation d, mm"  # wells at 10 mm
 
 
-def test_forces_that_nobody_found_are_not_drawn(told: Told) -> None:
-    empty = Told.of(told.study, [])
+def test_forces_that_nobody_found_are_not_drawn(told: StudyReport) -> None:
+    empty = StudyReport.of(told.study, [])
     assert figure_6(empty.study, empty.table, empty.paper, BEST) is None
-    two = Told.of(told.study, [row for row in paper_rows(told.study) if row.masses == 2])
+    two = StudyReport.of(told.study, [row for row in paper_rows(told.study) if row.masses == 2])
     assert figure_7(two.study, two.table, two.paper, BEST) is None
     assert figure_6(two.study, two.table, two.paper, BEST) is not None
 
 
-def test_cells_without_a_number_leave_gaps(told: Told) -> None:
-    part = Told.of(told.study, [row for row in paper_rows(told.study) if row.masses != 6])
+def test_cells_without_a_number_leave_gaps(told: StudyReport) -> None:
+    part = StudyReport.of(told.study, [row for row in paper_rows(told.study) if row.masses != 6])
     axes = figure_8(part.table, part.paper, BEST).axes[0]
     assert np.flatnonzero(np.isnan(values(axes, "ml"))).tolist() == [2]
 
 
-def test_only_the_papers_own_chains_count(told: Told) -> None:
+def test_only_the_papers_own_chains_count(told: StudyReport) -> None:
     """Another damper, another start or another length, and the paper's numbers have no place beside it."""
     subject = told.study.subject("2 masses")
     for changed in (
@@ -217,7 +217,7 @@ def test_only_the_papers_own_chains_count(told: Told) -> None:
     assert dict(PaperStudy.of(told.study).masses) == {f"{masses} masses": masses for masses in MASSES}
 
 
-def test_a_study_of_ones_own_has_a_panel_for_each_noise_level(told: Told) -> None:
+def test_a_study_of_ones_own_has_a_panel_for_each_noise_level(told: StudyReport) -> None:
     figure = accuracy_figure(told.table)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         *("a  40 dB", "b  30 dB", "c  20 dB", "d  time of one estimate, 20 dB")

@@ -15,8 +15,8 @@ import linkwise as lw
 from linkwise.cli import run
 from linkwise.errors import StudyError
 from linkwise.paper.published import TABLE_2
-from linkwise.paper.table_2 import Comparison, explanation
-from linkwise.report.study_page import Told, percent, study_page
+from linkwise.paper.table_2 import Table2, explanation
+from linkwise.report.study_page import StudyReport, percent, study_page
 from linkwise.study.row import FAILED, Row
 from linkwise.study.toml_file import parse_study
 
@@ -31,9 +31,9 @@ method = [{ kind = "weak" }, { kind = "ml", name = "most likely" }]
 FIGURES = {f"figure_{number}" for number in range(2, 10)}
 
 
-def judged(rows: list[Row]) -> tuple[Comparison, dict[str, bool | None]]:
+def judged(rows: list[Row]) -> tuple[Table2, dict[str, bool | None]]:
     """The comparison of rows with the paper, and their claims."""
-    told = Told.of(STUDY, rows)
+    told = StudyReport.of(STUDY, rows)
     return told.comparison, {claim.text: claim.met for claim in told.claims}
 
 
@@ -191,7 +191,7 @@ def test_a_partial_study_says_what_is_missing() -> None:
     rows[0] = replace(
         rows[0], status=FAILED, links={}, coefficients={}, reason="a step <size> became too small"
     )
-    page = body(study_page(Told.of(STUDY, rows), {}, version="1.2.3"))
+    page = body(study_page(StudyReport.of(STUDY, rows), {}, version="1.2.3"))
     assert "1 of 5 claims does not hold." in page
     assert "36 of 315 cases were run; 87 of 105 cells are empty" in page and "1 gave no answer" in page
     missing = page.partition("What is missing")[2]
@@ -234,7 +234,7 @@ def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_pa
     structure = [{ name = "two", bnes = 2, duration = 6.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
     method = [{ kind = "ml" }]
     """
-    told = Told.of(parse_study(text, "other.toml", Path()), [])
+    told = StudyReport.of(parse_study(text, "other.toml", Path()), [])
     assert dict(told.paper.masses) == {"two": 2} and told.comparison.cells == ()
     assert told.beyond == [("two", 50.0)] and told.holds is False
     page = body(study_page(told, {}, version="1.2.3"))

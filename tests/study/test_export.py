@@ -12,8 +12,8 @@ from small_study import DIVERGING, small
 
 import linkwise as lw
 from linkwise.study import export
-from linkwise.study.store import opened
-from linkwise.study.worker import Batch, run_batch
+from linkwise.study.store import open_store
+from linkwise.study.worker import CaseBatch, run_batch
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +21,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study of two cycles, one of them run, with a structure that fails."""
     folder = tmp_path_factory.mktemp("export")
     study = lw.read_study(small(folder, cycles=2, more=DIVERGING))
-    with opened(folder / "out", study) as store:
-        done = run_batch(Batch(study.text(), tuple(study.cases())[: len(study) // 2]))
+    with open_store(folder / "out", study) as store:
+        done = run_batch(CaseBatch(study.text(), tuple(study.cases())[: len(study) // 2]))
         store.add(each.row for each in done)
     return folder / "out"
 
@@ -84,7 +84,7 @@ def test_the_summary_prints_itself(folder: Path) -> None:
     summary = lw.study_summary(folder)
     text = str(summary)
     assert text.startswith("small: 18 of 36 cases done, 6 failed\n\nbnes2, 40 dB\n  method")
-    assert not summary.complete and {cell.structure for cell in summary.hopeless} == {"pushed away"}
+    assert not summary.complete and {cell.structure for cell in summary.failed_cells} == {"pushed away"}
     line = next(line for line in text.partition("pushed away, 20 dB")[2].splitlines() if "weak" in line)
     assert line.split() == ["weak", "-", "-", "1", "0", "1", "-"]
     assert "! pushed away, 20 dB, weak failed 1 times: " in text
@@ -93,7 +93,7 @@ def test_the_summary_prints_itself(folder: Path) -> None:
 
 def test_a_study_that_has_not_begun_has_tables_without_rows(tmp_path: Path) -> None:
     study = lw.read_study(small(tmp_path))
-    with opened(tmp_path / "out", study):
+    with open_store(tmp_path / "out", study):
         pass
     assert [path.name for path in lw.export_study(tmp_path / "out")] == ["rows.csv", "summary.csv"]
     assert read(tmp_path / "out" / "rows.csv") == [] and len(read(tmp_path / "out" / "summary.csv")) == 12

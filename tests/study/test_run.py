@@ -13,12 +13,12 @@ import pytest
 from small_study import DIVERGING, small
 
 import linkwise as lw
-from linkwise.study.executor import Crew, Fate, Processes
+from linkwise.study.executor import Executor, FailureKind, ProcessExecutor
 from linkwise.study.row import Case
-from linkwise.study.runner import Progress, run
-from linkwise.study.store import opened
-from linkwise.study.timing import Pace, next_batch
-from linkwise.study.worker import Batch, Done, failure, run_batch
+from linkwise.study.runner import StudyProgress, run
+from linkwise.study.store import open_store
+from linkwise.study.timing import Timing, next_batch
+from linkwise.study.worker import CaseBatch, CaseResult, failure, run_batch
 
 
 class Died(Exception):
@@ -26,24 +26,24 @@ class Died(Exception):
 
 
 @final
-class Here(Crew):
+class Here(Executor):
     """A crew that works in this process, the newest batch first; a worker dies at each case in `deadly`, so many times."""
 
     seconds = 0.2
 
     def __init__(
-        self, places: int = 1, deadly: dict[Case, int] | None = None, error: Exception | None = None
+        self, slots: int = 1, deadly: dict[Case, int] | None = None, error: Exception | None = None
     ) -> None:
-        self._places, self._left, self._error = places, Counter(deadly or {}), error
+        self._places, self._left, self._error = slots, Counter(deadly or {}), error
         self.batches: list[tuple[Case, ...]] = []
 
     @property
-    def places(self) -> int:
+    def slots(self) -> int:
         return self._places
 
-    def submit(self, batch: Batch) -> Future[list[Done]]:
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
         self.batches.append(batch.cases)
-        future: Future[list[Done]] = Future()
+        future: Future[list[CaseResult]] = Future()
         hit = [case for case in batch.cases if self._left[case] > 0]
         if self._error:
             future.set_exception(self._error)
@@ -54,8 +54,8 @@ class Here(Crew):
             future.set_result(run_batch(batch))
         return future
 
-    def fate(self, future: Future[list[Done]]) -> Fate:
-        return Fate.DIED if isinstance(future.exception(), Died) else Fate.FAULT
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
+        return FailureKind.DIED if isinstance(future.exception(), Died) else FailureKind.FAULT
 
     def __enter__(self) -> Self:
         return self
@@ -66,7 +66,7 @@ class Here(Crew):
         self.batches.append(())
 
 
-def silent(progress: Progress) -> None:
+def silent(progress: StudyProgress) -> None:
     pass
 
 
@@ -108,11 +108,11 @@ def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
     )  # same numerics, but for the solve of two columns
 
 
-@pytest.mark.parametrize("places", [1, 5])
-def test_rows_depend_neither_on_order_nor_on_the_crew(folder: Path, tmp_path: Path, places: int) -> None:
+@pytest.mark.parametrize("slots", [1, 5])
+def test_rows_depend_neither_on_order_nor_on_the_crew(folder: Path, tmp_path: Path, slots: int) -> None:
     study = lw.stored_study(folder)
-    with opened(tmp_path / "out", study) as store, Here(places) as crew:
-        run(study, store, crew, silent)
+    with open_store(tmp_path / "out", study) as store, Here(slots) as executor:
+        run(study, store, executor, silent)
     assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
 
 
@@ -120,7 +120,7 @@ def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     folder: Path, tmp_path: Path
 ) -> None:
     study = lw.stored_study(folder)
-    told: list[Progress] = []
+    told: list[StudyProgress] = []
     rows = lw.run_study(study, tmp_path / "out", workers=2, progress=told.append)
     assert rows == lw.read_rows(folder)
     assert told[0].done == 0 and told[0].left is None
@@ -132,8 +132,8 @@ def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
 
 def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
     study = lw.read_study(small(tmp_path, cycles=1, more=DIVERGING))
-    with opened(tmp_path / "out", study) as store, Here() as crew:
-        run(study, store, crew, silent)
+    with open_store(tmp_path / "out", study) as store, Here() as executor:
+        run(study, store, executor, silent)
     rows = lw.read_rows(tmp_path / "out")
     failed = [row for row in rows if row.failed]
     assert {row.structure for row in failed} == {"pushed away"} and len(failed) == 6
@@ -141,25 +141,25 @@ def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
     assert not any(row.reason.startswith("this is a fault") for row in failed)
     assert len(rows) == len(study) == 18
     summary = lw.study_summary(tmp_path / "out")
-    assert len(summary.hopeless) == 6 and summary.complete
+    assert len(summary.failed_cells) == 6 and summary.complete
     assert "! pushed away, 40 dB, weak failed 1 times: " in str(summary)
 
 
 def test_a_worker_that_dies_loses_only_what_it_was_at(folder: Path, tmp_path: Path) -> None:
     study = lw.stored_study(folder)
     unlucky = list(study.cases())[-1]
-    with opened(tmp_path / "out", study) as store, Here(2, {unlucky: 2}) as crew:
-        run(study, store, crew, silent)
+    with open_store(tmp_path / "out", study) as store, Here(2, {unlucky: 2}) as executor:
+        run(study, store, executor, silent)
     assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
-    assert sum(unlucky in batch for batch in crew.batches) == 3
-    assert crew.batches[-2] == (unlucky,)  # alone, once it was under suspicion
+    assert sum(unlucky in batch for batch in executor.batches) == 3
+    assert executor.batches[-2] == (unlucky,)  # alone, once it was under suspicion
 
 
 def test_a_case_that_kills_its_worker_three_times_is_a_failure(folder: Path, tmp_path: Path) -> None:
     study = lw.stored_study(folder)
     deadly = Case("bnes2", 20.0, "ml", 1001)
-    with opened(tmp_path / "out", study) as store, Here(1, {deadly: 99}) as crew:
-        run(study, store, crew, silent)
+    with open_store(tmp_path / "out", study) as store, Here(1, {deadly: 99}) as executor:
+        run(study, store, executor, silent)
     rows = lw.read_rows(tmp_path / "out")
     assert [row.case for row in rows if row.failed] == [deadly]
     row = next(row for row in rows if row.failed)
@@ -172,30 +172,33 @@ def test_a_case_that_kills_its_worker_three_times_is_a_failure(folder: Path, tmp
 def test_workers_that_cannot_work_end_the_study_and_keep_its_rows(folder: Path, tmp_path: Path) -> None:
     study = lw.stored_study(folder)
     with (
-        opened(tmp_path / "out", study) as store,
-        Here(error=ModuleNotFoundError("No module named 'linkwise'")) as crew,
+        open_store(tmp_path / "out", study) as store,
+        Here(error=ModuleNotFoundError("No module named 'linkwise'")) as executor,
         pytest.raises(lw.StudyError, match="a worker cannot run linkwise: ModuleNotFoundError: No module"),
     ):
-        run(study, store, crew, silent)
-    with opened(tmp_path / "out", study) as store, pytest.raises(lw.StudyError, match="the workers are gone"):
+        run(study, store, executor, silent)
+    with (
+        open_store(tmp_path / "out", study) as store,
+        pytest.raises(lw.StudyError, match="the workers are gone"),
+    ):
         run(study, store, Gone(), silent)
 
 
 @final
-class Gone(Crew):
+class Gone(Executor):
     """A crew whose cluster has gone: it drops what it is given."""
 
     seconds = 1.0
-    places = 1
+    slots = 1
 
-    def submit(self, batch: Batch) -> Future[list[Done]]:
-        future: Future[list[Done]] = Future()
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
+        future: Future[list[CaseResult]] = Future()
         future.cancel()
         future.set_running_or_notify_cancel()
         return future
 
-    def fate(self, future: Future[list[Done]]) -> Fate:
-        return Fate.FAULT
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
+        return FailureKind.FAULT
 
     def __enter__(self) -> Self:
         return self
@@ -208,17 +211,17 @@ def test_a_worker_with_another_version_says_so(folder: Path) -> None:
     with pytest.raises(
         lw.StudyError, match=r"it has version .*, and the study is run by 99\.0; install that"
     ):
-        run_batch(Batch(lw.stored_study(folder).text(), (), linkwise="99.0"))
+        run_batch(CaseBatch(lw.stored_study(folder).text(), (), linkwise="99.0"))
 
 
 def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = lw.stored_study(folder)
     case = Case("bnes2", 20.0, "weak", 1000)
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
-    (done,) = run_batch(Batch(study.text(), (case,)))
+    (done,) = run_batch(CaseBatch(study.text(), (case,)))
     assert done.row.failed and done.row.reason == "the answer is not finite."
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)
-    (done,) = run_batch(Batch(study.text(), (case,)))
+    (done,) = run_batch(CaseBatch(study.text(), (case,)))
     assert done.row.reason == "this is a fault of linkwise: ZeroDivisionError: division by zero"
 
 
@@ -229,22 +232,22 @@ def test_what_failed_by_a_fault_of_linkwise_is_run_again(
     study = lw.stored_study(folder)
     pushed = Case("bnes2", 20.0, "ml", 1001)
     with (
-        opened(tmp_path / "out", study) as store,
-        Here(1, {pushed: 3}) as crew,
+        open_store(tmp_path / "out", study) as store,
+        Here(1, {pushed: 3}) as executor,
         monkeypatch.context() as broken,
     ):
         broken.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)  # of weak and ml
-        run(study, store, crew, silent)
+        run(study, store, executor, silent)
     before = lw.read_rows(tmp_path / "out")
     faulty = {row.case for row in before if "ZeroDivisionError" in row.reason}
     assert len(faulty) == len(study) * 2 // 3 - 1 and sum(row.failed for row in before) == len(faulty) + 1
-    told: list[Progress] = []
-    with opened(tmp_path / "out", study) as store, Here() as crew:
+    told: list[StudyProgress] = []
+    with open_store(tmp_path / "out", study) as store, Here() as executor:
         assert store.done() == set(study.cases()) - faulty
-        run(study, store, crew, told.append)
+        run(study, store, executor, told.append)
         assert store.done() == set(study.cases())
     assert told[0].done == len(study) - len(faulty) and told[-1].done == len(study)
-    assert {case for batch in crew.batches for case in batch} == faulty
+    assert {case for batch in executor.batches for case in batch} == faulty
     after = lw.read_rows(tmp_path / "out")
     assert [row for row in after if row.case != pushed] == [
         row for row in lw.read_rows(folder) if row.case != pushed
@@ -258,7 +261,7 @@ def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
     with pytest.raises(lw.StudyError, match="at least one worker, got 0"):
         lw.run_study("paper", tmp_path / "out", workers=0)
     with pytest.raises(lw.StudyError, match="at least one worker"):
-        Processes(0)
+        ProcessExecutor(0)
 
 
 def test_batches_last_as_long_as_they_should() -> None:
@@ -269,48 +272,51 @@ def test_batches_last_as_long_as_they_should() -> None:
         failure(Case("a", 20.0, "fast", 99), 2, "", 0.01),
         failure(Case("a", 20.0, "slow", 99), 2, "", 5.0),
     ]
-    pace, pending = Pace(rows, cases, {"a": 2, "b": 4}), deque(cases)
+    timing, pending = Timing(rows, cases, {"a": 2, "b": 4}), deque(cases)
     suspects = {cases[12]}
     sizes = []
     while pending:
-        sizes.append(len(next_batch(pending, pace, 0.1, suspects)))
+        sizes.append(len(next_batch(pending, timing, 0.1, suspects)))
     assert sizes == [10, 2, 1, 10, 7, 1, 1, 1, 1]
     unknown = deque(Case("b", 20.0, "new", seed) for seed in range(2))
-    assert len(next_batch(unknown, pace, 1e9, set())) == 1  # nobody knows how long it takes
-    assert pace.expected(Case("b", 20.0, "slow", 0)) == pytest.approx(4 * 5.0)  # twice the masses
-    assert pace.expected(unknown[0]) == pytest.approx(4 * (0.01 + 5.0) / 2)
+    assert len(next_batch(unknown, timing, 1e9, set())) == 1  # nobody knows how long it takes
+    assert timing.expected(Case("b", 20.0, "slow", 0)) == pytest.approx(4 * 5.0)  # twice the masses
+    assert timing.expected(unknown[0]) == pytest.approx(4 * (0.01 + 5.0) / 2)
 
 
 def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 10.0, 10.0, 20.0])
     monkeypatch.setattr("linkwise.study.timing.perf_counter", lambda: next(clock))
     cases = [Case("a", 20.0, method, seed) for method in ("fast", "slow") for seed in range(3)]
-    pace = Pace([], cases, {"a": 2})
-    assert pace.left is None
-    pace.finished(cases[0], 2.0)
-    pace.finished(cases[3], 8.0)
+    timing = Timing([], cases, {"a": 2})
+    assert timing.left is None
+    timing.finished(cases[0], 2.0)
+    timing.finished(cases[3], 8.0)
     # Ten seconds of work took ten seconds: two cases of 2 s and two of 8 s are left.
-    assert pace.left == pytest.approx(20.0)
-    assert pace.rate == pytest.approx(0.2)
+    assert timing.left == pytest.approx(20.0)
+    assert timing.rate == pytest.approx(0.2)
     # The same, seen twice as late: the workers are half as fast.
-    assert pace.left == pytest.approx(40.0)
+    assert timing.left == pytest.approx(40.0)
 
 
 def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
     """The one that it was at; the next one, which it had already, can be told from that."""
     study = lw.stored_study(folder)
     case = Case("bnes4", 20.0, "ml", 1000)
-    with Processes(1) as crew:
-        assert crew.places == 2
-        (first,) = crew.submit(Batch(study.text(), (case,))).result()
-        long = crew.submit(Batch(study.text(), (case,) * 100))
-        behind = crew.submit(Batch(study.text(), (case,)))
+    with ProcessExecutor(1) as executor:
+        assert executor.slots == 2
+        (first,) = executor.submit(CaseBatch(study.text(), (case,))).result()
+        long = executor.submit(CaseBatch(study.text(), (case,) * 100))
+        behind = executor.submit(CaseBatch(study.text(), (case,)))
         for child in multiprocessing.active_children():
             child.kill()
         wait([long, behind])
-        assert crew.fate(long) is Fate.DIED and crew.fate(behind) is Fate.SPARED
-        (again,) = crew.submit(Batch(study.text(), (case,))).result()
+        assert (
+            executor.failure_kind(long) is FailureKind.DIED
+            and executor.failure_kind(behind) is FailureKind.SPARED
+        )
+        (again,) = executor.submit(CaseBatch(study.text(), (case,))).result()
         assert again.row == first.row
-        unreadable = crew.submit(Batch("no JSON", (case,)))
+        unreadable = executor.submit(CaseBatch("no JSON", (case,)))
         wait([unreadable])
-        assert crew.fate(unreadable) is Fate.FAULT
+        assert executor.failure_kind(unreadable) is FailureKind.FAULT

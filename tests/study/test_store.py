@@ -13,14 +13,14 @@ import pytest
 from small_study import small
 
 import linkwise as lw
-from linkwise.study.store import DATABASE, differences, opened
+from linkwise.study.store import DATABASE, differences, open_store
 
 HOLD = """
 import sys, time
 from pathlib import Path
 import linkwise as lw
-from linkwise.study.store import opened
-with opened(Path(sys.argv[1]), lw.read_study(sys.argv[2])):
+from linkwise.study.store import open_store
+with open_store(Path(sys.argv[1]), lw.read_study(sys.argv[2])):
     print("open", flush=True)
     time.sleep(600)
 """
@@ -54,10 +54,10 @@ def rows_of(study: lw.Study) -> list[lw.Row]:
 def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.Study) -> None:
     rows = rows_of(study)
     folder = tmp_path / "out"
-    with opened(folder, study) as store:
+    with open_store(folder, study) as store:
         store.add(rows[5:])
         assert len(store.done()) == len(rows) - 5
-    with opened(folder, study) as store:
+    with open_store(folder, study) as store:
         store.add(rows[:5])
         assert store.done() == set(study.cases())
     found = lw.read_rows(folder)
@@ -74,7 +74,7 @@ def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.Study) -> None
 
 def test_a_case_is_stored_once_and_a_batch_whole_or_not_at_all(tmp_path: Path, study: lw.Study) -> None:
     rows = rows_of(study)
-    with opened(tmp_path / "out", study) as store:
+    with open_store(tmp_path / "out", study) as store:
         store.add(rows[:1])
         with pytest.raises(
             lw.StudyError, match=r"out: rows could not be written: UNIQUE .*; what was there is safe"
@@ -85,12 +85,12 @@ def test_a_case_is_stored_once_and_a_batch_whole_or_not_at_all(tmp_path: Path, s
 
 def test_a_study_that_runs_can_be_read_but_not_opened(tmp_path: Path, study: lw.Study) -> None:
     folder = tmp_path / "out"
-    with opened(folder, study) as store:
+    with open_store(folder, study) as store:
         store.add(rows_of(study)[:2])
         assert len(lw.read_rows(folder)) == 2
         with (
             pytest.raises(lw.StudyError, match="another process is running a study in this folder"),
-            opened(folder, study),
+            open_store(folder, study),
         ):
             pass
 
@@ -104,17 +104,17 @@ def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.Study) -> None
         assert other.stdout is not None and other.stdout.readline() == "open\n"
         with (
             pytest.raises(lw.StudyError, match="wait for it, stop it, or give another folder"),
-            opened(folder, study),
+            open_store(folder, study),
         ):
             pass
         other.send_signal(signal.SIGKILL)
-    with opened(folder, study) as store:
+    with open_store(folder, study) as store:
         assert store.done() == set()
 
 
 def test_a_changed_definition_is_noticed(tmp_path: Path, study: lw.Study) -> None:
     folder = tmp_path / "out"
-    with opened(folder, study) as store:
+    with open_store(folder, study) as store:
         store.add(rows_of(study))
     subject = study.subjects[0]
     other_chain = lw.bnes_chain(2).with_values({"nes1.alpha": -101.0})
@@ -134,27 +134,27 @@ def test_a_changed_definition_is_noticed(tmp_path: Path, study: lw.Study) -> Non
     for message, changed in changes.items():
         with (
             pytest.raises(lw.StudyError, match=f"begun with another definition: {message}"),
-            opened(folder, changed),
+            open_store(folder, changed),
         ):
             pass
     with (
         pytest.raises(lw.StudyError, match="give another folder, or go on with"),
-        opened(folder, study.quickly()),
+        open_store(folder, study.quickly()),
     ):
         pass
-    with opened(folder, study) as store:  # and what is as it was is taken
+    with open_store(folder, study) as store:  # and what is as it was is taken
         assert len(store.done()) == len(study)
 
 
 def test_rows_of_two_versions_do_not_mix(
     tmp_path: Path, study: lw.Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with opened(tmp_path / "out", study):
+    with open_store(tmp_path / "out", study):
         pass
     monkeypatch.setattr("linkwise.study.store.version", lambda package: "99.0")
     with (
         pytest.raises(lw.StudyError, match=r'another definition: linkwise was "0\.\d+\.\d+", now "99\.0"'),
-        opened(tmp_path / "out", study),
+        open_store(tmp_path / "out", study),
     ):
         pass
 
@@ -170,12 +170,15 @@ def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.St
     foreign = tmp_path / "foreign"
     foreign.mkdir()
     (foreign / "thesis.tex").write_text("x")
-    with pytest.raises(lw.StudyError, match=r"it is not empty and holds no study"), opened(foreign, study):
+    with (
+        pytest.raises(lw.StudyError, match=r"it is not empty and holds no study"),
+        open_store(foreign, study),
+    ):
         pass
     assert [path.name for path in foreign.iterdir()] == ["thesis.tex"]
     with (
         pytest.raises(lw.StudyError, match=r"thesis\.tex: it is a file"),
-        opened(foreign / "thesis.tex", study),
+        open_store(foreign / "thesis.tex", study),
     ):
         pass
     for read in (lw.read_rows, lw.stored_study, lw.export_study, lw.study_summary):
@@ -199,7 +202,7 @@ def test_a_damaged_store_is_said_to_be_one(tmp_path: Path, study: lw.Study) -> N
             lw.StudyError, match=r"study\.sqlite: this is no study of linkwise, or a damaged one"
         ):
             lw.read_rows(folder)
-        with pytest.raises(lw.StudyError, match="no study of linkwise"), opened(folder, study):
+        with pytest.raises(lw.StudyError, match="no study of linkwise"), open_store(folder, study):
             pass
 
 
@@ -209,5 +212,5 @@ def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.Study) -> None:
     (tmp_path / "out" / DATABASE).touch()
     with pytest.raises(lw.StudyError, match="there is no study in it"):
         lw.read_rows(tmp_path / "out")
-    with opened(tmp_path / "out", study) as store:
+    with open_store(tmp_path / "out", study) as store:
         assert store.done() == set()

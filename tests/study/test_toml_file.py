@@ -27,7 +27,7 @@ def test_the_paper_ships_with_linkwise() -> None:
     assert len(paper) == len(list(paper.cases())) == 5 * 3 * len(paper.methods) * 100
     assert paper.quickly().cycles == paper.quick == 5
     assert [subject.release for subject in paper.subjects] == [{"v:m1": 1.0}] + 4 * [{"v:m1": 3.0}]
-    assert paper.subject("6 masses").judged == ("nes1", "nes2", "nes3")
+    assert paper.subject("6 masses").judged_links == ("nes1", "nes2", "nes3")
 
 
 def test_cases_come_cycle_by_cycle(tmp_path: Path) -> None:
@@ -57,7 +57,12 @@ def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
     study = lw.read_study(path)
     assert study.name == "mine"
     (subject,) = study.subjects
-    assert {p.name for p in subject.asked.parameters} == {"spring2.k", "nes1.alpha", "nes1.beta", "nes1.c"}
+    assert {p.name for p in subject.unknown_structure.parameters} == {
+        "spring2.k",
+        "nes1.alpha",
+        "nes1.beta",
+        "nes1.c",
+    }
     clean = subject.simulate(cycle=2)
     same = lw.simulate(
         lw.bnes_chain(4),
@@ -69,13 +74,13 @@ def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
     )
     assert (clean.channel("x:m4") == same.channel("x:m4")).all()
     assert subject.seen(clean).channels == ("v:m1", "v:m2", "v:m3", "v:m4", "x:m2", "force:m2")
-    assert subject.judged == ("nes1",)
+    assert subject.judged_links == ("nes1",)
 
 
 def test_all_links_are_judged_where_none_is_bent() -> None:
     text = STRUCTURE.replace("rate", 'unknown = ["spring"]\nrate')
     (subject,) = parse_study(HEAD + text + METHOD, "s.toml", Path()).subjects
-    assert subject.judged == ("spring1",)
+    assert subject.judged_links == ("spring1",)
 
 
 GOOD = HEAD + STRUCTURE + METHOD
@@ -165,6 +170,6 @@ def test_the_documented_study_is_one() -> None:
     study = parse_study(page.partition("```toml\n")[2].partition("```")[0], "studies-and-clusters.md", Path())
     assert study.first_seed == 1 and study.cycles == 50 and study.quick == 3
     assert [method.name for method in study.methods] == ["ml", "physics-informed", "all monomials"]
-    assert study.subjects[0].judged == ("nes1", "nes2")
+    assert study.subjects[0].judged_links == ("nes1", "nes2")
     for name in re.findall(r"\blw\.(\w+)", page):
         assert hasattr(lw, name)

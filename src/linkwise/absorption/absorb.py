@@ -7,12 +7,12 @@ from typing import Unpack
 
 import numpy as np
 
-from linkwise.absorption.comparison import Trial
+from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.potentials import Potentials
-from linkwise.absorption.rest_positions import resting_places
-from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, Side, SinkWork
-from linkwise.absorption.runs import runs_of
+from linkwise.absorption.rest_positions import rest_positions
+from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
+from linkwise.absorption.runs import single_run
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
@@ -47,24 +47,35 @@ def absorb(
     Raises StructureError for a link that is not there, a coefficient without a number, no sinks; SimulationError where nothing
     moves, and as `simulate` does.
     """
-    asked = {"duration": duration, "rate": rate, "sinks": sinks, "without": without, "settle": settle}
-    return answer(Trial.of(structure, Excitation.of(**excitation), harvesters=harvesters, **asked), progress)  # type: ignore[arg-type]
+    comparison = Comparison.of(
+        structure,
+        Excitation.of(**excitation),
+        duration=duration,
+        rate=rate,
+        sinks=sinks,
+        without=without,
+        settle=settle,
+        harvesters=harvesters,
+    )
+    return answer(comparison, progress)
 
 
-def answer(trial: Trial, progress: Callable[[float, str], object] = lambda fraction, now: None) -> Absorption:
+def answer(
+    trial: Comparison, progress: Callable[[float, str], object] = lambda fraction, now: None
+) -> Absorption:
     """`absorb` for a question that stands."""
     progress(0.0, "with sinks")
     potentials = Potentials.of([trial.structure])
     one, vibration, passages = _side(trial, trial.schedule, potentials)
     progress(0.5, "without sinks")
-    other, bare, _ = _side(trial, trial.bare_schedule, Potentials.of([trial.bare.structure]))
-    level = trial.settle * bare.peak
-    if not np.any(bare.runs.v):
+    other, baseline, _ = _side(trial, trial.baseline_schedule, Potentials.of([trial.baseline.structure]))
+    level = trial.settle * baseline.peak
+    if not np.any(baseline.runs.v):
         raise SimulationError(
             f"with the sinks {trial.manner} nothing moves, so there is nothing to compare with: the structure starts at rest "
             "in equilibrium; give a release, an impulse, a force or a motion of the base that moves a primary mass"
         )
-    both = zip(_masses(vibration, level), _masses(bare, level), strict=True)
+    both = zip(_masses(vibration, level), _masses(baseline, level), strict=True)
     masses = tuple(
         MassChange(name, float(level[row, 0]), *pair)
         for row, (name, pair) in enumerate(zip(trial.primaries, both, strict=True))
@@ -82,15 +93,17 @@ def answer(trial: Trial, progress: Callable[[float, str], object] = lambda fract
     )
 
 
-def _side(trial: Trial, schedule: RunSchedule, potentials: Potentials) -> tuple[Side, Vibration, Passages]:
+def _side(
+    trial: Comparison, schedule: RunSchedule, potentials: Potentials
+) -> tuple[AbsorptionRun, Vibration, Passages]:
     """One of the two runs."""
     motion = SimulatedMotion.of(schedule)
-    runs = runs_of(motion, potentials.tops(0))
+    runs = single_run(motion, potentials.tops(0))
     columns = [schedule.structure.mass_names.index(name) for name in trial.primaries]
-    vibration = Vibration(runs, columns, resting_places([trial.resting_structure], trial.primaries))
+    vibration = Vibration(runs, columns, rest_positions([trial.resting_structure], trial.primaries))
     base = schedule.excitation.base
     where = None if base is None else base.value(schedule.times)
-    side = Side(
+    side = AbsorptionRun(
         structure=schedule.structure,
         x=motion.displacement,
         v=motion.velocity,
@@ -122,21 +135,23 @@ def _known(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _sinks(trial: Trial, side: Side, passages: Passages, tops: list[Floats]) -> tuple[SinkWork, ...]:
+def _sinks(
+    trial: Comparison, side: AbsorptionRun, passages: Passages, tops: list[Floats]
+) -> tuple[SinkResult, ...]:
     names = [link.name for link in side.structure.links]
-    believed = np.inf if side.horizon is None else side.horizon
+    before_horizon = np.inf if side.horizon is None else side.horizon
     base = trial.excitation.base
     d = side.structure.elongations(side.x, None if base is None else base.value(trial.times))
     found = []
     for sink in trial.sinks:
         number = names.index(sink.link)
         times, heights = passages[number], tuple(tops[number].tolist())
-        share, before = side.share(sink.link), int(np.sum(times < believed))
-        found.append(SinkWork(sink, heights, share, d[:, number], times, before))
+        share, before = side.share(sink.link), int(np.sum(times < before_horizon))
+        found.append(SinkResult(sink, heights, share, d[:, number], times, before))
     return tuple(found)
 
 
-def _harvests(trial: Trial, side: Side) -> tuple[Harvest, ...]:
+def _harvests(trial: Comparison, side: AbsorptionRun) -> tuple[Harvest, ...]:
     found = []
     for link, damping in trial.harvesters.items():
         share = side.share(f"{link}{SUFFIX}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
-from linkwise.absorption.without_sinks import Bare, without_sinks
+from linkwise.absorption.without_sinks import WithoutSinks, without_sinks
 from linkwise.analysis.modes import modes
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
@@ -25,8 +25,8 @@ _MOST = 2_000_000  # samples, without a rate
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """A `structure` with its harvesters, its `sinks`, what drives it, and the `bare` structure that it is compared with.
+class Comparison:
+    """A `structure` with its harvesters, its `sinks`, what drives it, and the `baseline` structure that it is compared with.
 
     `times` (N,) s are those of the output, `settle` the part of its peak without sinks below which a mass counts as settled,
     `harvesters` the damping in N s/m by link.
@@ -35,7 +35,7 @@ class Trial:
     structure: Structure
     sinks: tuple[Sink, ...]
     excitation: Excitation
-    bare: Bare
+    baseline: WithoutSinks
     manner: str
     times: Floats
     settle: float
@@ -53,7 +53,7 @@ class Trial:
         without: str = "removed",
         settle: float = 0.05,
         harvesters: Mapping[str, float] | None = None,
-    ) -> Trial:
+    ) -> Comparison:
         """Raises StructureError and SimulationError for what cannot be asked, as `absorb` says."""
         if not 0.0 < settle < 1.0:
             raise SimulationError(
@@ -68,13 +68,15 @@ class Trial:
             raise SimulationError(
                 "nothing sets the structure in motion: give a release, an impulse, a force or a motion of the base"
             )
-        bare = without_sinks(equipped, found, excitation, without)
-        return cls(equipped, found, excitation, bare, without, times, settle, dict(harvesters or {}))
+        baseline = without_sinks(equipped, found, excitation, without)
+        return cls(equipped, found, excitation, baseline, without, times, settle, dict(harvesters or {}))
 
-    def varied(self, structure: Structure, excitation: Excitation, bare: Bare | None = None) -> Trial:
-        """The same question about another structure of this shape, harvesters included; `bare` where it is known."""
-        other = bare or without_sinks(structure, self.sinks, excitation, self.manner)
-        return replace(self, structure=structure, excitation=excitation, bare=other)
+    def varied(
+        self, structure: Structure, excitation: Excitation, baseline: WithoutSinks | None = None
+    ) -> Comparison:
+        """The same question about another structure of this shape, harvesters included; `baseline` where it is known."""
+        other = baseline or without_sinks(structure, self.sinks, excitation, self.manner)
+        return replace(self, structure=structure, excitation=excitation, baseline=other)
 
     @property
     def schedule(self) -> RunSchedule:
@@ -82,9 +84,9 @@ class Trial:
         return RunSchedule(self.structure, self.excitation, self.times)
 
     @property
-    def bare_schedule(self) -> RunSchedule:
+    def baseline_schedule(self) -> RunSchedule:
         """The run without them."""
-        return RunSchedule(self.bare.structure, self.bare.excitation, self.times)
+        return RunSchedule(self.baseline.structure, self.baseline.excitation, self.times)
 
     @cached_property
     def primaries(self) -> tuple[str, ...]:
@@ -107,7 +109,7 @@ class Trial:
         A sink on whose mass nothing else hangs exerts no force at rest, so its host rests where it would without the sink.
         """
         alone = all(sink.mass is not None and self._hangs_alone(sink) for sink in self.sinks)
-        return self.bare.structure if alone else self.structure
+        return self.baseline.structure if alone else self.structure
 
     def _hangs_alone(self, sink: Sink) -> bool:
         joined = (set(link.between) for link in self.structure.links if sink.mass in link.between)

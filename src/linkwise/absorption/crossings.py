@@ -50,7 +50,7 @@ def crossings(schedule: RunSchedule, run: RunLog, tops: Sequence[Floats]) -> tup
     return tuple(distinct(times[links == number], schedule.end) for number in range(len(tops)))
 
 
-def begun(times: Floats, time: Floats, d: Floats, tops: Floats) -> Floats:
+def after_onset(times: Floats, time: Floats, d: Floats, tops: Floats) -> Floats:
     """Passages at `times` of a link with elongation `d` (N,) at samples `time` (N,), without those before it moves.
 
     A sink that rests on its top until the first wave arrives trembles there by rounding, from one side to the other.

@@ -11,11 +11,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.absorption.comparison import Trial
+from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.potentials import Potentials
-from linkwise.absorption.quantities import Quantity, Reference, quantities_of, told_by
-from linkwise.absorption.rest_positions import RestingPlaces, resting_places
-from linkwise.absorption.runs import Runs, runs_together
+from linkwise.absorption.quantities import BaselineQuantities, Quantity, quantities_of, quantity_values
+from linkwise.absorption.rest_positions import RestPositions, rest_positions
+from linkwise.absorption.runs import Runs, batch_runs
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.runtime import one_blas_thread, processors
@@ -29,7 +29,7 @@ _TASK = 8 * LANES  # runs that one thread does before it asks for more
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class Ensemble:
     """`values` (R, Q) of `quantities` in R structures, NaN where one is not there: a mass that does not settle, a run that
     did not come to its end. `alive` (R,) tells the runs that ended; `envelopes` (N, P, R) m with sinks are kept on request, in
     single precision for their size.
@@ -69,7 +69,7 @@ class _Crew:
                 if stopped.is_set():
                     break
                 group = which[first : first + LANES]
-                runs, ended = runs_together(
+                runs, ended = batch_runs(
                     [schedules[run] for run in group], potentials.rows(group), self.alone
                 )
                 alive[group] = ended
@@ -93,24 +93,24 @@ class _Crew:
         return alive
 
 
-def survey(
-    trials: Sequence[Trial],
+def run_ensemble(
+    trials: Sequence[Comparison],
     *,
     envelopes: bool = False,
     alone: bool = False,
     workers: int | None = None,
     progress: Progress = lambda fraction, now: None,
-) -> Survey:
+) -> Ensemble:
     """Ask the same question of structures of one shape, on `workers` threads (default: one a processor).
 
     Trials may share one object for the structure without sinks; it is run once. With `alone` each is run by itself and in the
     precision of `absorb`, so that chaos gives the same motion.
     """
     workers = workers or processors()
-    bares, which_bare = _distinct([trial.bare for trial in trials])
+    bares, which_bare = _distinct([trial.baseline for trial in trials])
     owners = [int(np.argmax(which_bare == number)) for number in range(len(bares))]
     structures, which_structure = _distinct([trial.resting_structure for trial in trials])
-    places = resting_places(structures, trials[0].primaries)
+    places = rest_positions(structures, trials[0].primaries)
     resting = [places[number] for number in which_structure]
     part = len(bares) / (len(bares) + len(trials))
     with one_blas_thread():
@@ -135,11 +135,11 @@ def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:
 
 
 def _reference(
-    trials: Sequence[Trial],
-    resting: Sequence[RestingPlaces],
+    trials: Sequence[Comparison],
+    resting: Sequence[RestPositions],
     crew: _Crew,
-) -> Reference:
-    schedules = [trial.bare_schedule for trial in trials]
+) -> BaselineQuantities:
+    schedules = [trial.baseline_schedule for trial in trials]
     potentials = Potentials.of([schedule.structure for schedule in schedules])
     masses = len(trials[0].primaries)
     found = np.full((4, masses, len(trials)), np.nan)
@@ -151,16 +151,16 @@ def _reference(
         found[:, :, which] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
 
     crew.run(schedules, potentials, note)
-    return Reference(*found)
+    return BaselineQuantities(*found)
 
 
 def _with_sinks(
-    trials: Sequence[Trial],
-    resting: Sequence[RestingPlaces],
-    reference: Reference,
+    trials: Sequence[Comparison],
+    resting: Sequence[RestPositions],
+    reference: BaselineQuantities,
     envelopes: bool,
     crew: _Crew,
-) -> Survey:
+) -> Ensemble:
     schedules = [trial.schedule for trial in trials]
     potentials = Potentials.of([trial.structure for trial in trials])
     quantities = quantities_of(trials[0])
@@ -174,10 +174,10 @@ def _with_sinks(
 
     def note(runs: Runs, which: Indices) -> None:
         vibration = Vibration(runs, columns, [resting[run] for run in which])
-        told = told_by(trials[0], runs, vibration, potentials.rows(which), reference.of(which))
+        told = quantity_values(trials[0], runs, vibration, potentials.rows(which), reference.of(which))
         values[which] = np.stack([told[each.name] for each in quantities], axis=1)
         if bounds is not None:
             bounds[:, :, which] = vibration.decay.envelope
 
     alive = crew.run(schedules, potentials, note)
-    return Survey(quantities, values, alive, bounds)
+    return Ensemble(quantities, values, alive, bounds)

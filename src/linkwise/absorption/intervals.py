@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from linkwise.absorption.absorb import answer
-from linkwise.absorption.comparison import Trial
-from linkwise.absorption.ensemble import Progress, Survey, survey
+from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.ensemble import Ensemble, Progress, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE, Absorption
@@ -26,7 +26,7 @@ _LIVING = 0.9  # of the draws that must come to their end
 
 
 @dataclass(frozen=True)
-class Likely:
+class QuantityInterval:
     """A quantity: `value` at the identified numbers, and 95 % of the draws from `lower` to `upper`.
 
     None stands where there is no value: a mass that does not settle; as the upper end, that it may not. `missing` counts the
@@ -51,13 +51,13 @@ class AbsorptionIntervals:
     found: Absorption
     draws: int
     seed: int
-    quantities: tuple[Likely, ...]
+    quantities: tuple[QuantityInterval, ...]
     lower: Floats
     upper: Floats
     diverged: int
     closure: float
 
-    def quantity(self, name: str) -> Likely:
+    def quantity(self, name: str) -> QuantityInterval:
         """The one of that name; KeyError lists those there are."""
         for each in self.quantities:
             if each.quantity.name == name:
@@ -117,13 +117,13 @@ def absorption_intervals(
         for name in ("rate", "sinks", "without", "settle", "harvesters")
         if name in options
     }
-    trial = Trial.of(known.structure, Excitation.of(**options), duration=duration, **own)
+    trial = Comparison.of(known.structure, Excitation.of(**options), duration=duration, **own)
     found = answer(trial, lambda part, now: progress(0.1 * part, now))
     variants = Variants(with_harvesters(known.structure, own.get("harvesters") or {}), trial, known.names)
     table = known.draws(draws, seed)
     trials = [variants.at(dict(zip(known.names, row.tolist(), strict=True))) for row in table]
-    itself = survey([trial], alone=True).values[0]
-    told = survey(
+    itself = run_ensemble([trial], alone=True).values[0]
+    told = run_ensemble(
         trials, envelopes=True, workers=workers, progress=lambda part, now: progress(0.1 + 0.9 * part, now)
     )
     living = told.alive
@@ -149,20 +149,20 @@ def absorption_intervals(
     )
 
 
-def _bands(told: Survey) -> tuple[Floats, Floats]:
+def _bands(told: Ensemble) -> tuple[Floats, Floats]:
     assert told.envelopes is not None
     tail = 100.0 * 0.5 * (1.0 - COVERED)
     lower, upper = np.percentile(told.envelopes[..., told.alive], [tail, 100.0 - tail], axis=2)
     return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
 
 
-def _likely(quantity: Quantity, value: float, drawn: Floats) -> Likely:
+def _likely(quantity: Quantity, value: float, drawn: Floats) -> QuantityInterval:
     """Quantiles of the draws; what never happens happens after every time."""
     tail = 0.5 * (1.0 - COVERED)
     missing = int(np.sum(np.isnan(drawn)))
     ranked = np.sort(np.where(np.isnan(drawn), np.inf, drawn))
     ends = ranked[[int(np.floor(tail * (len(ranked) - 1))), int(np.ceil((1.0 - tail) * (len(ranked) - 1)))]]
-    return Likely(quantity, _known(value), _known(ends[0]), _known(ends[1]), missing)
+    return QuantityInterval(quantity, _known(value), _known(ends[0]), _known(ends[1]), missing)
 
 
 def _known(value: float) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from linkwise.absorption.intervals import AbsorptionIntervals, Likely
+from linkwise.absorption.intervals import AbsorptionIntervals, QuantityInterval
 from linkwise.absorption.sweep_text import value_text
 from linkwise.text import as_text, columns
 
@@ -32,13 +32,13 @@ def interval_rows(told: AbsorptionIntervals) -> Rows:
     ]
 
 
-def _range(each: Likely) -> str:
+def _range(each: QuantityInterval) -> str:
     if each.lower is None:
         return _text(each, None)
     return f"{_text(each, each.lower)} to {_text(each, each.upper)}"
 
 
-def _text(each: Likely, value: float | None) -> str:
+def _text(each: QuantityInterval, value: float | None) -> str:
     if value is None:
         return "never" if each.quantity.name.startswith("settled") else "-"
     return value_text(each.quantity, value)

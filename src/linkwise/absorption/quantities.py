@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.absorption.comparison import Trial
+from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.runs import Runs
@@ -25,7 +25,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class BaselineQuantities:
     """What the primary masses do without sinks, (P, R)."""
 
     peak: Floats
@@ -33,13 +33,15 @@ class Reference:
     level: Floats
     settled: Floats
 
-    def of(self, which: Indices) -> Reference:
+    def of(self, which: Indices) -> BaselineQuantities:
         """That of some of the runs, or of some several times."""
-        return Reference(*(each[:, which] for each in (self.peak, self.rms, self.level, self.settled)))
+        return BaselineQuantities(
+            *(each[:, which] for each in (self.peak, self.rms, self.level, self.settled))
+        )
 
 
-def quantities_of(trial: Trial) -> tuple[Quantity, ...]:
-    """What `told_by` tells, in order."""
+def quantities_of(trial: Comparison) -> tuple[Quantity, ...]:
+    """What `quantity_values` tells, in order."""
     percent = f"{100.0 * trial.settle:g} %"
     found = [
         Quantity("settled", "s", f"settling time (below {percent})", True),
@@ -70,8 +72,8 @@ def quantities_of(trial: Trial) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def told_by(
-    trial: Trial, runs: Runs, vibration: Vibration, potentials: Potentials, reference: Reference
+def quantity_values(
+    trial: Comparison, runs: Runs, vibration: Vibration, potentials: Potentials, reference: BaselineQuantities
 ) -> dict[str, Floats]:
     """(W,) of every quantity."""
     settled = vibration.settled(reference.level)

@@ -15,7 +15,7 @@ from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
-class RestingPlaces:
+class RestPositions:
     """The displacements (E, P) in m of the primary masses in the stable equilibria of a structure, its base at zero."""
 
     places: Floats
@@ -25,7 +25,7 @@ class RestingPlaces:
         return np.asarray(self.places[np.square(self.places - x).sum(axis=1).argmin()])
 
 
-def resting_places(structures: Sequence[Structure], primaries: Sequence[str]) -> list[RestingPlaces]:
+def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) -> list[RestPositions]:
     """For each of several structures of one shape.
 
     Where all links have their only well at zero elongation, that is zero; else equilibria are searched, and a structure with
@@ -36,15 +36,15 @@ def resting_places(structures: Sequence[Structure], primaries: Sequence[str]) ->
     for number, each in enumerate(potentials.barriers):
         plain &= (each.floor == 0.0) & ~np.isfinite(each.tops).any(axis=1)
         plain &= np.array([float(one.links[number].force(0.0)) == 0.0 for one in structures])
-    zero = RestingPlaces(np.zeros((1, len(primaries))))
+    zero = RestPositions(np.zeros((1, len(primaries))))
     pairs = zip(structures, plain, strict=True)
     return [zero if simple else _searched(structure, primaries) for structure, simple in pairs]
 
 
-def _searched(structure: Structure, primaries: Sequence[str]) -> RestingPlaces:
+def _searched(structure: Structure, primaries: Sequence[str]) -> RestPositions:
     columns = [structure.mass_names.index(name) for name in primaries]
     try:
         found = [point.x[columns] for point in equilibria(structure).stable]
     except StructureError:
         found = []
-    return RestingPlaces(np.unique(np.array(found), axis=0) if found else np.zeros((1, len(columns))))
+    return RestPositions(np.unique(np.array(found), axis=0) if found else np.zeros((1, len(columns))))

@@ -51,7 +51,7 @@ class MassChange:
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class AbsorptionRun:
     """One of the two runs, N samples: `x` (N, n) and `v` (N, n) of all masses, `envelope` (N, P) m of the primary ones.
 
     `put_in` (N,), `stored` (N,) and `dissipated` (N, L) in J; energy is counted from the lowest wells of all links, so that
@@ -95,11 +95,11 @@ class Side:
 
 
 @dataclass(frozen=True, eq=False)
-class SinkWork:
+class SinkResult:
     """What one sink did: `share` is the part of the energy put in that it dissipated.
 
     `elongation` (N,) m is that of its link; `crossings` (C,) s are its passages between wells over one of its `tops` m, of
-    which the first `believed` are before the horizon of prediction.
+    which the first `before_horizon` are before the horizon of prediction.
     """
 
     sink: Sink
@@ -107,7 +107,7 @@ class SinkWork:
     share: float
     elongation: Floats
     crossings: Floats
-    believed: int
+    before_horizon: int
 
     @property
     def last(self) -> float | None:
@@ -137,11 +137,11 @@ class Absorption:
     settle: float
     time: Floats
     masses: tuple[MassChange, ...]
-    sinks: tuple[SinkWork, ...]
+    sinks: tuple[SinkResult, ...]
     harvests: tuple[Harvest, ...]
     absorbing: tuple[str, ...]
-    with_sinks: Side
-    without: Side
+    with_sinks: AbsorptionRun
+    without: AbsorptionRun
 
     @property
     def sinks_share(self) -> float:
@@ -223,7 +223,7 @@ def _mass(each: MassChange) -> dict[str, Any]:
     }
 
 
-def _energy(side: Side) -> dict[str, Any]:
+def _energy(side: AbsorptionRun) -> dict[str, Any]:
     return {
         "put_in": side.total,
         "remaining": float(side.remaining[-1]),
@@ -232,13 +232,13 @@ def _energy(side: Side) -> dict[str, Any]:
     }
 
 
-def _sink(work: SinkWork) -> dict[str, Any]:
+def _sink(work: SinkResult) -> dict[str, Any]:
     return {
         "mass": work.sink.mass,
         "host": work.sink.host,
         "share": work.share,
         "crossings": len(work.crossings),
-        "crossings_before_horizon": work.believed,
+        "crossings_before_horizon": work.before_horizon,
         "last_crossing": work.last,
         "crossing_times": work.crossings.tolist(),
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.absorption.crossings import begun, crossings, distinct
+from linkwise.absorption.crossings import after_onset, crossings, distinct
 from linkwise.absorption.potentials import Potentials, elongations
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
@@ -45,7 +45,7 @@ class Runs:
         )
 
 
-def runs_of(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
+def single_run(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
     """One motion by itself, in the best precision there is and past the kinks of its laws; `tops` (K,) m of each link."""
     energy, schedule = motion.energy, motion.schedule
     base = schedule.excitation.base
@@ -53,7 +53,7 @@ def runs_of(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
         motion.displacement, None if base is None else base.value(schedule.times)
     )
     found = crossings(schedule, motion.run, tops)
-    passages = tuple(begun(found[k], schedule.times, d[:, k], tops[k]) for k in range(len(tops)))
+    passages = tuple(after_onset(found[k], schedule.times, d[:, k], tops[k]) for k in range(len(tops)))
     return Runs(
         time=schedule.times,
         x=motion.displacement[..., None],
@@ -64,7 +64,7 @@ def runs_of(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
     )
 
 
-def runs_together(
+def batch_runs(
     schedules: Sequence[RunSchedule], potentials: Potentials, alone: bool = False
 ) -> tuple[Runs, Bools]:
     """Schedules that differ in numbers only, `potentials` those of their structures, and (W,) which came to their end.
@@ -88,7 +88,7 @@ def runs_together(
     for run in range(len(schedules)):
         tops = potentials.tops(run)
         cleaned = (
-            begun(distinct(times, schedule.end), batch.time, d[:, run, link], tops[link])
+            after_onset(distinct(times, schedule.end), batch.time, d[:, run, link], tops[link])
             for link, times in enumerate(batch.passages[run])
         )
         passages.append(tuple(cleaned))
@@ -104,7 +104,7 @@ def _one_by_one(schedules: Sequence[RunSchedule], potentials: Potentials) -> tup
     alive = np.ones(count, dtype=bool)
     for run, schedule in enumerate(schedules):
         try:
-            one = runs_of(SimulatedMotion.of(schedule), potentials.tops(run))
+            one = single_run(SimulatedMotion.of(schedule), potentials.tops(run))
         except SimulationError:
             alive[run] = False
             passages.append(tuple(np.empty(0) for _ in range(links)))

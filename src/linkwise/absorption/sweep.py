@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.absorption.comparison import Trial
-from linkwise.absorption.ensemble import Progress, survey
+from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.ensemble import Progress, run_ensemble
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import CLOSURE
@@ -31,7 +31,7 @@ _GEOMETRIC = 1e-6  # of a ratio: steps that are equal in ratio are drawn on a lo
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
+class SweepAxis:
     """A swept parameter: `name` of a coefficient ("nes1.alpha"), a mass ("m2.mass") or a release ("v:m1"), `values` (K,)."""
 
     name: str
@@ -61,7 +61,7 @@ class AbsorptionMap:
     manner: str
     settle: float
     duration: float
-    axes: tuple[Axis, ...]
+    axes: tuple[SweepAxis, ...]
     quantities: tuple[Quantity, ...]
     values: Floats
     alive: Bools
@@ -142,7 +142,7 @@ def absorption_map(
     progress: Progress = lambda fraction, now: None,
     **options: Any,
 ) -> AbsorptionMap:
-    """`absorb` over a grid: `over` gives the values of one or two parameters by name, as `Axis` names them.
+    """`absorb` over a grid: `over` gives the values of one or two parameters by name, as `SweepAxis` names them.
 
     `options` are the keywords of `absorb` (rate, sinks, without, settle, harvesters) and of `simulate` (release, ...); runs
     go side by side on `workers` threads (default: one a processor). Where sinks are not named they are those of `structure`; a
@@ -159,7 +159,7 @@ def absorption_map(
     trial = _trial(structure, middle, duration, options)
     progress(0.0, f"preparing {len(points)} runs")
     variants = Variants(equipped, trial, names)
-    found = survey(
+    found = run_ensemble(
         [variants.at(dict(zip(names, point, strict=True))) for point in points],
         workers=workers,
         progress=progress,
@@ -183,7 +183,7 @@ def absorption_map(
     )
 
 
-def _horizon(trial: Trial) -> float | None:
+def _horizon(trial: Comparison) -> float | None:
     """Of the run in the middle of the grid; None where that one diverges."""
     try:
         return SimulatedMotion.of(trial.schedule).horizon
@@ -191,7 +191,7 @@ def _horizon(trial: Trial) -> float | None:
         return None
 
 
-def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[Axis, ...]:
+def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[SweepAxis, ...]:
     if not 1 <= len(over) <= 2:
         raise StructureError(f"a sweep goes over one parameter or two, not {len(over)}")
     axes = []
@@ -199,7 +199,7 @@ def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[Axis, ..
         values = np.atleast_1d(np.asarray(given, dtype=float))
         if values.ndim != 1 or not values.size or not np.isfinite(values).all():
             raise StructureError("the values of a swept parameter are one row of finite numbers", name)
-        axes.append(Axis(name, _unit(structure, name), values))
+        axes.append(SweepAxis(name, _unit(structure, name), values))
     return tuple(axes)
 
 
@@ -208,7 +208,7 @@ def map_bytes(runs: int, masses: int) -> int:
     return runs * (_RUN_BYTES + _MASS_BYTES * masses)
 
 
-def _require_room(axes: tuple[Axis, ...], masses: int) -> None:
+def _require_room(axes: tuple[SweepAxis, ...], masses: int) -> None:
     runs = prod(len(axis.values) for axis in axes)
     needed, free = map_bytes(runs, masses), available_memory()
     if needed > free:
@@ -234,7 +234,7 @@ def _unit(structure: Structure, name: str) -> str:
 
 def _trial(
     structure: Structure, middle: Mapping[str, float], duration: float, options: Mapping[str, Any]
-) -> Trial:
+) -> Comparison:
     """The question at one point of the grid."""
     own = ("rate", "without", "settle", "harvesters")
     drives = {name: value for name, value in options.items() if name not in (*own, "sinks")}
@@ -248,7 +248,7 @@ def _trial(
     there = structure.with_values(numbers) if numbers else structure
     known = all(structure.coefficient(name).value is not None for name in numbers)
     sinks = options.get("sinks") or [sink.link for sink in find_sinks(structure if known else there)]
-    return Trial.of(
+    return Comparison.of(
         there,
         Excitation.of(release={**given, **release}, **drives),
         duration=duration,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from textwrap import fill
 
-from linkwise.absorption.result import Absorption, MassChange, Side, SinkWork
+from linkwise.absorption.result import Absorption, AbsorptionRun, MassChange, SinkResult
 from linkwise.text import as_text, columns
 
 Rows = list[tuple[str, ...]]
@@ -89,7 +89,7 @@ def energy_rows(found: Absorption) -> Rows:
     return rows
 
 
-def _left(side: Side) -> float:
+def _left(side: AbsorptionRun) -> float:
     part = float(side.remaining[-1])
     return 0.0 if abs(part) < 1e-12 else part
 
@@ -102,12 +102,12 @@ def crossing_rows(found: Absorption) -> Rows:
     ]
 
 
-def _sink(each: SinkWork) -> tuple[str, ...]:
+def _sink(each: SinkResult) -> tuple[str, ...]:
     place = (each.sink.link, each.sink.mass or "-", each.sink.host)
     if not each.tops:
         return *place, "one well", "-", "-"
     last = "-" if each.last is None else seconds(each.last)
-    return *place, f"{len(each.crossings)}", f"{each.believed}", last
+    return *place, f"{len(each.crossings)}", f"{each.before_horizon}", last
 
 
 def harvest_rows(found: Absorption) -> Rows:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.absorption.decay import Decay
-from linkwise.absorption.rest_positions import RestingPlaces
+from linkwise.absorption.rest_positions import RestPositions
 from linkwise.absorption.runs import Runs
 from linkwise.arrays import Floats
 
@@ -20,7 +20,7 @@ class Vibration:
 
     runs: Runs
     columns: Sequence[int]
-    resting: Sequence[RestingPlaces]
+    resting: Sequence[RestPositions]
 
     @cached_property
     def rest(self) -> Floats:

@@ -22,14 +22,16 @@ MANNERS = ("removed", "locked")
 
 
 @dataclass(frozen=True, eq=False)
-class Bare:
+class WithoutSinks:
     """A structure without its sinks and the excitation that is left for it."""
 
     structure: Structure
     excitation: Excitation
 
 
-def without_sinks(structure: Structure, sinks: Sequence[Sink], excitation: Excitation, manner: str) -> Bare:
+def without_sinks(
+    structure: Structure, sinks: Sequence[Sink], excitation: Excitation, manner: str
+) -> WithoutSinks:
     """The structure with its sinks "removed" or "locked".
 
     Removed: what would drive a sink's mass drives nothing. Locked: it drives the host, and a release keeps the momentum of
@@ -39,8 +41,8 @@ def without_sinks(structure: Structure, sinks: Sequence[Sink], excitation: Excit
         raise StructureError(
             f"sinks can be compared with sinks {' or '.join(MANNERS)}, not with sinks {manner!r}"
         )
-    bare = (_removed if manner == "removed" else _locked)(structure, sinks, excitation)
-    left = bare.excitation
+    baseline = (_removed if manner == "removed" else _locked)(structure, sinks, excitation)
+    left = baseline.excitation
     if not (any(left.release.values()) or left.impulses or left.drives):
         raise SimulationError(
             f"with the sinks {manner} nothing sets the structure in motion, so there is nothing to compare with: "
@@ -50,16 +52,16 @@ def without_sinks(structure: Structure, sinks: Sequence[Sink], excitation: Excit
                 else "give a release, an impulse, a force or a motion of the base"
             )
         )
-    return bare
+    return baseline
 
 
-def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> Bare:
+def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
     gone = {sink.mass for sink in sinks if sink.mass is not None}
     names = {sink.link for sink in sinks}
     links = tuple(link for link in structure.links if link.name not in names and not gone & set(link.between))
     masses = tuple(mass for mass in structure.masses if mass.name not in gone)
     left = _built(structure, masses, links, "removed")
-    return Bare(
+    return WithoutSinks(
         left,
         Excitation(
             {name: value for name, value in excitation.release.items() if name.partition(":")[2] not in gone},
@@ -70,7 +72,7 @@ def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation
     )
 
 
-def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> Bare:
+def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
     rider = {sink.mass: sink.host for sink in sinks if sink.mass is not None}
     fixed = next((sink for sink in sinks if sink.mass is None or sink.host in (GROUND, BASE)), None)
     if fixed is not None:
@@ -103,7 +105,9 @@ def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation)
         if speed:
             release[f"v:{name}"] = speed
     impulses = tuple(Impulse(root[blow.mass], blow.momentum, blow.time) for blow in excitation.impulses)
-    return Bare(left, Excitation(release, impulses, _gathered(excitation.forces, root), excitation.base))
+    return WithoutSinks(
+        left, Excitation(release, impulses, _gathered(excitation.forces, root), excitation.base)
+    )
 
 
 def _root(name: str, rider: Mapping[str, str]) -> str:

@@ -12,7 +12,7 @@ import click
 import linkwise as lw
 from linkwise.atomic import ABSORPTION, check_result_folder, to_json
 from linkwise.cli.console import progress, tell
-from linkwise.cli.excitation_options import Drive, drive_options
+from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, number, pairs
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
@@ -21,7 +21,7 @@ UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComparisonOptions:
     """What is compared with what, as typed."""
 
     duration: float
@@ -89,7 +89,7 @@ def _values(text: str) -> list[float]:
 
 
 comparison_options = grouped(
-    Comparison,
+    ComparisonOptions,
     "comparison",
     click.option("--duration", metavar="S", type=POSITIVE, required=True, help="How long to look, in s."),
     click.option(
@@ -157,7 +157,13 @@ comparison_options = grouped(
 @click.option(
     "--json", "as_json", is_flag=True, help="Print absorption.json on standard output and nothing else."
 )
-def absorb(structure: Path, comparison: Comparison, drive: Drive, output: Path | None, as_json: bool) -> int:
+def absorb(
+    structure: Path,
+    comparison: ComparisonOptions,
+    drive: ExcitationOptions,
+    output: Path | None,
+    as_json: bool,
+) -> int:
     """Tell what the sinks of STRUCTURE do, against the same structure without them.
 
     Printed are decay and settling of the primary masses, the share of the energy that each link dissipates, and how often
@@ -197,7 +203,7 @@ def absorb(structure: Path, comparison: Comparison, drive: Drive, output: Path |
 
 
 def _answer(
-    structure: Path, comparison: Comparison, asked: dict[str, Any]
+    structure: Path, comparison: ComparisonOptions, asked: dict[str, Any]
 ) -> lw.Absorption | lw.AbsorptionIntervals | lw.AbsorptionMap:
     """A map for a sweep, intervals for the folder of an answer, else the plain comparison."""
     over = comparison.axes()

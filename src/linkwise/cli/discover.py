@@ -13,14 +13,14 @@ import click
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
 from linkwise.cli.console import progress, tell
-from linkwise.cli.options import FILE, FOLDER, RecordSource, grouped, pairs, record_options
+from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, pairs, record_options
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 EXAMPLE = "m1=1.0"
 
 
 @dataclass(frozen=True)
-class Prior:
+class PriorOptions:
     """What is known before, as typed."""
 
     mass: tuple[str, ...]
@@ -66,7 +66,7 @@ def _kilograms(name: str, text: str) -> float:
 
 
 prior_options = grouped(
-    Prior,
+    PriorOptions,
     "prior",
     click.option(
         "--mass",
@@ -110,8 +110,8 @@ prior_options = grouped(
     "--json", "as_json", is_flag=True, help="Print result.json on standard output and nothing else."
 )
 def discover(
-    source: RecordSource,
-    prior: Prior,
+    source: RecordOptions,
+    prior: PriorOptions,
     output: Path | None,
     truth: Path | None,
     as_json: bool,
@@ -163,7 +163,7 @@ def discover(
     return 0 if found.trusted else UNTRUSTED
 
 
-def _read(source: RecordSource, names: tuple[str, ...]) -> lw.Record:
+def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:
     """The record; a channel of a mass that was not given is an error that says how to give it."""
     try:
         record = source.read(names)

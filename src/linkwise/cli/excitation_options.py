@@ -13,7 +13,7 @@ from linkwise.cli.options import POSITIVE, grouped, number, pairs, split
 
 
 @dataclass(frozen=True)
-class Drive:
+class ExcitationOptions:
     """What sets the structure in motion, as typed."""
 
     release: tuple[str, ...]
@@ -56,7 +56,7 @@ def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
 
 
 drive_options = grouped(
-    Drive,
+    ExcitationOptions,
     "drive",
     click.option(
         "--release",
@@ -83,7 +83,7 @@ drive_options = grouped(
 
 
 @dataclass(frozen=True)
-class Sampling:
+class SamplingOptions:
     """What is recorded, as typed."""
 
     duration: float
@@ -97,7 +97,7 @@ class Sampling:
 
 
 sampling_options = grouped(
-    Sampling,
+    SamplingOptions,
     "sampling",
     click.option("--duration", metavar="S", type=POSITIVE, required=True, help="Length of the record in s."),
     click.option("--rate", metavar="HZ", type=POSITIVE, required=True, help="Samples per second."),

@@ -13,7 +13,7 @@ import click
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
 from linkwise.cli.console import progress, tell
-from linkwise.cli.options import FILE, FOLDER, RecordSource, grouped, record_options
+from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, record_options
 
 if TYPE_CHECKING:
     from linkwise.likelihood.anneal import Progress
@@ -28,7 +28,7 @@ Step = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
-class Choices:
+class EstimatorOptions:
     """How to estimate, as typed."""
 
     method: str
@@ -73,7 +73,7 @@ class Choices:
 
 
 choices = grouped(
-    Choices,
+    EstimatorOptions,
     "chosen",
     click.option(
         "--method",
@@ -135,9 +135,9 @@ choices = grouped(
     "--json", "as_json", is_flag=True, help="Print result.json on standard output and nothing else."
 )
 def identify(
-    source: RecordSource,
+    source: RecordOptions,
     structure: Path,
-    chosen: Choices,
+    chosen: EstimatorOptions,
     output: Path | None,
     truth: Path | None,
     as_json: bool,
@@ -182,7 +182,7 @@ def identify(
     return 0 if estimate.trusted else UNTRUSTED
 
 
-def _read(source: RecordSource, subject: lw.Structure) -> lw.Record:
+def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
     record = source.read(subject.mass_names)
     for note in record.notes:
         tell(f"note: {note}")

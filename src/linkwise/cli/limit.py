@@ -9,7 +9,12 @@ import click
 import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import progress
-from linkwise.cli.excitation_options import Drive, Sampling, drive_options, sampling_options
+from linkwise.cli.excitation_options import (
+    ExcitationOptions,
+    SamplingOptions,
+    drive_options,
+    sampling_options,
+)
 from linkwise.cli.options import FILE, POSITIVE, number, pairs
 
 
@@ -40,8 +45,8 @@ from linkwise.cli.options import FILE, POSITIVE, number, pairs
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
 def limit(
     structure: Path,
-    sampling: Sampling,
-    drive: Drive,
+    sampling: SamplingOptions,
+    drive: ExcitationOptions,
     noise: float | None,
     noise_of: tuple[str, ...],
     unknown: tuple[str, ...],

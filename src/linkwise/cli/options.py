@@ -68,7 +68,7 @@ def grouped(
 
 
 @dataclass(frozen=True)
-class RecordSource:
+class RecordOptions:
     """A record's file and how to read it: the answers to the options of `record_options`."""
 
     record: Path
@@ -97,7 +97,7 @@ class RecordSource:
 
 
 record_options = grouped(
-    RecordSource,
+    RecordOptions,
     "source",
     click.argument("record", type=FILE),
     click.option(

@@ -10,7 +10,12 @@ import click
 import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import progress
-from linkwise.cli.excitation_options import Drive, Sampling, drive_options, sampling_options
+from linkwise.cli.excitation_options import (
+    ExcitationOptions,
+    SamplingOptions,
+    drive_options,
+    sampling_options,
+)
 from linkwise.cli.options import FILE
 
 
@@ -35,8 +40,8 @@ from linkwise.cli.options import FILE
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
 def simulate(
     structure: Path,
-    sampling: Sampling,
-    drive: Drive,
+    sampling: SamplingOptions,
+    drive: ExcitationOptions,
     noise: float | None,
     seed: int,
     output: Path,

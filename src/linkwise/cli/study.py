@@ -13,7 +13,7 @@ from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FOLDER
 
 if TYPE_CHECKING:
-    from linkwise.study.runner import Progress
+    from linkwise.study.runner import StudyProgress
 
 UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at all
 
@@ -83,7 +83,7 @@ def study(
         if as_json
         else f"{summary}\n\nwritten: {', '.join(files)}"
     )
-    return UNTRUSTED if summary.hopeless else 0
+    return UNTRUSTED if summary.failed_cells else 0
 
 
 def _require_stored(asked: lw.Study, output: Path) -> None:
@@ -97,11 +97,11 @@ def _require_stored(asked: lw.Study, output: Path) -> None:
 
 def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
     """Run what is left of the study; where it is interrupted, say how far it came."""
-    last: list[Progress] = []
+    last: list[StudyProgress] = []
     try:
         with progress(f"{asked.name}: starting workers") as step:
 
-            def show(now: Progress) -> None:
+            def show(now: StudyProgress) -> None:
                 last[:] = [now]
                 step(now.done / now.total, _line(now))
 
@@ -112,7 +112,7 @@ def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | No
         raise
 
 
-def _line(now: Progress) -> str:
+def _line(now: StudyProgress) -> str:
     left = "" if now.left is None else f", {_duration(now.left)} left"
     return f"{now.done} of {now.total} cases, {now.rate:.2g}/s{left}"
 

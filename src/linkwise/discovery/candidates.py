@@ -25,7 +25,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateTerm:
     """A `term` that the link number `pair` may have; `name` is that of its coefficient, "m2-m1.k3"."""
 
     name: str
@@ -40,7 +40,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All `entries` to choose from among `masses`, between `pairs`, with `terms` each less the `silent` ones, by name.
+    """All `entries` to choose from among `masses`, between `pairs`, with `terms` each less the `inactive` ones, by name.
 
     What is stated stays.
     """
@@ -48,20 +48,20 @@ class Candidates:
     masses: tuple[Mass, ...]
     pairs: tuple[Pair, ...]
     terms: tuple[Term, ...]
-    silent: frozenset[str] = frozenset()
+    inactive: frozenset[str] = frozenset()
 
     @cached_property
-    def entries(self) -> tuple[Candidate, ...]:
+    def entries(self) -> tuple[CandidateTerm, ...]:
         """Those of one pair stand together, in the order of `terms`."""
         return tuple(
-            Candidate(name, number, term)
+            CandidateTerm(name, number, term)
             for number, pair in enumerate(self.pairs)
             for term in _open_terms(pair, self.terms)
-            if (name := f"{pair.name}.{term.coefficient}") not in self.silent
+            if (name := f"{pair.name}.{term.coefficient}") not in self.inactive
         )
 
     @cached_property
-    def by_name(self) -> Mapping[str, Candidate]:
+    def by_name(self) -> Mapping[str, CandidateTerm]:
         """The entries by their names."""
         return {entry.name: entry for entry in self.entries}
 

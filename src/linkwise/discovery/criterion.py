@@ -17,7 +17,7 @@ from linkwise.discovery.candidates import Candidates
 
 
 @dataclass(frozen=True, eq=False)
-class Price:
+class Penalty:
     """`term` and `link` in units of -2 log likelihood; `pair` (p,) the pair of each coefficient, -1 for what is not chosen.
 
     `stated` pairs have a link whatever is chosen.
@@ -29,7 +29,7 @@ class Price:
     stated: frozenset[int]
 
     @classmethod
-    def of(cls, candidates: Candidates, names: tuple[str, ...], samples: int) -> Price:
+    def of(cls, candidates: Candidates, names: tuple[str, ...], samples: int) -> Penalty:
         """For coefficients of these names, those that are no candidates being free, and a record of so many samples."""
         by_name = candidates.by_name
         pairs = [by_name[name].pair if name in by_name else -1 for name in names]

@@ -23,7 +23,7 @@ _FEW = 20
 
 
 @dataclass(frozen=True)
-class Outlook:
+class DataChecks:
     """`told` in sentences; `resting` masses did not move, `alike` ones so much like another that links may be exchanged."""
 
     told: tuple[str, ...]
@@ -31,7 +31,7 @@ class Outlook:
     alike: tuple[str, ...]
 
 
-def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
+def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     """What these records will not tell.
 
     Raises IdentificationError where they can tell nothing: a mass without a sensor, no motion above the noise, fewer samples
@@ -81,7 +81,7 @@ def outlook(records: Sequence[Record], candidates: Candidates) -> Outlook:
             "another. Hit them one by one."
         )
         alike += group
-    return Outlook(tuple(told), tuple(resting), tuple(alike))
+    return DataChecks(tuple(told), tuple(resting), tuple(alike))
 
 
 def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:

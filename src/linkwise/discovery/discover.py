@@ -10,13 +10,13 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, candidates
-from linkwise.discovery.data_checks import outlook
-from linkwise.discovery.displacements import placed
-from linkwise.discovery.evidence import confusions, evidence, path, runners_up
-from linkwise.discovery.inactive_terms import silence_told, silent_terms
+from linkwise.discovery.data_checks import check_data
+from linkwise.discovery.displacements import with_displacements
+from linkwise.discovery.evidence import evidence, exchange_remarks, path, runners_up
+from linkwise.discovery.inactive_terms import inactive_remark, inactive_terms
 from linkwise.discovery.result import Discovery
-from linkwise.discovery.screen import screened, started
-from linkwise.discovery.selection import Decided, decided
+from linkwise.discovery.screen import screen, weak_start
+from linkwise.discovery.selection import Selection, select_structure
 from linkwise.discovery.spanning_tree import tree
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
@@ -71,20 +71,20 @@ def discover(
     """
     begun = perf_counter()
     records = [record] if isinstance(record, Record) else list(record)
-    pool = pool_of(records, masses, terms)
-    ahead = outlook(records, pool)
+    pool = candidate_pool(records, masses, terms)
+    ahead = check_data(records, pool)
     pool, remarks = pool.without(ahead.resting), ahead.told
     records = [_of(each, pool.masses) for each in records]
     progress(0.0, f"screening {len(pool.entries)} candidates")
     with one_blas_thread():
-        shown = [placed(each, pool.masses) for each in records]
+        shown = [with_displacements(each, pool.masses) for each in records]
         motions = [read_motion(each, pool.everything) for each in shown]
-        silent = silent_terms(motions, [each.rate for each in shown], pool)
-        pool, remarks = replace(pool, silent=frozenset(silent)), (*remarks, *silence_told(silent))
+        inactive = inactive_terms(motions, [each.rate for each in shown], pool)
+        pool, remarks = replace(pool, inactive=frozenset(inactive)), (*remarks, *inactive_remark(inactive))
         seen = all(each is other for each, other in zip(shown, records, strict=True))
-        sieve = screened(shown, motions, pool)
+        sieve = screen(shown, motions, pool)
         first = sieve.kept if seen else tree(shown, motions, pool) or sieve.kept
-    found = decided(
+    found = select_structure(
         records,
         pool,
         first,
@@ -100,7 +100,7 @@ def discover(
         *(told for holds, told in whole if holds),
         *remarks,
         *_dropped_unseen(len(pool.entries) - len(sieve.tested)),
-        *(confusions(found) if estimate.status == CONVERGED and found.settled else ()),
+        *(exchange_remarks(found) if estimate.status == CONVERGED and found.settled else ()),
     )
     seconds = perf_counter() - begun
     return Discovery(
@@ -124,10 +124,10 @@ def foreseen(
     Raises what `discover` would raise at once.
     """
     records = [record] if isinstance(record, Record) else list(record)
-    return outlook(records, pool_of(records, masses, terms)).told
+    return check_data(records, candidate_pool(records, masses, terms)).told
 
 
-def pool_of(
+def candidate_pool(
     records: Sequence[Record],
     masses: Mapping[str, float | str] | Structure | Known,
     terms: str | Sequence[str],
@@ -189,7 +189,7 @@ def _start(
     curved = any(set(link.law.nonlinear) & set(_unknown(link)) for link in structure.links)
     with one_blas_thread():
         if not curved:
-            return started(shown, motions, structure)
+            return weak_start(shown, motions, structure)
         fit = weak_search(shown[0], structure, motions[0])[1]
     return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
 
@@ -198,7 +198,7 @@ def _unknown(link: Link) -> list[str]:
     return [name for name, coefficient in link.coefficients.items() if not coefficient.known]
 
 
-def _finished(records: Sequence[Record], found: Decided) -> LikelihoodFit:
+def _finished(records: Sequence[Record], found: Selection) -> LikelihoodFit:
     """The fit of the chosen structure: that of the last round, or one with a model error where the laws need it."""
     last = found.fit
     if (found.exact and not last.chi_square_off) or last.status is Status.INTERRUPTED:

@@ -13,7 +13,7 @@ from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 
 
-def placed(record: Record, masses: Sequence[Mass]) -> Record:
+def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
     """`record` itself where every mass has its displacement; else with displacements summed up from what there is.
 
     A sum knows no constant, so a spring that holds off centre bends into other powers of d: the likelihood, which sees the

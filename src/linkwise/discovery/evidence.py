@@ -7,11 +7,11 @@ from collections.abc import Collection
 import numpy as np
 
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.criterion import Price
-from linkwise.discovery.quadratic_model import Quadratic
-from linkwise.discovery.result import CERTAIN, Choice, RunnerUp, TermEvidence
-from linkwise.discovery.selection import Decided
-from linkwise.discovery.stepwise import Kind, Move
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.result import CERTAIN, PathPoint, RunnerUp, TermEvidence
+from linkwise.discovery.selection import Selection
+from linkwise.discovery.stepwise import Move, MoveKind
 
 _BEYOND = 8  # terms more than were chosen, to show that the criterion rises again
 _RUNNERS_UP = 10
@@ -19,7 +19,7 @@ _NAMED = 6  # confusions that are told
 
 
 def evidence(
-    decided: Decided, candidates: Candidates, *, trusted: bool, alike: Collection[str] = ()
+    decided: Selection, candidates: Candidates, *, trusted: bool, alike: Collection[str] = ()
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: those kept, the most certain first, then the dropped, the most doubtful first.
 
@@ -31,9 +31,9 @@ def evidence(
     solved = quadratic.solve(inside)
     numbers, values, z, _ = quadratic.outside(inside)
     margins = {
-        (move.in_ if move.kind is Kind.ADD else move.out): -move.gain
+        (move.in_ if move.kind is MoveKind.ADD else move.out): -move.gain
         for move in decided.neighbours
-        if move.kind is not Kind.SWAP
+        if move.kind is not MoveKind.SWAP
     }
     exchanged = {k for move in _exchanges(decided) for k in (move.in_, move.out)}
     told = [
@@ -67,29 +67,29 @@ def evidence(
     )
 
 
-def path(decided: Decided) -> tuple[Choice, ...]:
+def path(decided: Selection) -> tuple[PathPoint, ...]:
     """Models of all sizes around the chosen one, the best neighbour each time, up to `_BEYOND` more terms."""
-    quadratic, price = decided.quadratic, decided.price
+    quadratic, penalty = decided.quadratic, decided.penalty
     chosen = list(range(len(decided.structure.parameters)))
     points = [(chosen, "")]
-    points = [*_shrunk(quadratic, price, chosen)[::-1], *points, *_grown(quadratic, price, chosen)]
+    points = [*_shrunk(quadratic, penalty, chosen)[::-1], *points, *_grown(quadratic, penalty, chosen)]
     costs = [quadratic.cost(each) for each, _ in points]
-    totals = [cost + price.total(each) for cost, (each, _) in zip(costs, points, strict=True)]
-    here = quadratic.cost(chosen) + price.total(chosen)
+    totals = [cost + penalty.total(each) for cost, (each, _) in zip(costs, points, strict=True)]
+    here = quadratic.cost(chosen) + penalty.total(chosen)
     least = min(costs)
     return tuple(
-        Choice(int(np.sum(price.pair[each] >= 0)), cost - least, total - here, step, each == chosen)
+        PathPoint(int(np.sum(penalty.pair[each] >= 0)), cost - least, total - here, step, each == chosen)
         for (each, step), cost, total in zip(points, costs, totals, strict=True)
     )
 
 
-def _shrunk(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple[list[int], str]]:
+def _shrunk(quadratic: QuadraticModel, penalty: Penalty, chosen: list[int]) -> list[tuple[list[int], str]]:
     """Without its weakest term again and again; each with what it lacks beside the one before."""
     points: list[tuple[list[int], str]] = []
     current = list(chosen)
     while True:
         z = np.abs(quadratic.solve(current).z)
-        free = [place for place in range(len(current)) if price.pair[current[place]] >= 0]
+        free = [place for place in range(len(current)) if penalty.pair[current[place]] >= 0]
         if len(current) < 2 or not free:
             return points
         weakest = min(free, key=lambda place: z[place])
@@ -98,7 +98,7 @@ def _shrunk(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple
         points.append((current, step))
 
 
-def _grown(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple[list[int], str]]:
+def _grown(quadratic: QuadraticModel, penalty: Penalty, chosen: list[int]) -> list[tuple[list[int], str]]:
     """With the next best term again and again."""
     points: list[tuple[list[int], str]] = []
     current = list(chosen)
@@ -112,19 +112,19 @@ def _grown(quadratic: Quadratic, price: Price, chosen: list[int]) -> list[tuple[
     return points
 
 
-def runners_up(decided: Decided) -> tuple[RunnerUp, ...]:
+def runners_up(decided: Selection) -> tuple[RunnerUp, ...]:
     """The models one step away that come nearest to the chosen one."""
     return tuple(
         RunnerUp(_words(move, decided.quadratic), -move.gain) for move in decided.neighbours[:_RUNNERS_UP]
     )
 
 
-def _exchanges(decided: Decided) -> list[Move]:
+def _exchanges(decided: Selection) -> list[Move]:
     """A term kept for one that was dropped, where the record hardly tells them apart."""
-    return [move for move in decided.neighbours if move.kind is Kind.SWAP and -move.gain < CERTAIN]
+    return [move for move in decided.neighbours if move.kind is MoveKind.SWAP and -move.gain < CERTAIN]
 
 
-def confusions(decided: Decided) -> tuple[str, ...]:
+def exchange_remarks(decided: Selection) -> tuple[str, ...]:
     """Sentences on terms for which another would do nearly as well."""
     near = _exchanges(decided)
     names = decided.quadratic.names
@@ -138,10 +138,10 @@ def confusions(decided: Decided) -> tuple[str, ...]:
     return tuple(told)
 
 
-def _words(move: Move, quadratic: Quadratic) -> str:
+def _words(move: Move, quadratic: QuadraticModel) -> str:
     names = quadratic.names
-    if move.kind is Kind.ADD:
+    if move.kind is MoveKind.ADD:
         return f"with {names[move.in_ or 0]}"
-    if move.kind is Kind.DROP:
+    if move.kind is MoveKind.DROP:
         return f"without {names[move.out or 0]}"
     return f"{names[move.in_ or 0]} in place of {names[move.out or 0]}"

@@ -14,7 +14,7 @@ _FEWEST = 8  # samples at which a term has to act: noise alone carries a few bey
 _NAMED = 6
 
 
-def silent_terms(
+def inactive_terms(
     motions: Sequence[SeenMotion], rates: Sequence[float], candidates: Candidates
 ) -> tuple[str, ...]:
     """The names of the candidates that were zero in all `motions`, sampled at `rates` in Hz, but for a few samples."""
@@ -40,7 +40,7 @@ def silent_terms(
     return tuple(found)
 
 
-def silence_told(names: Sequence[str]) -> tuple[str, ...]:
+def inactive_remark(names: Sequence[str]) -> tuple[str, ...]:
     """What to say of them, if there are any."""
     if not names:
         return ()

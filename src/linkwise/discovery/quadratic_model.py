@@ -24,7 +24,7 @@ _DEPENDENT = (
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class Solution:
     """Values (s,) of the chosen coefficients and their deviations in z (s,)."""
 
     values: Floats
@@ -32,7 +32,7 @@ class Solved:
 
 
 @dataclass(frozen=True, eq=False)
-class Quadratic:
+class QuadraticModel:
     """`h` (p, p), `g` (p,) and `scatter` (p, p), None where it is `h`, of the coefficients `names` (p,)."""
 
     names: tuple[str, ...]
@@ -40,7 +40,7 @@ class Quadratic:
     g: Floats
     scatter: Floats | None = None
 
-    def solve(self, chosen: Sequence[int] | Indices) -> Solved:
+    def solve(self, chosen: Sequence[int] | Indices) -> Solution:
         """The best of the chosen coefficients, by number. Raises numpy.linalg.LinAlgError where they move together."""
         inside = np.asarray(chosen, dtype=np.intp)
         inverse = _inverse(self.h[np.ix_(inside, inside)])
@@ -48,7 +48,7 @@ class Quadratic:
         covariance = (
             inverse if self.scatter is None else inverse @ self.scatter[np.ix_(inside, inside)] @ inverse
         )
-        return Solved(values, values / np.sqrt(covariance.diagonal()))
+        return Solution(values, values / np.sqrt(covariance.diagonal()))
 
     def cost(self, chosen: Sequence[int] | Indices) -> float:
         """-2 log likelihood of the chosen coefficients at their best, less that of none."""

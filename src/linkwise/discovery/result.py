@@ -43,13 +43,13 @@ class TermEvidence:
         return self.told and self.reliable and self.margin > CERTAIN
 
     @property
-    def price(self) -> float:
+    def penalty(self) -> float:
         """What the term costs beside its misfit: it belongs into the answer where z**2 is more."""
         return self.z**2 - self.margin if self.kept else self.z**2 + self.margin
 
 
 @dataclass(frozen=True)
-class Choice:
+class PathPoint:
     """A point of the path: so many `terms`, their -2 log likelihood (`cost`) above that of the largest model on the path, and
     the `criterion`, cost plus price, above that of the chosen point.
 
@@ -87,7 +87,7 @@ class Discovery:
 
     estimate: Estimate
     terms: tuple[TermEvidence, ...]
-    path: tuple[Choice, ...]
+    path: tuple[PathPoint, ...]
     runners_up: tuple[RunnerUp, ...]
     remarks: tuple[str, ...]
     settled: bool

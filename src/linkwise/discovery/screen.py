@@ -14,9 +14,9 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.criterion import Price
-from linkwise.discovery.stepwise import best, pruned
-from linkwise.discovery.weak_regression import Regression
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.stepwise import backward_elimination, best
+from linkwise.discovery.weak_regression import WeakRegression
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -37,14 +37,14 @@ _BIAS = (
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenResult:
     """The names of the candidates that `kept` their place, and of all that the likelihood should `test`."""
 
     kept: frozenset[str]
     tested: frozenset[str]
 
 
-def screened(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> Screened:
+def screen(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> ScreenResult:
     """What of `candidates` the weak equations of the records show.
 
     Raises IdentificationError where a mass is held by nothing that stands above the noise.
@@ -52,20 +52,20 @@ def screened(records: Sequence[Record], motions: Sequence[SeenMotion], candidate
     many = len(candidates.masses) > _TOGETHER
     tested = _one_by_one(records, motions, candidates) if many else frozenset(candidates.by_name)
     seen = _equations(records, motions, candidates.structure(candidates.sharing(tested)))
-    regression = Regression.of([(each.patches, each) for each in seen])
+    regression = WeakRegression.of([(each.patches, each) for each in seen])
     names = regression.names
     springs = _relocated(regression, candidates, _standing(regression, candidates, _LIMIT))
     standing = _with_dampers(regression, candidates, springs)
     kept = frozenset(names[k] for k in _held(regression, candidates, standing))
-    return Screened(kept, tested | candidates.sharing(kept))
+    return ScreenResult(kept, tested | candidates.sharing(kept))
 
 
-def heights(
+def z_scores(
     records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates
 ) -> dict[str, float]:
     """|z| of what stands when everything is regressed at once, by name; empty where the sums cannot be solved."""
     seen = _equations(records, motions, candidates.everything)
-    regression = Regression.of([(each.patches, each) for each in seen])
+    regression = WeakRegression.of([(each.patches, each) for each in seen])
     standing = _standing(regression, candidates, _LIMIT)
     for share in _BIAS:
         try:
@@ -83,7 +83,7 @@ def _one_by_one(
     seen = _equations(records, motions, candidates.everything, together=1)
     found: set[str] = set()
     for patches in zip(*(equations.patches for equations in seen), strict=True):
-        regression = Regression.of([([patch], each) for patch, each in zip(patches, seen, strict=True)])
+        regression = WeakRegression.of([([patch], each) for patch, each in zip(patches, seen, strict=True)])
         found |= {regression.names[k] for k in _standing(regression, candidates, _SIEVE)}
     return frozenset(found & candidates.by_name.keys())
 
@@ -101,7 +101,7 @@ def _equations(
     ]
 
 
-def _standing(regression: Regression, candidates: Candidates, limit: float) -> list[int]:
+def _standing(regression: WeakRegression, candidates: Candidates, limit: float) -> list[int]:
     """What stays above `limit` deviations when everything else is pruned, by number among the regression's names.
 
     Where the sums without bias are not positive some bias stays in until the weakest are gone, then it is taken out again.
@@ -110,57 +110,57 @@ def _standing(regression: Regression, candidates: Candidates, limit: float) -> l
     chosen = list(range(len(regression.names)))
     for share in _BIAS:
         try:
-            chosen = pruned(regression.quadratic(share), chosen, always, limit)
+            chosen = backward_elimination(regression.quadratic(share), chosen, always, limit)
         except np.linalg.LinAlgError:
             continue
         break
     for less in sorted((each for each in _BIAS if each < share), reverse=True):
         try:
-            chosen = pruned(regression.quadratic(less), chosen, always, limit)
+            chosen = backward_elimination(regression.quadratic(less), chosen, always, limit)
         except np.linalg.LinAlgError:
             break
     return chosen
 
 
-def _relocated(regression: Regression, candidates: Candidates, standing: list[int]) -> list[int]:
+def _relocated(regression: WeakRegression, candidates: Candidates, standing: list[int]) -> list[int]:
     """`standing` with terms exchanged while the sum of squares says so: a link for several that together do as it does.
 
     Only exchanges count that need no more links than there are. What fell with them but is on a link that stays, stays.
     """
-    price = Price.of(candidates, regression.names, regression.rows)
+    penalty = Penalty.of(candidates, regression.names, regression.rows)
     try:
-        after = best(regression.squares(), price, standing)
+        after = best(regression.squares(), penalty, standing)
     except np.linalg.LinAlgError:
         return standing
-    pairs, before = _pairs(price, after), _pairs(price, standing)
+    pairs, before = _pairs(penalty, after), _pairs(penalty, standing)
     if len(pairs) > len(before):
         return standing
-    return sorted({*after, *(k for k in standing if int(price.pair[k]) in {-1, *pairs})})
+    return sorted({*after, *(k for k in standing if int(penalty.pair[k]) in {-1, *pairs})})
 
 
-def _with_dampers(regression: Regression, candidates: Candidates, standing: Sequence[int]) -> list[int]:
+def _with_dampers(regression: WeakRegression, candidates: Candidates, standing: Sequence[int]) -> list[int]:
     """`standing` with a damper on every link, which the weak form cannot judge, and without what these make needless."""
-    price = Price.of(candidates, regression.names, regression.rows)
+    penalty = Penalty.of(candidates, regression.names, regression.rows)
     entries = [candidates.by_name.get(name) for name in regression.names]
     is_damper = np.array([entry is not None and entry.is_damper for entry in entries])
-    sprung = _pairs(price, [k for k in standing if not is_damper[k]])
-    dampers = {k for k in np.flatnonzero(is_damper).tolist() if int(price.pair[k]) in sprung}
-    held = dampers | {k for k in standing if price.pair[k] < 0}
+    sprung = _pairs(penalty, [k for k in standing if not is_damper[k]])
+    dampers = {k for k in np.flatnonzero(is_damper).tolist() if int(penalty.pair[k]) in sprung}
+    held = dampers | {k for k in standing if penalty.pair[k] < 0}
     quadratic = regression.quadratic(0.0)
     try:
-        kept = pruned(quadratic, sorted({*standing, *dampers}), frozenset(held), _LIMIT)
+        kept = backward_elimination(quadratic, sorted({*standing, *dampers}), frozenset(held), _LIMIT)
         lone = {k for k in kept if is_damper[k]} - dampers
-        return pruned(quadratic, kept, frozenset(set(kept) - lone), _LONE)
+        return backward_elimination(quadratic, kept, frozenset(set(kept) - lone), _LONE)
     except np.linalg.LinAlgError:
         return sorted({*standing, *dampers})
 
 
-def _held(regression: Regression, candidates: Candidates, standing: list[int]) -> list[int]:
+def _held(regression: WeakRegression, candidates: Candidates, standing: list[int]) -> list[int]:
     """`standing` with a spring and a damper for every mass that nothing holds, where they explain most.
 
     Between masses that move as one a stiff link does not stand above the noise, and yet there is none without it.
     """
-    price = Price.of(candidates, regression.names, regression.rows)
+    penalty = Penalty.of(candidates, regression.names, regression.rows)
     squares = regression.quadratic(
         1.0
     )  # all bias left in: even what is mostly noise has a positive sum of squares
@@ -168,7 +168,7 @@ def _held(regression: Regression, candidates: Candidates, standing: list[int]) -
     for mass in candidates.masses:
         around = [number for number, pair in enumerate(candidates.pairs) if mass.name in pair.between]
         held = any(candidates.pairs[number].stated for number in around) or not _pairs(
-            price, found
+            penalty, found
         ).isdisjoint(around)
         if held:
             continue
@@ -176,21 +176,22 @@ def _held(regression: Regression, candidates: Candidates, standing: list[int]) -
         springs = [
             (abs(float(each)), int(number))
             for number, each in zip(others, z, strict=True)
-            if price.pair[number] in around and candidates.by_name[regression.names[number]].term.text == "d"
+            if penalty.pair[number] in around
+            and candidates.by_name[regression.names[number]].term.text == "d"
         ]
         if springs:
-            pair = int(price.pair[max(springs)[1]])
-            here = np.flatnonzero(price.pair == pair).tolist()
+            pair = int(penalty.pair[max(springs)[1]])
+            here = np.flatnonzero(penalty.pair == pair).tolist()
             plain = [k for k in here if candidates.by_name[regression.names[k]].term.text in ("d", "v")]
             found = sorted({*found, *plain})
     return found
 
 
-def started(
+def weak_start(
     records: Sequence[Record], motions: Sequence[SeenMotion], structure: Structure
 ) -> tuple[Floats, Floats]:
     """The parameters (p,) of `structure` and their deviations by the weak form, with as little noise bias as can be."""
-    regression = Regression.of([(each.patches, each) for each in _equations(records, motions, structure)])
+    regression = WeakRegression.of([(each.patches, each) for each in _equations(records, motions, structure)])
     for share in _BIAS:
         try:
             solved = regression.quadratic(share).solve(range(len(regression.names)))
@@ -204,5 +205,5 @@ def started(
     )
 
 
-def _pairs(price: Price, chosen: Iterable[int]) -> set[int]:
-    return {int(price.pair[k]) for k in chosen} - {-1}
+def _pairs(penalty: Penalty, chosen: Iterable[int]) -> set[int]:
+    return {int(penalty.pair[k]) for k in chosen} - {-1}

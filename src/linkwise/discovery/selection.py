@@ -10,9 +10,9 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.criterion import Price
-from linkwise.discovery.quadratic_model import Quadratic
-from linkwise.discovery.stepwise import Move, best, improved, moves
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.stepwise import Move, best, local_search, ranked_moves
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
 from linkwise.likelihood.score_test import Force, parabola
@@ -32,14 +32,14 @@ _CEILING = 1.05  # chi-square at which a fit stops tightening: something is miss
 
 
 @dataclass(frozen=True, eq=False)
-class Decided:
+class Selection:
     """The `structure` of the `chosen` candidates, its `fit`, and the cost around it in all candidates that were tested."""
 
     chosen: frozenset[str]
     structure: Structure
     fit: LikelihoodFit
-    quadratic: Quadratic
-    price: Price
+    quadratic: QuadraticModel
+    penalty: Penalty
     settled: bool
     rounds: int
 
@@ -52,7 +52,7 @@ class Decided:
     def neighbours(self) -> tuple[Move, ...]:
         """All steps to other choices, exchanges among them, the best first."""
         inside = list(range(len(self.structure.parameters)))
-        return tuple(moves(self.quadratic, self.price, inside, swaps=True))
+        return tuple(ranked_moves(self.quadratic, self.penalty, inside, swaps=True))
 
     @property
     def criterion(self) -> float:
@@ -60,7 +60,7 @@ class Decided:
         if not self.exact:
             return np.inf
         cost = self.fit.misfit.cost(self.fit.optimum.q) / self.fit.optimum.noise**2
-        return cost + self.price.total(list(range(len(self.structure.parameters))))
+        return cost + self.penalty.total(list(range(len(self.structure.parameters))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class _Search:
         return replace(self, tested=self.tested & frozenset(names))
 
 
-def decided(
+def select_structure(
     records: Sequence[Record],
     candidates: Candidates,
     chosen: Collection[str],
@@ -86,7 +86,7 @@ def decided(
     tested: Collection[str],
     start: Start,
     report: Report = lambda number, done: None,
-) -> Decided:
+) -> Selection:
     """The choice, from `chosen` on, that no candidate in `tested` improves; `start` tells theta and deviations.
 
     Where that has links which `chosen` had not, the best choice on the links of `chosen` alone is looked for as well, and the
@@ -103,12 +103,12 @@ def decided(
     if second.fit.status is Status.INTERRUPTED or second.criterion >= first.criterion:
         return replace(first, rounds=second.rounds)
     seen = _seen(search, second.fit, second.structure, second.chosen)
-    return replace(second, quadratic=seen, price=_price(search, seen))
+    return replace(second, quadratic=seen, penalty=_price(search, seen))
 
 
-def _descent(search: _Search, now: frozenset[str], number: int) -> Decided:
+def _descent(search: _Search, now: frozenset[str], number: int) -> Selection:
     """Rounds of fit and change, from the round `number` on, until nothing changes."""
-    visited: dict[frozenset[str], Decided] = {}
+    visited: dict[frozenset[str], Selection] = {}
     structure = search.candidates.structure(now)
     theta, spread = search.start(structure)
     nodes = None
@@ -128,13 +128,13 @@ def _descent(search: _Search, now: frozenset[str], number: int) -> Decided:
             ),
         )
         quadratic = _seen(search, fit, structure, now)
-        price = _price(search, quadratic)
+        penalty = _price(search, quadratic)
         inside = list(range(len(structure.parameters)))
-        after = improved(quadratic, price, inside) if fit.optimum.q > _EXACT else inside
+        after = local_search(quadratic, penalty, inside) if fit.optimum.q > _EXACT else inside
         if after == inside:
-            after = best(quadratic, price, inside)
+            after = best(quadratic, penalty, inside)
         names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
-        here = Decided(now, structure, fit, quadratic, price, names == now, number)
+        here = Selection(now, structure, fit, quadratic, penalty, names == now, number)
         if here.settled or fit.status is Status.INTERRUPTED:
             return here
         visited[now] = here
@@ -150,7 +150,9 @@ def _descent(search: _Search, now: frozenset[str], number: int) -> Decided:
         nodes, number = fit.optimum.point.nodes, number + 1
 
 
-def _seen(search: _Search, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]) -> Quadratic:
+def _seen(
+    search: _Search, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
+) -> QuadraticModel:
     """The cost about the fit, in its parameters and, behind them, the other candidates that are tested."""
     index = {name: number for number, name in enumerate(structure.mass_names)}
     index |= {GROUND: -1, BASE: -2}
@@ -162,9 +164,9 @@ def _seen(search: _Search, fit: LikelihoodFit, structure: Structure, chosen: fro
     ]
     found = parabola(fit.optimum, forces)
     names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
-    return Quadratic(names, found.curvature, found.slope)
+    return QuadraticModel(names, found.curvature, found.slope)
 
 
-def _price(search: _Search, quadratic: Quadratic) -> Price:
+def _price(search: _Search, quadratic: QuadraticModel) -> Penalty:
     samples = sum(int(np.isfinite(record.select(record.responses).values).sum()) for record in search.records)
-    return Price.of(search.candidates, quadratic.names, samples)
+    return Penalty.of(search.candidates, quadratic.names, samples)

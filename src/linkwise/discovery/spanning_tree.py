@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.screen import heights
+from linkwise.discovery.screen import z_scores
 from linkwise.model.link import BASE, GROUND
 from linkwise.records.record import Record
 from linkwise.weak.displacements import SeenMotion
@@ -27,7 +27,7 @@ def tree(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: C
     place = {mass.name: number for number, mass in enumerate(candidates.masses)}
     place |= {GROUND: len(place), BASE: len(place)}
     near, pairs = np.zeros((len(candidates.masses) + 1,) * 2), {}
-    for name, height in heights(records, motions, candidates).items():
+    for name, height in z_scores(records, motions, candidates).items():
         entry = candidates.by_name.get(name)
         if entry is None or not entry.term.elastic:
             continue

@@ -8,15 +8,15 @@ from enum import Enum
 
 import numpy as np
 
-from linkwise.discovery.criterion import Price
-from linkwise.discovery.quadratic_model import Quadratic
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel
 
 _MOVES = 400  # far more than any search takes; a search that needs them goes in circles
 _GAIN = 1e-6  # a move that gains less is none
-_AT_ONCE = 3  # every so manieth of the weakest coefficients falls in one round of `pruned`
+_AT_ONCE = 3  # every so manieth of the weakest coefficients falls in one round of `backward_elimination`
 
 
-class Kind(Enum):
+class MoveKind(Enum):
     ADD = "add"
     DROP = "drop"
     SWAP = "swap"
@@ -26,38 +26,40 @@ class Kind(Enum):
 class Move:
     """A change of a choice: coefficients that go `out` and come `in_`, by number, None for none; `gain` on cost and price."""
 
-    kind: Kind
+    kind: MoveKind
     out: int | None
     in_: int | None
     gain: float
 
 
-def moves(quadratic: Quadratic, price: Price, chosen: Sequence[int], *, swaps: bool) -> list[Move]:
+def ranked_moves(
+    quadratic: QuadraticModel, penalty: Penalty, chosen: Sequence[int], *, swaps: bool
+) -> list[Move]:
     """All moves from `chosen`, best first; exchanges only where `swaps` says so, one for each term that can go: the best."""
     inside = np.asarray(chosen, dtype=np.intp)
     z = quadratic.solve(inside).z
-    free = np.flatnonzero(price.pair[inside] >= 0)
-    found = _additions(quadratic, price, list(chosen), None, 0.0)
+    free = np.flatnonzero(penalty.pair[inside] >= 0)
+    found = _additions(quadratic, penalty, list(chosen), None, 0.0)
     for place in free:
         left = np.delete(inside, place).tolist()
-        saved = price.total(list(chosen)) - price.total(left) - float(z[place] ** 2)
+        saved = penalty.total(list(chosen)) - penalty.total(left) - float(z[place] ** 2)
         out = int(inside[place])
-        found.append(Move(Kind.DROP, out, None, saved))
+        found.append(Move(MoveKind.DROP, out, None, saved))
         if swaps:
-            others = [move for move in _additions(quadratic, price, left, out, saved) if move.in_ != out]
+            others = [move for move in _additions(quadratic, penalty, left, out, saved) if move.in_ != out]
             found += sorted(others, key=lambda move: -move.gain)[:1]
     return sorted(found, key=lambda move: -move.gain)
 
 
 def _additions(
-    quadratic: Quadratic, price: Price, chosen: list[int], out: int | None, saved: float
+    quadratic: QuadraticModel, penalty: Penalty, chosen: list[int], out: int | None, saved: float
 ) -> list[Move]:
     """Every coefficient added to `chosen`; with `out` gone before, which saved `saved`."""
     numbers, _, z, _ = quadratic.outside(chosen)
-    pairs = price.pair[numbers]
-    linked = np.isin(pairs, [*set(price.pair[chosen].tolist()), *price.stated])
-    gain = saved + z**2 - price.term - np.where(linked, 0.0, price.link)
-    kind = Kind.ADD if out is None else Kind.SWAP
+    pairs = penalty.pair[numbers]
+    linked = np.isin(pairs, [*set(penalty.pair[chosen].tolist()), *penalty.stated])
+    gain = saved + z**2 - penalty.term - np.where(linked, 0.0, penalty.link)
+    kind = MoveKind.ADD if out is None else MoveKind.SWAP
     return [
         Move(kind, out, int(number), float(each))
         for number, each, pair in zip(numbers, gain, pairs, strict=True)
@@ -65,37 +67,41 @@ def _additions(
     ]
 
 
-def improved(quadratic: Quadratic, price: Price, start: Sequence[int]) -> list[int]:
+def local_search(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
     """The choice at which no single addition, removal or exchange lowers misfit plus price any more."""
     chosen = sorted(start)
     for _ in range(_MOVES):
-        best = moves(quadratic, price, chosen, swaps=False)[0]
+        best = ranked_moves(quadratic, penalty, chosen, swaps=False)[0]
         if best.gain <= _GAIN:
-            best = moves(quadratic, price, chosen, swaps=True)[0]
+            best = ranked_moves(quadratic, penalty, chosen, swaps=True)[0]
         if best.gain <= _GAIN:
             break
         chosen = sorted({*chosen, *([] if best.in_ is None else [best.in_])} - {best.out})
     return chosen
 
 
-def best(quadratic: Quadratic, price: Price, start: Sequence[int]) -> list[int]:
+def best(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
     """The best of three searches: from `start`, from every term of the links that `start` has, and from all there is.
 
     The second finds the dampers for which one of a link that is not there may stand in, the third links that lie elsewhere.
     """
-    linked = np.isin(price.pair, [*(set(price.pair[list(start)].tolist()) - {-1}), *price.stated])
-    always = frozenset(np.flatnonzero(price.pair < 0).tolist())
-    limit = float(np.sqrt(price.term))
-    found = [improved(quadratic, price, start)]
-    for wide in ({*start, *np.flatnonzero(linked).tolist()}, set(range(len(price.pair)))):
+    linked = np.isin(penalty.pair, [*(set(penalty.pair[list(start)].tolist()) - {-1}), *penalty.stated])
+    always = frozenset(np.flatnonzero(penalty.pair < 0).tolist())
+    limit = float(np.sqrt(penalty.term))
+    found = [local_search(quadratic, penalty, start)]
+    for wide in ({*start, *np.flatnonzero(linked).tolist()}, set(range(len(penalty.pair)))):
         try:
-            found.append(improved(quadratic, price, pruned(quadratic, sorted(wide), always, limit)))
+            found.append(
+                local_search(quadratic, penalty, backward_elimination(quadratic, sorted(wide), always, limit))
+            )
         except np.linalg.LinAlgError:
             continue
-    return min(found, key=lambda chosen: quadratic.cost(chosen) + price.total(chosen))
+    return min(found, key=lambda chosen: quadratic.cost(chosen) + penalty.total(chosen))
 
 
-def pruned(quadratic: Quadratic, start: Sequence[int], always: frozenset[int], limit: float) -> list[int]:
+def backward_elimination(
+    quadratic: QuadraticModel, start: Sequence[int], always: frozenset[int], limit: float
+) -> list[int]:
     """`start` without what stays below `limit` deviations, the weakest third of it going first, until all stand above."""
     chosen = sorted(start)
     while True:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from linkwise.arrays import Floats, Indices
-from linkwise.discovery.quadratic_model import Quadratic
+from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.fit import assembled, normal_equations, residual_power
 from linkwise.weak.patch import Patch
@@ -23,7 +23,7 @@ _OVERLAP = 2.0  # windows share samples, so that sums of squares count everythin
 
 
 @dataclass(frozen=True, eq=False)
-class Regression:
+class WeakRegression:
     """The equations in `pieces`, patches of one record each, whose masses are weighted by `weights`.
 
     `names` (p,) are the parameters that they hold, `numbers` (p,) theirs in the structure; `scatter` (p, p) is the covariance
@@ -37,7 +37,7 @@ class Regression:
     scatter: Floats
 
     @classmethod
-    def of(cls, pieces: Pieces) -> Regression:
+    def of(cls, pieces: Pieces) -> WeakRegression:
         """Weighted by what a least squares on everything leaves, the noise bias left in: it is always positive."""
         parameters = pieces[0][1].parameters
         numbers = np.unique(
@@ -53,15 +53,15 @@ class Regression:
         names = tuple(parameters[number] for number in numbers)
         return cls(pieces, weights, names, numbers, _scatter(pieces, weights, numbers, values))
 
-    def quadratic(self, bias: float) -> Quadratic:
+    def quadratic(self, bias: float) -> QuadraticModel:
         """The sums of products with this share of the noise bias left in; z by the noise."""
         h, g = _normal(self.pieces, self.weights, self.numbers, bias)
-        return Quadratic(self.names, h, g, self.scatter)
+        return QuadraticModel(self.names, h, g, self.scatter)
 
-    def squares(self) -> Quadratic:
+    def squares(self) -> QuadraticModel:
         """The sum of squared residuals, about as a likelihood has it: one cost by which choices can be compared."""
         h, g = _normal(self.pieces, self.weights, self.numbers, 0.0)
-        return Quadratic(self.names, h / _OVERLAP, g / _OVERLAP)
+        return QuadraticModel(self.names, h / _OVERLAP, g / _OVERLAP)
 
     @property
     def rows(self) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.paper.published import DECIBELS, INFORMED_NMSE
 from linkwise.paper.subset import PaperStudy
-from linkwise.paper.table_2 import NEAR, Comparison, near
+from linkwise.paper.table_2 import NEAR, Table2, near
 from linkwise.study.cells import Cell, StudyTable
 
 BELOW = 500.0  # times below the paper's physics-informed error: what maximum likelihood is held to at 20 dB
@@ -29,7 +29,7 @@ class Claim:
         return {True: "✓", False: "✗", None: "–"}[self.met]
 
 
-def claims(table: StudyTable, paper: PaperStudy, comparison: Comparison) -> tuple[Claim, ...]:
+def claims(table: StudyTable, paper: PaperStudy, comparison: Table2) -> tuple[Claim, ...]:
     """All that can be claimed of a study, what it was made for first."""
     found = [_complete(table)]
     if comparison.cells:
@@ -83,7 +83,7 @@ def _far_below(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
     return Claim(f"{text} in every cell; {BELOW:g} times was asked for.", True)
 
 
-def _reproduced(comparison: Comparison) -> Claim:
+def _reproduced(comparison: Table2) -> Claim:
     best = comparison.best
     if best is None:
         return Claim("Table 2: no convention of the classical method has a number for any cell.", None)

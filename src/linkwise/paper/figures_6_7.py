@@ -76,5 +76,5 @@ def _median_link(row: Row) -> str:
 def _middle(table: StudyTable, name: str | None, level: float, method: str) -> Row | None:
     """The row that stands for a cell, None where none has coefficients."""
     cell = None if name is None else table.cell(name, level, method)
-    row = None if cell is None else cell.middle
+    row = None if cell is None else cell.median_row
     return row if row is not None and row.coefficients else None

@@ -17,7 +17,7 @@ NEAR = 3.0  # a cell is reproduced within this factor
 
 
 @dataclass(frozen=True)
-class PaperCell:
+class Table2Cell:
     """One cell of Table 2: the paper's NMSE in %, and by method the cell of the study that stands beside it."""
 
     masses: int
@@ -45,14 +45,14 @@ class PaperCell:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Table2:
     """Table 2 in the paper's order, noise level by noise level, for the chains that the study has."""
 
-    cells: tuple[PaperCell, ...]
+    cells: tuple[Table2Cell, ...]
     classical: tuple[str, ...]
 
     @classmethod
-    def of(cls, table: StudyTable, paper: PaperStudy) -> Comparison:
+    def of(cls, table: StudyTable, paper: PaperStudy) -> Table2:
         """The cells of Table 2 that the study asks for."""
         cells = []
         for decibel in DECIBELS:
@@ -63,7 +63,7 @@ class Comparison:
                     if (cell := table.cell(name, decibel, method)) is not None
                 }
                 if found:
-                    cells.append(PaperCell(masses, decibel, TABLE_2[masses, decibel], found))
+                    cells.append(Table2Cell(masses, decibel, TABLE_2[masses, decibel], found))
         return cls(tuple(cells), paper.classical)
 
     def within(self, method: str) -> int:
@@ -93,7 +93,7 @@ def near(value: float | None, paper: float) -> bool:
     return value is not None and paper / NEAR <= value <= paper * NEAR
 
 
-def explanation(cell: PaperCell, method: str, classical: Sequence[str]) -> str:
+def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
     """Why a cell is off: what else the paper may have counted that comes near its value, worked out from the rows.
 
     Empty where the cell is near, or where nothing was run.

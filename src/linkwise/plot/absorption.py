@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from linkwise.absorption.decay import TAIL
-from linkwise.absorption.result import Absorption, MassChange, Side
+from linkwise.absorption.result import Absorption, AbsorptionRun, MassChange
 from linkwise.arrays import Bools, Floats
 from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import IDENTIFIED, SEEN, SERIES, TRUE, VISITED, WELL, scale
@@ -101,7 +101,7 @@ def energy_figure(found: Absorption) -> Figure:
     return figure
 
 
-def _stack(axes: Axes, found: Absorption, side: Side) -> None:
+def _stack(axes: Axes, found: Absorption, side: AbsorptionRun) -> None:
     """Sinks from below, then the other links, then what is left."""
     names = [link.name for link in side.structure.links]
     colors = {name: color for name, color in _colors(found).items() if name in names}

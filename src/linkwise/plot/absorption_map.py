@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from linkwise.absorption.quantities import Quantity
-from linkwise.absorption.sweep import AbsorptionMap, Axis
+from linkwise.absorption.sweep import AbsorptionMap, SweepAxis
 from linkwise.arrays import Floats
 from linkwise.plot.palette import IDENTIFIED, SEEN, WELL
 from linkwise.plot.style import sheet
@@ -81,7 +81,7 @@ def _draw_curve(axes: Axes, found: AbsorptionMap, values: Floats, unit: str) -> 
     axes.set_ylabel(unit or "number")
 
 
-def _scale(axes: Axes, across: Axis, up: Axis | None) -> None:
+def _scale(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
     axes.set_xlabel(_title(across))
     if across.logarithmic and across.values[0] > 0.0:
         axes.set_xscale("log")
@@ -91,11 +91,11 @@ def _scale(axes: Axes, across: Axis, up: Axis | None) -> None:
             axes.set_yscale("log")
 
 
-def _title(axis: Axis) -> str:
+def _title(axis: SweepAxis) -> str:
     return f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name
 
 
-def _edges(axis: Axis) -> Floats:
+def _edges(axis: SweepAxis) -> Floats:
     """(K + 1,) edges of cells around the values."""
     values = axis.values
     if len(values) == 1:

@@ -83,7 +83,7 @@ def evidence_figure(found: Discovery) -> Figure:
         _bars(axes, rows, 0, len(kept), IDENTIFIED, "kept")
         _bars(axes, rows, len(kept), len(rows), SEEN, "dropped")
         if rows:
-            prices = [term.price for term in rows]
+            prices = [term.penalty for term in rows]
             axes.plot(prices, range(len(rows)), "|", color=WELL, markersize=9, label="price of the term")
         names = [f"{term.name}: {term.term}{'' if term.certain else '  (in doubt)'}" for term in rows]
         axes.set_yticks(range(len(rows)), names)

@@ -90,7 +90,7 @@ def _write_terms(found: Discovery, path: Path) -> None:
     """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
     names = [field.name for field in fields(TermEvidence) if field.name != "between"]
     rows = [
-        [*(getattr(term, name) for name in names), *term.between, term.certain, term.price]
+        [*(getattr(term, name) for name in names), *term.between, term.certain, term.penalty]
         for term in found.terms
     ]
     with path.open("w", newline="", encoding="utf-8") as file:

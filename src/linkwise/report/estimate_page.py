@@ -31,7 +31,7 @@ TEMPLATES = Environment(
 
 
 @dataclass(frozen=True)
-class Row:
+class CoefficientRow:
     """One coefficient as the table shows it."""
 
     name: str
@@ -44,12 +44,12 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Section:
+class LinkSection:
     """One link: heading, coefficients, derived quantities, comparison with the truth (a sentence) and picture."""
 
     title: str
     name: str
-    rows: tuple[Row, ...]
+    rows: tuple[CoefficientRow, ...]
     derived: tuple[str, ...]
     visited: str
     nmse: str
@@ -114,14 +114,14 @@ def page_parts(
 
 def _section(
     estimate: Estimate, name: str, truth: Structure | None, nmse: Mapping[str, float | None], pictured: bool
-) -> Section:
+) -> LinkSection:
     found = estimate.link(name)
     true = {} if truth is None else truth.link(name).values
     derived = [*found.wells, *([found.barrier] if found.barrier else []), *found.frequencies]
     picture = (
         _picture(force_page(force_view(estimate, name, truth)), f"force-{name}") if pictured else Markup("")
     )
-    return Section(
+    return LinkSection(
         title=force_title(found.link),
         name=name,
         rows=tuple(_row(each, true.get(each.name.rpartition(".")[2])) for each in found.coefficients),
@@ -133,9 +133,9 @@ def _section(
     )
 
 
-def _row(found: CoefficientEstimate, true: float | None) -> Row:
+def _row(found: CoefficientEstimate, true: float | None) -> CoefficientRow:
     error = found.standard_error
-    return Row(
+    return CoefficientRow(
         name=found.name,
         value=number(found.value, error),
         unit=found.unit,

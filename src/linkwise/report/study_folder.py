@@ -17,11 +17,11 @@ from linkwise.paper.captions import motion_captions
 from linkwise.paper.figures_2_to_5 import figure_2, figure_3, figure_4, figure_5
 from linkwise.paper.figures_6_7 import figure_6, figure_7
 from linkwise.paper.figures_8_9 import figure_8, figure_9
-from linkwise.paper.table_2 import Comparison
+from linkwise.paper.table_2 import Table2
 from linkwise.plot import save
 from linkwise.plot.study_accuracy import accuracy_figure
 from linkwise.report.section_page import embedded
-from linkwise.report.study_page import Illustration, Told, study_page
+from linkwise.report.study_page import Illustration, StudyReport, study_page
 from linkwise.study.store import read_rows, stored_study
 
 Progress = Callable[[float, str], object]
@@ -53,7 +53,7 @@ def write_study_report(folder: str | Path, *, progress: Progress = lambda fracti
     where the study has chains of the paper. `progress` is told the fraction done. Raises StudyError where there is no study.
     """
     home = Path(folder)
-    told = Told.of(stored_study(home), read_rows(home))
+    told = StudyReport.of(stored_study(home), read_rows(home))
     plates = _plates(told)
     shown: dict[str, list[Illustration]] = {MOTION: [], FORCE: [], ACCURACY: []}
     for number, plate in enumerate(plates):
@@ -71,7 +71,7 @@ def write_study_report(folder: str | Path, *, progress: Progress = lambda fracti
 
 
 @dataclass(frozen=True)
-class Plate:
+class FigureSpec:
     """A figure that the report may have: `draw` gives None where the study lacks what it would show."""
 
     heading: str
@@ -81,19 +81,21 @@ class Plate:
     draw: Callable[[], Figure | None]
 
 
-def _plates(told: Told) -> list[Plate]:
+def _plates(told: StudyReport) -> list[FigureSpec]:
     """All figures in the paper's order, then what the study has beyond the paper."""
     table, paper = told.table, told.paper
-    plates: list[Plate] = []
+    plates: list[FigureSpec] = []
     if paper.masses:
         captions = motion_captions()
-        plates += [Plate(MOTION, name, _TITLES[name], captions[name], draw) for name, draw in _MOTION.items()]
+        plates += [
+            FigureSpec(MOTION, name, _TITLES[name], captions[name], draw) for name, draw in _MOTION.items()
+        ]
     if told.comparison.cells:
         best = told.comparison.best
         if best is not None:
             forces = "In the cycle whose error is the median of its cell. The error is shown against the largest force."
             plates += [
-                Plate(FORCE, name, _TITLES[name], forces, partial(draw, told.study, table, paper, best))
+                FigureSpec(FORCE, name, _TITLES[name], forces, partial(draw, told.study, table, paper, best))
                 for name, draw in _FORCE.items()
             ]
         methods = (
@@ -105,17 +107,19 @@ def _plates(told: Told) -> list[Plate]:
             "or for all 100."
         )
         plates += [
-            Plate(ACCURACY, "figure_8", _TITLES["figure_8"], methods, partial(figure_8, table, paper, best)),
-            Plate(ACCURACY, "figure_9", _TITLES["figure_9"], times, partial(figure_9, table, paper)),
+            FigureSpec(
+                ACCURACY, "figure_8", _TITLES["figure_8"], methods, partial(figure_8, table, paper, best)
+            ),
+            FigureSpec(ACCURACY, "figure_9", _TITLES["figure_9"], times, partial(figure_9, table, paper)),
         ]
     if told.beyond:
         caption = "Medians, and the range of the cycles (5 to 95 %)."
         title = "All structures of the study"
-        plates.append(Plate(ACCURACY, "accuracy", title, caption, partial(accuracy_figure, table)))
+        plates.append(FigureSpec(ACCURACY, "accuracy", title, caption, partial(accuracy_figure, table)))
     return plates
 
 
-def _times(told: Told) -> str:
+def _times(told: StudyReport) -> str:
     """The least and the greatest median time of linkwise's own estimators at the last noise level, as a sentence."""
     level = told.table.decibels[-1]
     found = []
@@ -142,7 +146,7 @@ def _keep(figure: Figure, folder: Path, name: str) -> str:
     return address
 
 
-def _write_table(comparison: Comparison, methods: tuple[str, ...], path: Path) -> None:
+def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> None:
     """Table 2: the paper's value and, for every method, median and quantiles in %, median time in s, cycles and failures."""
     columns = ("percent", "low", "high", "ratio", "seconds", "cycles", "failed")
     with whole_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from linkwise.paper.claims import Claim, claims
 from linkwise.paper.subset import PaperStudy
-from linkwise.paper.table_2 import NEAR, Comparison, explanation
+from linkwise.paper.table_2 import NEAR, Table2, explanation
 from linkwise.report.estimate_page import TEMPLATES
 from linkwise.sindy.conventions import MEANING
 from linkwise.study.cells import SPREAD, Cell, StudyTable
@@ -40,20 +40,20 @@ class Illustration:
 
 
 @dataclass(frozen=True)
-class Told:
+class StudyReport:
     """All that a page tells of a study."""
 
     study: Study
     table: StudyTable
     paper: PaperStudy
-    comparison: Comparison
+    comparison: Table2
     claims: Sequence[Claim]
 
     @classmethod
-    def of(cls, study: Study, rows: Iterable[Row]) -> Told:
+    def of(cls, study: Study, rows: Iterable[Row]) -> StudyReport:
         """What `rows` tell of `study`."""
         table, paper = StudyTable.of(study, rows), PaperStudy.of(study)
-        comparison = Comparison.of(table, paper)
+        comparison = Table2.of(table, paper)
         return cls(study, table, paper, comparison, claims(table, paper, comparison))
 
     @property
@@ -88,7 +88,9 @@ class Told:
         return all(claim.met for claim in self.claims)
 
 
-def study_page(told: Told, illustrations: Mapping[str, Sequence[Illustration]], *, version: str) -> str:
+def study_page(
+    told: StudyReport, illustrations: Mapping[str, Sequence[Illustration]], *, version: str
+) -> str:
     """The page as text: HTML that asks nobody for anything. `illustrations` are figures by the heading above them."""
     comparison, table = told.comparison, told.table
     return TEMPLATES.get_template("study.html.jinja").render(
@@ -134,7 +136,7 @@ class TableRow:
     spreads: Mapping[str, str]
 
 
-def _row(told: Told, number: int) -> TableRow:
+def _row(told: StudyReport, number: int) -> TableRow:
     cells, best = told.comparison.cells, told.comparison.best
     cell = cells[number]
     ratio = None if best is None else cell.ratio(best)
@@ -157,7 +159,7 @@ def _spread(cell: Cell) -> str:
     )
 
 
-def _reasons(comparison: Comparison) -> list[tuple[str, str]]:
+def _reasons(comparison: Table2) -> list[tuple[str, str]]:
     best = comparison.best
     if best is None:
         return []
@@ -202,7 +204,7 @@ def _failures(table: StudyTable) -> list[str]:
     return told
 
 
-def _others(told: Told) -> list[tuple[str, float, Mapping[str, str]]]:
+def _others(told: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
     """What Table 2 does not have: the medians of all methods."""
     return [
         (

@@ -21,7 +21,7 @@ class Cell:
 
     `nmse` is the median over seeds in %, `low` and `high` the quantiles `SPREAD`, a failed case counting as worse than any
     answer; each is None where so many failed, or none was run, that it is no number. `seconds` is the median time of one
-    estimate, None where none was run. `expected` counts the cases that the study asks for. `middle` is the row whose error
+    estimate, None where none was run. `expected` counts the cases that the study asks for. `median_row` is the row whose error
     comes closest to the median.
     """
 
@@ -59,7 +59,7 @@ class Cell:
         return float(np.median([row.seconds for row in self.answers])) if self.answers else None
 
     @property
-    def middle(self) -> Row | None:
+    def median_row(self) -> Row | None:
         """The answer that stands for the cell; of equally close ones the first seed's."""
         if self.nmse is None or not self.answers:
             return None

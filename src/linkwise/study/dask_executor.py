@@ -11,15 +11,15 @@ from distributed import Client, KilledWorker
 from distributed.comm import get_address_host_port
 
 from linkwise.errors import StudyError
-from linkwise.study.executor import Crew, Fate
-from linkwise.study.worker import Batch, Done, run_batch
+from linkwise.study.executor import Executor, FailureKind
+from linkwise.study.worker import CaseBatch, CaseResult, run_batch
 
 _PATIENCE = 30.0  # s for the scheduler to answer, and for a first worker to be there
 _AHEAD = 2  # batches per thread, so that none waits for the next
 
 
 @final
-class Cluster(Crew):
+class DaskExecutor(Executor):
     """All workers of the cluster whose scheduler is at `address` ("tcp://host:8786"), however many come and go.
 
     dask itself moves a batch whose worker dies to another one, and gives it up after a few deaths. Raises StudyError
@@ -32,7 +32,7 @@ class Cluster(Crew):
         self._address = address
 
     @property
-    def places(self) -> int:
+    def slots(self) -> int:
         return _AHEAD * max(sum(map(int, self._client.nthreads().values())), 1)
 
     def __enter__(self) -> Self:
@@ -53,12 +53,12 @@ class Cluster(Crew):
         self._executor = self._client.get_executor(pure=False)
         return self
 
-    def submit(self, batch: Batch) -> Future[list[Done]]:
-        future: Future[list[Done]] = self._executor.submit(run_batch, batch)
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
+        future: Future[list[CaseResult]] = self._executor.submit(run_batch, batch)
         return future
 
-    def fate(self, future: Future[list[Done]]) -> Fate:
-        return Fate.DIED if isinstance(future.exception(), KilledWorker) else Fate.FAULT
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
+        return FailureKind.DIED if isinstance(future.exception(), KilledWorker) else FailureKind.FAULT
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -12,7 +12,7 @@ from typing import Any
 
 from linkwise.errors import StudyError
 from linkwise.model.link import near_miss
-from linkwise.study.method import Method
+from linkwise.study.method import StudyMethod
 from linkwise.study.row import Case
 from linkwise.study.subject import Subject
 
@@ -28,7 +28,7 @@ class Study:
     name: str
     subjects: tuple[Subject, ...]
     snr_db: tuple[float, ...]
-    methods: tuple[Method, ...]
+    methods: tuple[StudyMethod, ...]
     first_seed: int = 1000
     cycles: int = 100
     quick: int = 5
@@ -71,7 +71,7 @@ class Study:
         """The structure called `name` and all that is done with it; StudyError lists those there are."""
         return self._subjects[name] if name in self._subjects else _absent(name, "structure", self._subjects)
 
-    def method(self, name: str) -> Method:
+    def method(self, name: str) -> StudyMethod:
         """The method called `name`; StudyError lists those there are."""
         return self._methods[name] if name in self._methods else _absent(name, "method", self._methods)
 
@@ -104,7 +104,7 @@ class Study:
         return {one.name: one for one in self.subjects}
 
     @cached_property
-    def _methods(self) -> dict[str, Method]:
+    def _methods(self) -> dict[str, StudyMethod]:
         return {one.name: one for one in self.methods}
 
     @cached_property

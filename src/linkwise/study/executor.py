@@ -20,13 +20,13 @@ from types import TracebackType
 from typing import Any, Self, final
 
 from linkwise.errors import StudyError
-from linkwise.study.worker import Batch, Done, run_batch
+from linkwise.study.worker import CaseBatch, CaseResult, run_batch
 
 _AHEAD = 2  # batches for each worker
 _ATTEMPTS = 2  # to start a worker: one may be killed by chance
 
 
-class Fate(Enum):
+class FailureKind(Enum):
     """What became of a batch without a result."""
 
     DIED = "its worker died at it"
@@ -34,22 +34,22 @@ class Fate(Enum):
     FAULT = "the worker cannot run it"
 
 
-class Crew(ABC):
+class Executor(ABC):
     """Workers, from `__enter__` to `__exit__`; leaving by an exception abandons what they are at."""
 
     seconds: float  # how long a batch should last, so that handing it out costs next to nothing
 
     @property
     @abstractmethod
-    def places(self) -> int:
+    def slots(self) -> int:
         """How many batches should be out at once."""
 
     @abstractmethod
-    def submit(self, batch: Batch) -> Future[list[Done]]:
-        """Hand out a batch; no more than `places` at a time."""
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
+        """Hand out a batch; no more than `slots` at a time."""
 
     @abstractmethod
-    def fate(self, future: Future[list[Done]]) -> Fate:
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
         """What became of a batch whose future ended with an exception; but for a fault it can be handed out again."""
 
     @abstractmethod
@@ -62,7 +62,7 @@ class Crew(ABC):
 
 
 @final
-class Processes(Crew):
+class ProcessExecutor(Executor):
     """`count` processes of this machine, each alone in a pool of its own: one that dies takes its own batch with it and no
     other, and a new one takes its place. Each has its next batch before it ends the one that it is at.
 
@@ -76,12 +76,12 @@ class Processes(Crew):
             raise StudyError(f"a study needs at least one worker, got {count}")
         self._count = count
         self._pools: list[ProcessPoolExecutor] = []
-        self._at: list[list[Future[list[Done]]]] = [[] for _ in range(count)]  # oldest first
+        self._at: list[list[Future[list[CaseResult]]]] = [[] for _ in range(count)]  # oldest first
         self._context = multiprocessing.get_context("spawn")
         self._ends: tuple[Connection, Connection] | None = None
 
     @property
-    def places(self) -> int:
+    def slots(self) -> int:
         return _AHEAD * self._count
 
     def __enter__(self) -> Self:
@@ -95,7 +95,7 @@ class Processes(Crew):
             raise
         return self
 
-    def submit(self, batch: Batch) -> Future[list[Done]]:
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
         self._at = [[future for future in at if not future.done()] for at in self._at]
         place = min(range(self._count), key=lambda i: len(self._at[i]))
         try:
@@ -106,11 +106,11 @@ class Processes(Crew):
         self._at[place].append(future)
         return future
 
-    def fate(self, future: Future[list[Done]]) -> Fate:
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
         if not _broken(future):
-            return Fate.FAULT
+            return FailureKind.FAULT
         first = [next((each for each in at if _broken(each)), None) for at in self._at]
-        return Fate.DIED if future in first else Fate.SPARED
+        return FailureKind.DIED if future in first else FailureKind.SPARED
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -146,7 +146,7 @@ class Processes(Crew):
         )
 
 
-def _broken(future: Future[list[Done]]) -> bool:
+def _broken(future: Future[list[CaseResult]]) -> bool:
     return future.done() and isinstance(future.exception(), BrokenProcessPool)
 
 

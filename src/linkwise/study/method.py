@@ -18,7 +18,7 @@ from linkwise.study.subject import Subject
 
 
 @dataclass(frozen=True)
-class Answer:
+class MethodResult:
     """What a method found: the fields of a row that are its own."""
 
     status: str
@@ -29,13 +29,13 @@ class Answer:
     reason: str = ""
 
 
-class Method(ABC):
+class StudyMethod(ABC):
     """A column of the study."""
 
     name: str
 
     @abstractmethod
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         """Add noise of `snr_db` drawn from `seed` to the `clean` record of `subject`, and judge what is found in that.
 
         Raises LinkwiseError where nothing is.
@@ -48,13 +48,13 @@ class Method(ABC):
 
 @final
 @dataclass(frozen=True)
-class LinkByLink(Method):
+class LinkByLink(StudyMethod):
     """Maximum likelihood or the weak form (METHODS sections 5 and 4)."""
 
     name: str
     kind: Literal["ml", "weak"]
 
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         return _identified(subject, clean, snr_db, seed, self.kind)
 
     def document(self) -> dict[str, Any]:
@@ -63,14 +63,14 @@ class LinkByLink(Method):
 
 @final
 @dataclass(frozen=True)
-class PhysicsInformed(Method):
+class PhysicsInformedMethod(StudyMethod):
     """The paper's physics-informed SINDy: derivatives, the links' own columns, sparse regression."""
 
     name: str
     derivative: Derivative = "spline"
     regressor: str = "stlsq"
 
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         return _identified(subject, clean, snr_db, seed, Classical(self.derivative, self.regressor))
 
     def document(self) -> dict[str, Any]:
@@ -84,17 +84,17 @@ class PhysicsInformed(Method):
 
 def _identified(
     subject: Subject, clean: Record, snr_db: float, seed: int, how: Literal["ml", "weak"] | Classical
-) -> Answer:
+) -> MethodResult:
     record = subject.seen(clean).with_noise(snr_db, seed=seed)
-    estimate = identify(record, subject.asked, method=how)
+    estimate = identify(record, subject.unknown_structure, method=how)
     names = [parameter.name for parameter in estimate.parameters]
     errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)) if estimate.trusted else ()
-    return Answer(
+    return MethodResult(
         status=estimate.status,
         seconds=estimate.seconds,
         links={
             name: nmse(subject.structure.link(name), estimate.structure.link(name), clean)
-            for name in subject.judged
+            for name in subject.judged_links
         },
         coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
         standard_errors=dict(zip(names, map(float, errors), strict=False)),

@@ -25,7 +25,7 @@ from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.linear_system import StreamedEquations
 from linkwise.sindy.regression.regressor import Fit, Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
-from linkwise.study.method import Answer, Method
+from linkwise.study.method import MethodResult, StudyMethod
 from linkwise.study.subject import Subject
 
 RegressorName = Literal["least-squares", "stlsq", "l1"]
@@ -33,7 +33,7 @@ RegressorName = Literal["least-squares", "stlsq", "l1"]
 
 @final
 @dataclass(frozen=True)
-class AllMonomials(Method):
+class MonomialMethod(StudyMethod):
     """Noise where the `convention` puts it, all monomials up to `order`, a regressor, and a `reading` of the force.
 
     `threshold` is that of "stlsq", None for the one of smallest BIC. Methods that differ in regressor or reading share the
@@ -48,17 +48,17 @@ class AllMonomials(Method):
     order: int = 3
     threshold: float | None = None
 
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> Answer:
+    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
         started = perf_counter()
         fit = _fit(equations, gram, subject.structure, self._chosen())
         seconds += perf_counter() - started
         structure, links, found = subject.structure, {}, {}
-        for name in subject.judged:
+        for name in subject.judged_links:
             links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
             d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
             found.update(_coefficients(structure.link(name), d, force))
-        return Answer(CONVERGED, seconds, links, found)
+        return MethodResult(CONVERGED, seconds, links, found)
 
     def document(self) -> dict[str, Any]:
         return {

@@ -9,11 +9,11 @@ from pathlib import Path
 from linkwise.errors import StudyError
 from linkwise.runtime import processors
 from linkwise.study.definition import Study
-from linkwise.study.executor import Crew, Processes
+from linkwise.study.executor import Executor, ProcessExecutor
 from linkwise.study.export import export_study
 from linkwise.study.row import Row
-from linkwise.study.runner import Progress, run
-from linkwise.study.store import opened, read_rows
+from linkwise.study.runner import StudyProgress, run
+from linkwise.study.store import open_store, read_rows
 from linkwise.study.toml_file import read_study
 
 
@@ -24,7 +24,7 @@ def run_study(
     quick: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[StudyProgress], None] | None = None,
 ) -> tuple[Row, ...]:
     """Run a study, "paper" or a TOML file, in `folder`, or go on with it there; write its tables and return its rows.
 
@@ -41,21 +41,21 @@ def run_study(
         raise StudyError(
             "workers are processes of this machine, a scheduler has workers of its own; give one of the two"
         )
-    with opened(Path(folder), study) as store:
+    with open_store(Path(folder), study) as store:
         if len(store.done()) < len(study):
-            with _crew(workers, scheduler) as crew:
-                run(study, store, crew, progress or _silently)
+            with _crew(workers, scheduler) as executor:
+                run(study, store, executor, progress or _silently)
         export_study(folder)
     return read_rows(folder)
 
 
-def _silently(progress: Progress) -> None:
+def _silently(progress: StudyProgress) -> None:
     """Report to nobody."""
 
 
-def _crew(workers: int | None, scheduler: str | None) -> Crew:
+def _crew(workers: int | None, scheduler: str | None) -> Executor:
     if scheduler is None:
-        return Processes(workers if workers is not None else processors())
+        return ProcessExecutor(workers if workers is not None else processors())
     try:
         cluster = import_module("linkwise.study.dask_executor")
     except ModuleNotFoundError as error:
@@ -64,5 +64,5 @@ def _crew(workers: int | None, scheduler: str | None) -> Crew:
         raise StudyError(
             "a scheduler needs the library distributed, which comes with the extra 'cluster': pip install 'linkwise[cluster]'"
         ) from error
-    crew: Crew = cluster.Cluster(scheduler)
-    return crew
+    executor: Executor = cluster.DaskExecutor(scheduler)
+    return executor

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 from linkwise.errors import StudyError
 from linkwise.study.definition import Study
-from linkwise.study.executor import Crew, Fate
+from linkwise.study.executor import Executor, FailureKind
 from linkwise.study.row import Case
 from linkwise.study.store import Store
-from linkwise.study.timing import Pace, next_batch
-from linkwise.study.worker import Batch, Done, failure
+from linkwise.study.timing import Timing, next_batch
+from linkwise.study.worker import CaseBatch, CaseResult, failure
 
 _DEATHS = 3  # of a worker at one case, after which the case is to blame
 _SHARES = 4  # batches for each place that must be left, or batches are made smaller
@@ -21,7 +21,7 @@ _TICK = 0.5  # s between two reports while nothing comes back
 
 
 @dataclass(frozen=True)
-class Progress:
+class StudyProgress:
     """How far a study is: `done` cases of `total`, those of earlier runs included, `rate` in cases a second since this run
     began, `left` seconds to go, None while nothing tells.
     """
@@ -32,10 +32,10 @@ class Progress:
     left: float | None
 
 
-Report = Callable[[Progress], None]
+Report = Callable[[StudyProgress], None]
 
 
-def run(study: Study, store: Store, crew: Crew, report: Report) -> None:
+def run(study: Study, store: Store, executor: Executor, report: Report) -> None:
     """Run every case of `study` that is not done in `store`. What is interrupted, by whatever, goes on where it was.
 
     Raises StudyError where workers cannot run cases at all.
@@ -43,11 +43,11 @@ def run(study: Study, store: Store, crew: Crew, report: Report) -> None:
     there = store.done()
     rows = [row for row in store.rows() if row.case in there]
     pending = [case for case in study.cases() if case not in there]
-    pace = Pace(rows, pending, {one.name: one.structure.size for one in study.subjects})
-    work = _Work(study, crew, pace, pending)
+    timing = Timing(rows, pending, {one.name: one.structure.size for one in study.subjects})
+    work = _Work(study, executor, timing, pending)
 
     def tell() -> None:
-        report(Progress(len(there) + pace.done, len(study), pace.rate, pace.left))
+        report(StudyProgress(len(there) + timing.done, len(study), timing.rate, timing.left))
 
     tell()
     work.hand_out()
@@ -64,25 +64,27 @@ def run(study: Study, store: Store, crew: Crew, report: Report) -> None:
 class _Work:
     """What is still to be handed out, and what is out."""
 
-    def __init__(self, study: Study, crew: Crew, pace: Pace, pending: list[Case]) -> None:
-        self._study, self._crew, self._pace = study, crew, pace
+    def __init__(self, study: Study, executor: Executor, timing: Timing, pending: list[Case]) -> None:
+        self._study, self._crew, self._pace = study, executor, timing
         self._text = study.text()
         self._pending = deque(pending)
         self._deaths: Counter[Case] = Counter()
-        self.out: dict[Future[list[Done]], tuple[Case, ...]] = {}
+        self.out: dict[Future[list[CaseResult]], tuple[Case, ...]] = {}
 
     def hand_out(self) -> None:
         """Fill every place of the crew."""
-        places = self._crew.places
+        slots = self._crew.slots
         # Towards the end batches get smaller, so that all workers finish together.
-        seconds = min(self._crew.seconds, self._pace.work / (_SHARES * places))
-        while self._pending and len(self.out) < places:
+        seconds = min(self._crew.seconds, self._pace.work / (_SHARES * slots))
+        while self._pending and len(self.out) < slots:
             cases = next_batch(self._pending, self._pace, seconds, set(self._deaths))
-            self.out[self._crew.submit(Batch(self._text, cases))] = cases
+            self.out[self._crew.submit(CaseBatch(self._text, cases))] = cases
 
-    def collect(self, finished: Iterable[Future[list[Done]]]) -> tuple[list[Done], StudyError | None]:
+    def collect(
+        self, finished: Iterable[Future[list[CaseResult]]]
+    ) -> tuple[list[CaseResult], StudyError | None]:
         """What came of some batches; what was lost is put in front again. And why there is no going on, if there is none."""
-        results: list[Done] = []
+        results: list[CaseResult] = []
         fault = None
         for future in finished:
             cases = self.out.pop(future)
@@ -92,24 +94,24 @@ class _Work:
                 )
             elif (error := future.exception()) is None:
                 results += future.result()
-            elif (fate := self._crew.fate(future)) is Fate.FAULT:
+            elif (failure_kind := self._crew.failure_kind(future)) is FailureKind.FAULT:
                 fault = StudyError(f"a worker cannot run linkwise: {type(error).__name__}: {error}")
                 fault.__cause__ = error
             else:
-                results += self._lost(cases, fate)
+                results += self._lost(cases, failure_kind)
         for result in results:
             self._pace.finished(result.row.case, result.seconds)
         return results, fault
 
-    def _lost(self, cases: tuple[Case, ...], fate: Fate) -> list[Done]:
+    def _lost(self, cases: tuple[Case, ...], failure_kind: FailureKind) -> list[CaseResult]:
         """Put cases in front again, but for those at which too many workers have died."""
-        if fate is Fate.DIED:
+        if failure_kind is FailureKind.DIED:
             self._deaths.update(cases)
         self._pending.extendleft(case for case in reversed(cases) if self._deaths[case] < _DEATHS)
         return [_blamed(self._study, case) for case in cases if self._deaths[case] >= _DEATHS]
 
 
-def _blamed(study: Study, case: Case) -> Done:
+def _blamed(study: Study, case: Case) -> CaseResult:
     masses = study.subject(case.structure).structure.size
     reason = f"its worker process died {_DEATHS} times while at it: killed, out of memory, or crashed"
-    return Done(failure(case, masses, reason), 0.0)
+    return CaseResult(failure(case, masses, reason), 0.0)

@@ -75,7 +75,7 @@ class Store:
 
 
 @contextmanager
-def opened(folder: Path, study: Study) -> Iterator[Store]:
+def open_store(folder: Path, study: Study) -> Iterator[Store]:
     """The store of `study` in `folder`, made where there is none; nobody else can open it meanwhile.
 
     Raises StudyError where another process has it open, where the folder holds another study, or one that has changed since,

@@ -62,28 +62,35 @@ class Subject:
         for name in self.sensors:
             if name not in _ALL:
                 self._check_channel(name, "sensors", _ALL)
-        for key, check in (("unknown", lambda: self.asked.parameters), ("judge", lambda: self.judged)):
+        for key, check in (
+            ("unknown", lambda: self.unknown_structure.parameters),
+            ("judge", lambda: self.judged_links),
+        ):
             try:
                 check()
             except LinkwiseError as error:
                 raise StudyError(str(error), key) from None
 
     @cached_property
-    def asked(self) -> Structure:
+    def unknown_structure(self) -> Structure:
         """The structure with its unknowns, as estimators get it."""
         return self.structure.unknown(*self.unknown)
 
     @cached_property
-    def judged(self) -> tuple[str, ...]:
+    def judged_links(self) -> tuple[str, ...]:
         """The links by whose force an answer is judged."""
         if self.judge:
             chosen = self.structure.unknown(*self.judge)
             return tuple(
                 link.name for link in chosen.links if any(not c.known for c in link.coefficients.values())
             )
-        asked = [link for link in self.asked.links if any(not c.known for c in link.coefficients.values())]
-        bent = [link for link in asked if "d" in symbols(differentiate(link.law.expression, "d"))]
-        return tuple(link.name for link in bent or asked)
+        unknown = [
+            link
+            for link in self.unknown_structure.links
+            if any(not c.known for c in link.coefficients.values())
+        ]
+        nonlinear = [link for link in unknown if "d" in symbols(differentiate(link.law.expression, "d"))]
+        return tuple(link.name for link in nonlinear or unknown)
 
     def simulate(self, cycle: int = 0) -> Record:
         """The clean record of a cycle, 0 the first: x, v and a of every mass, and the inputs.

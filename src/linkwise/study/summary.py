@@ -26,7 +26,7 @@ class StudySummary:
         return all(cell.done == cell.expected for cell in self.cells)
 
     @property
-    def hopeless(self) -> tuple[Cell, ...]:
+    def failed_cells(self) -> tuple[Cell, ...]:
         """The cells in which every case that was run failed."""
         return tuple(cell for cell in self.cells if cell.done and not cell.answers)
 

@@ -11,7 +11,7 @@ from linkwise.study.row import Case, Row
 Cell = tuple[str, float, str]
 
 
-class Pace:
+class Timing:
     """Measured seconds of cases by (structure, noise, method), and what they promise for those still to come; `masses` says
     how many each structure has.
     """
@@ -84,19 +84,19 @@ class Pace:
         return sum(seconds) / len(seconds) / largest**2
 
 
-def next_batch(pending: deque[Case], pace: Pace, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
+def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
     """Take cases off the front of `pending` that should last `seconds` together, at least one.
 
     One that was never timed, and one in `alone`, makes a batch of its own.
     """
     chosen = [pending.popleft()]
-    total = pace.expected(chosen[0])
+    total = timing.expected(chosen[0])
 
     def single(case: Case) -> bool:
-        return case in alone or not pace.known(case)
+        return case in alone or not timing.known(case)
 
     while pending and not single(chosen[0]) and not single(pending[0]):
-        total += pace.expected(pending[0])
+        total += timing.expected(pending[0])
         if total > seconds:
             break
         chosen.append(pending.popleft())

@@ -19,8 +19,8 @@ from linkwise.model.toml_file import parse_structure, read_structure
 from linkwise.sindy.conventions import Convention
 from linkwise.sindy.force_reading import Reading
 from linkwise.study.definition import Study
-from linkwise.study.method import LinkByLink, Method, PhysicsInformed
-from linkwise.study.method_monomials import AllMonomials, RegressorName
+from linkwise.study.method import LinkByLink, PhysicsInformedMethod, StudyMethod
+from linkwise.study.method_monomials import MonomialMethod, RegressorName
 from linkwise.study.subject import Subject
 
 _SOURCES = ("bnes", "file", "toml")
@@ -53,7 +53,7 @@ class _LinkByLink(msgspec.Struct, forbid_unknown_fields=True):
     kind: Literal["ml", "weak"]
     name: str = ""
 
-    def build(self) -> Method:
+    def build(self) -> StudyMethod:
         return LinkByLink(self.name or self.kind, self.kind)
 
 
@@ -63,8 +63,8 @@ class _PhysicsInformed(msgspec.Struct, forbid_unknown_fields=True):
     derivative: Literal["spline", "savgol", "differences"] = "spline"
     regressor: Literal["stlsq", "l1", "least-squares"] = "stlsq"
 
-    def build(self) -> Method:
-        return PhysicsInformed(self.name or self.kind, self.derivative, self.regressor)
+    def build(self) -> StudyMethod:
+        return PhysicsInformedMethod(self.name or self.kind, self.derivative, self.regressor)
 
 
 class _Classical(msgspec.Struct, forbid_unknown_fields=True):
@@ -76,9 +76,9 @@ class _Classical(msgspec.Struct, forbid_unknown_fields=True):
     order: Annotated[int, msgspec.Meta(ge=1)] = 3
     threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
 
-    def build(self) -> Method:
+    def build(self) -> StudyMethod:
         name = self.name or f"{self.kind}, {self.convention}"
-        return AllMonomials(name, self.convention, self.regressor, self.reading, self.order, self.threshold)
+        return MonomialMethod(name, self.convention, self.regressor, self.reading, self.order, self.threshold)
 
 
 _KINDS: dict[str, type[Any]] = {
@@ -211,13 +211,13 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
     return structure
 
 
-def _method(entry: dict[str, Any], path: str, source: str) -> Method:
+def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
     kind = entry.get("kind")
     if not isinstance(kind, str) or kind not in _KINDS:
         hint = near_miss(kind, _KINDS) if isinstance(kind, str) else ""
         got = "nothing" if kind is None else repr(kind)
         raise StudyError(f"expected one of {', '.join(_KINDS)}; got {got}{hint}", f"{source}, {path}.kind")
-    method: Method = _decode(entry, _KINDS[kind], source, path).build()
+    method: StudyMethod = _decode(entry, _KINDS[kind], source, path).build()
     return method
 
 

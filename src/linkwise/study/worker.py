@@ -16,7 +16,7 @@ from linkwise.errors import LinkwiseError, StudyError
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.study.definition import Study
-from linkwise.study.method import Answer
+from linkwise.study.method import MethodResult
 from linkwise.study.row import FAILED, FAULT, Case, Row
 from linkwise.study.toml_file import build_study
 
@@ -27,7 +27,7 @@ _ALONE = (
 
 
 @dataclass(frozen=True)
-class Batch:
+class CaseBatch:
     """Cases to run in one go. `study` is the text of the study that they belong to, `linkwise` the version that runs it."""
 
     study: str
@@ -36,14 +36,14 @@ class Batch:
 
 
 @dataclass(frozen=True)
-class Done:
+class CaseResult:
     """A row, and the seconds that its case took in all: with simulation, noise and comparison."""
 
     row: Row
     seconds: float
 
 
-def run_batch(batch: Batch) -> list[Done]:
+def run_batch(batch: CaseBatch) -> list[CaseResult]:
     """Run every case of a batch. Nothing that goes wrong in a case is raised: it is a row that failed, with the reason.
 
     Raises StudyError where this process has another version of linkwise.
@@ -72,7 +72,7 @@ def failure(case: Case, masses: int, reason: str, seconds: float = 0.0) -> Row:
     )
 
 
-def _run(study: Study, text: str, case: Case) -> Done:
+def _run(study: Study, text: str, case: Case) -> CaseResult:
     started = perf_counter()
     subject = study.subject(case.structure)
     masses = subject.structure.size
@@ -85,10 +85,10 @@ def _run(study: Study, text: str, case: Case) -> Done:
     except Exception as error:  # a fault of one case must not end a study of thousands
         reason = f"{FAULT}{type(error).__name__}: {error}"
         row = failure(case, masses, reason, perf_counter() - started)
-    return Done(row, perf_counter() - started)
+    return CaseResult(row, perf_counter() - started)
 
 
-def _row(case: Case, masses: int, answer: Answer) -> Row:
+def _row(case: Case, masses: int, answer: MethodResult) -> Row:
     numbers = [*answer.links.values(), *answer.coefficients.values(), *answer.standard_errors.values()]
     if not all(map(math.isfinite, numbers)):
         return failure(case, masses, f"the answer is not finite. {answer.reason}".strip(), answer.seconds)
