@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
-from scipy.optimize import linear_sum_assignment
 
 from linkwise.analysis.equilibria import equilibria
 from linkwise.arrays import Floats
@@ -121,7 +121,7 @@ def _eigenvalues(squares: Floats, modal: Floats) -> tuple[NDArray[np.complex128]
     values, vectors = np.linalg.eig(state.astype(complex))
     shares = np.abs(vectors[:n]) ** 2
     shares /= shares.sum(axis=0)
-    rows, columns = linear_sum_assignment(np.repeat(shares, 2, axis=0), maximize=True)
+    rows, columns = scipy.optimize.linear_sum_assignment(np.repeat(shares, 2, axis=0), maximize=True)
     return values, values[columns[np.argsort(rows)]].reshape(n, 2)
 
 

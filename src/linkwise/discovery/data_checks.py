@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
@@ -130,7 +130,7 @@ def _apart_all(records: Sequence[Record], names: Sequence[str]) -> Floats:
 
 def _groups(names: Sequence[str], apart: Floats) -> list[tuple[list[str], float]]:
     """Groups of masses whose displacements differ by little more than noise in all records, and the least ratio of powers."""
-    count, group = connected_components(apart < _APART, directed=False)
+    count, group = scipy.sparse.csgraph.connected_components(apart < _APART, directed=False)
     members = [np.flatnonzero(group == each).tolist() for each in range(count)]
     return [
         ([names[place] for place in each], float(apart[np.ix_(each, each)].min()))

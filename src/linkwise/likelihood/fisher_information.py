@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.flow import flow, tangents
@@ -62,7 +62,9 @@ class Precision:
         shares = np.linalg.norm(self.blind, axis=1)
         lost = np.flatnonzero(shares > _SEEN_TOGETHER)
         part = self.blind[lost] / shares[lost, None]
-        _, labels = connected_components(np.abs(part @ part.T) > _RELATED, directed=False)
+        _, labels = scipy.sparse.csgraph.connected_components(
+            np.abs(part @ part.T) > _RELATED, directed=False
+        )
         return tuple(lost[labels == label] for label in range(labels.max(initial=-1) + 1))
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
@@ -109,7 +109,7 @@ class _Profile:
                 return edge if reach < _FARTHEST else float(np.copysign(np.inf, deviation))
             straight = NORMAL_95 / max(NORMAL_95 + beyond(far), _CLOSE)
             near, far = far, min(reach, float(np.clip(straight, 1.25, 3.0)) * far)
-        return self.value + float(brentq(beyond, near, far, xtol=_CLOSE)) * deviation
+        return self.value + float(scipy.optimize.brentq(beyond, near, far, xtol=_CLOSE)) * deviation
 
     def _fitted(self, start: Point, value: float | None = None) -> Fit:
         """The fit from `start`, the parameter held at `value` if that is given."""

@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
 from linkwise.arrays import Floats
 from linkwise.errors import LawError, SimulationError
@@ -121,17 +121,17 @@ class Sampled:
         return self.start + (self.values.size - 1) / self.rate
 
     @cached_property
-    def _spline(self) -> PPoly:
+    def _spline(self) -> scipy.interpolate.PPoly:
         values, rate = self.values, self.rate
         if self.band_limited:
             values, rate = _upsampled(values), rate * _UPSAMPLING
         time = self.start + np.arange(values.size) / rate
         if self.order == 0:
-            return PPoly(values[None, :-1], time)
-        spline = make_interp_spline(time, values, k=self.order)
-        pieces = PPoly.from_spline(BSpline(spline.t, spline.c, spline.k))
+            return scipy.interpolate.PPoly(values[None, :-1], time)
+        spline = scipy.interpolate.make_interp_spline(time, values, k=self.order)
+        pieces = scipy.interpolate.PPoly.from_spline(scipy.interpolate.BSpline(spline.t, spline.c, spline.k))
         real = np.diff(pieces.x) > 0.0  # knots at the ends stand many times
-        return PPoly(pieces.c[:, real], np.append(pieces.x[:-1][real], pieces.x[-1]))
+        return scipy.interpolate.PPoly(pieces.c[:, real], np.append(pieces.x[:-1][real], pieces.x[-1]))
 
     @cached_property
     def pieces(self) -> PiecewisePolynomial:
@@ -150,7 +150,7 @@ class Sampled:
         """Its integral from the first sample to `time`; SimulationError outside of the samples."""
         return self._evaluated(self._spline.antiderivative(), time)
 
-    def _evaluated(self, spline: PPoly, time: ArrayLike) -> Floats:
+    def _evaluated(self, spline: scipy.interpolate.PPoly, time: ArrayLike) -> Floats:
         time = np.asarray(time, dtype=float)
         slack = 1e-6 / self.rate  # times are computed as k/rate, with rounding
         outside = (time < self.start - slack) | (time > self.end + slack)

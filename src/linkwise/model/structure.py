@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
@@ -123,7 +123,7 @@ class Structure:
         return self.links[_index(self._link_index, name, "link", "links")]
 
     @cached_property
-    def incidence(self) -> csr_array:
+    def incidence(self) -> scipy.sparse.csr_array:
         """B, (n, L): +1 where a mass is the first end of a link, -1 where it is the second."""
         rows, columns, signs = [], [], []
         for column, link in enumerate(self.links):
@@ -132,7 +132,7 @@ class Structure:
                     rows.append(self._mass_index[end])
                     columns.append(column)
                     signs.append(sign)
-        return csr_array((signs, (rows, columns)), shape=(self.size, len(self.links)))
+        return scipy.sparse.csr_array((signs, (rows, columns)), shape=(self.size, len(self.links)))
 
     @cached_property
     def base_incidence(self) -> Floats:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
@@ -67,7 +67,7 @@ def _interpolated(
             f"{there.sum()} samples are too few; a record needs at least {FEWEST}", file, channel=name
         )
     known = moments[there]
-    smooth: Floats = make_interp_spline(known, values[there], k=ORDER)(grid)
+    smooth: Floats = scipy.interpolate.make_interp_spline(known, values[there], k=ORDER)(grid)
     after = np.clip(np.searchsorted(known, grid), 1, len(known) - 1)
     hollow = (known[after] - known[after - 1] > widest) & (grid != known[after]) & (grid != known[after - 1])
     outside = (grid < known[0]) | (grid > known[-1])

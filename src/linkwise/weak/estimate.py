@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
@@ -131,7 +131,8 @@ def _limits(windows: float) -> tuple[float, float]:
     """Between which the excess of right laws lies; neighbouring windows share their noise, so two count as one."""
     freedom = 0.5 * max(windows, 2.0)
     low, high = (
-        float(gammaincinv(0.5 * freedom, chance)) * 2.0 / freedom for chance in (_CHANCE, 1.0 - _CHANCE)
+        float(scipy.special.gammaincinv(0.5 * freedom, chance)) * 2.0 / freedom
+        for chance in (_CHANCE, 1.0 - _CHANCE)
     )
     return min(low, 1.0 / _LARGEST_EXCESS), max(high, _LARGEST_EXCESS)
 

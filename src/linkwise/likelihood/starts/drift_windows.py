@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import minimum_filter
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.starts.inverse_dynamics import SeenLinks
@@ -195,7 +195,7 @@ def _minima(windows: Windows, link: Link, values: dict[str, float]) -> Floats:
             found = link.law.force(d + offsets[:, None, None] + slope * at, v + slope, values)
             cost[i] = np.einsum("okt,okt->ok", force - found, force - found)
     cost = np.nan_to_num(cost, nan=np.inf)
-    lowest = cost <= minimum_filter(cost, size=(3, 3, 1), mode="nearest")
+    lowest = cost <= scipy.ndimage.minimum_filter(cost, size=(3, 3, 1), mode="nearest")
     flat = np.where(lowest, cost, np.inf).reshape(-1, len(d))
     chosen = np.argsort(flat, axis=0)[:_KEPT]
     slope, offset = np.divmod(chosen, len(offsets))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_simpson
+import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.model.structure import Structure
@@ -122,7 +122,7 @@ def smoothed(record: Record, name: str, sigma: dict[str, float]) -> tuple[Floats
 
 def summed(values: Floats, step: float) -> Floats:
     """The integral (N,) from the first sample on, by Simpson's rule."""
-    return np.asarray(cumulative_simpson(values, dx=step, initial=0.0))
+    return np.asarray(scipy.integrate.cumulative_simpson(values, dx=step, initial=0.0))
 
 
 def _motion(record: Record, name: str, kind: str, sigma: dict[str, float]) -> Floats:
