@@ -38,11 +38,12 @@ if TYPE_CHECKING:
     from linkwise.estimates.estimate import Estimate
     from linkwise.estimates.uncertainty import Knowledge, read_knowledge
     from linkwise.files import read_record, write_record
+    from linkwise.identification.force_error import nmse
     from linkwise.identification.identify import identify
     from linkwise.identification.law_path import LawStep, law_path
     from linkwise.identification.limit import limit
     from linkwise.identification.limit_result import Limit
-    from linkwise.identification.validation import FreeRun, free_run, nmse
+    from linkwise.identification.validation import FreeRun, free_run
     from linkwise.likelihood.loss import Gaussian, Huber, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.model.chains import bnes_chain
@@ -58,9 +59,12 @@ if TYPE_CHECKING:
         write_structure,
     )
     from linkwise.records.record import Record
-    from linkwise.report.absorption_folder import absorption_of, write_absorption, write_absorption_map
-    from linkwise.report.discovery_folder import discovery_of, write_discovery
-    from linkwise.report.estimate_folder import result_of, write_result
+    from linkwise.report.absorption_folder import write_absorption, write_absorption_map
+    from linkwise.report.absorption_json import absorption_of
+    from linkwise.report.discovery_folder import write_discovery
+    from linkwise.report.discovery_json import discovery_of
+    from linkwise.report.estimate_folder import write_result
+    from linkwise.report.estimate_json import result_of
     from linkwise.report.study_folder import write_study_report
     from linkwise.signals.states import differentiate
     from linkwise.simulation.simulate import simulate
@@ -183,12 +187,14 @@ __all__ = [
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
 _HOMES = {
     "absorption.absorb": ("absorb",),
-    "report.absorption_folder": ("absorption_of", "write_absorption", "write_absorption_map"),
+    "report.absorption_folder": ("write_absorption", "write_absorption_map"),
+    "report.absorption_json": ("absorption_of",),
     "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
     "estimates.uncertainty": ("Knowledge", "read_knowledge"),
     "absorption.result": ("Absorption",),
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
-    "report.estimate_folder": ("result_of", "write_result"),
+    "report.estimate_folder": ("write_result",),
+    "report.estimate_json": ("result_of",),
     "identification.limit_result": ("Limit",),
     "model.chains": ("bnes_chain",),
     "sindy.estimate": ("Classical",),
@@ -196,7 +202,8 @@ _HOMES = {
     "signals.states": ("differentiate",),
     "estimates.describing_function": ("Equivalent", "equivalent"),
     "discovery.discover": ("discover", "foreseen"),
-    "report.discovery_folder": ("discovery_of", "write_discovery"),
+    "report.discovery_folder": ("write_discovery",),
+    "report.discovery_json": ("discovery_of",),
     "discovery.result": ("Discovery",),
     "discovery.terms": ("parse_terms",),
     "discovery.scoring": ("TermScore", "term_score", "truth_beside"),
@@ -245,7 +252,8 @@ _HOMES = {
     "study.toml_file": ("read_study",),
     "study.summary": ("StudySummary", "study_summary"),
     "units": ("to_si",),
-    "identification.validation": ("FreeRun", "free_run", "nmse"),
+    "identification.force_error": ("nmse",),
+    "identification.validation": ("FreeRun", "free_run"),
     "analysis.wells": ("barrier", "wells"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

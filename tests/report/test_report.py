@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.report import report
+from linkwise.report.estimate_page import report
 from linkwise.text import number
 
 

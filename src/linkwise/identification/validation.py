@@ -1,4 +1,4 @@
-"""How far an identified structure is from the truth, where there is one, and from a record that it has not seen."""
+"""How far an identified structure is from a record that it has not seen."""
 
 from __future__ import annotations
 
@@ -6,35 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.model.excitation import Sampled
-from linkwise.model.structure import BASE, GROUND, Link, Structure
+from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.simulation.simulate import simulate
 
 _STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
 _AFTER = 8  # samples of input beyond the settling: the spline through them then has no end there
-
-
-def nmse(true: Link, found: Link, record: Record) -> float:
-    """The paper's Eq. (8) in %: mean square of the difference of both forces over the variance of the true one.
-
-    The forces are the stiffness forces (v = 0) at the elongations of `record`; of a simulated record the true elongations are
-    taken, of a measured one the displacements as they are. Raises RecordError where an end of the link has no displacement,
-    and where the true force does not vary.
-    """
-    d = _elongation(true, record)
-    force = true.force(d)
-    variance = float(np.var(force))
-    if variance == 0.0:
-        raise RecordError(
-            f'the true force of link "{true.name}" does not vary over the record, so no relative error exists'
-        )
-    return float(100.0 * np.mean((force - found.force(d)) ** 2) / variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +156,9 @@ def _initial_state(
         steps = _STEP * np.eye(len(guess))
         return np.stack([(residual(relative + step) - here) / _STEP for step in steps], axis=1)
 
-    return np.asarray(guess + scale * least_squares(residual, np.zeros(len(guess)), jac=slope).x)
+    return np.asarray(
+        guess + scale * scipy.optimize.least_squares(residual, np.zeros(len(guess)), jac=slope).x
+    )
 
 
 def _first_look(structure: Structure, seen: Record) -> tuple[Floats, Floats]:
@@ -197,21 +182,3 @@ def _first_look(structure: Structure, seen: Record) -> tuple[Floats, Floats]:
         known = size[half][size[half] > 0.0]
         size[half] = np.where(size[half] > 0.0, size[half], known.mean() if len(known) else 1.0)
     return guess, size
-
-
-def _elongation(link: Link, record: Record) -> Floats:
-    """(N',) elongations of one link at the samples where both ends were seen."""
-    ends = [_displacement(end, record) for end in link.between]
-    d = np.asarray(ends[0] - ends[1])
-    return d[np.isfinite(d)]
-
-
-def _displacement(end: str, record: Record) -> Floats:
-    truth = record.simulated
-    if end == GROUND:
-        return np.zeros(len(record))
-    if truth is not None and end == BASE and truth.base is not None:
-        return truth.base
-    if truth is not None and end in truth.structure.mass_names:
-        return np.asarray(truth.displacement[:, truth.structure.mass_names.index(end)])
-    return record.channel(f"x:{end}")

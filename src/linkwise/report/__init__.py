@@ -1,5 +1,1 @@
 """The page that a reader opens first: one HTML file that needs nothing else, not even a network."""
-
-from linkwise.report.estimate_page import report
-
-__all__ = ["report"]

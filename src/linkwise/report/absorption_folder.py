@@ -21,14 +21,10 @@ from linkwise.model.toml_file import format_structure, write_structure
 from linkwise.plot import save
 from linkwise.plot.absorption import Bands, crossings_figure, decay_figure, energy_figure
 from linkwise.plot.absorption_map import map_figure
+from linkwise.report.absorption_json import absorption_of
 from linkwise.report.section_page import Section, embedded, sheet_page
 
 Progress = Callable[[float, str], object]
-
-
-def absorption_of(found: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
-    """What absorption.json says, as plain data."""
-    return {**found.to_dict(), "version": version("linkwise")}
 
 
 def write_absorption(

@@ -6,9 +6,7 @@ import csv
 import math
 from collections.abc import Callable
 from dataclasses import fields, replace
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from linkwise.atomic import whole_folder
 from linkwise.discovery.result import Discovery, TermEvidence
@@ -18,29 +16,9 @@ from linkwise.model.structure import Structure
 from linkwise.plot import save
 from linkwise.plot.discovery_graph import graph_figure
 from linkwise.plot.discovery_path import evidence_figure, path_figure
+from linkwise.report.discovery_json import discovery_of
 from linkwise.report.discovery_page import discovery_page
-from linkwise.report.estimate_folder import result_of, write_links, write_page
-
-
-def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:
-    """What result.json says, as plain data.
-
-    With a `truth` also "nmse_percent" by link (paper Eq. 8), null where there is no such force in truth, and "truth", the
-    names of the terms that are right, missing and false. Raises StructureError for a truth with other masses.
-    """
-    result = {**found.to_dict(), "version": version("linkwise")}
-    if truth is None:
-        return result
-    score = term_score(found.structure, truth)
-    compared = {
-        "right": list(score.right),
-        "missing": list(score.missing),
-        "extra": list(score.extra),
-        "missing_links": list(score.missing_links),
-        "extra_links": list(score.extra_links),
-    }
-    beside = result_of(found.estimate, truth_beside(found.structure, truth))
-    return {**result, "nmse_percent": beside["nmse_percent"], "truth": compared}
+from linkwise.report.estimate_folder import write_links, write_page
 
 
 def write_discovery(

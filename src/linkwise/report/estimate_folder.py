@@ -3,35 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from linkwise.atomic import RESULT, to_json, whole_folder
-from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import COVARIANCE, Knowledge, write_covariance
-from linkwise.identification.validation import nmse
-from linkwise.model.structure import Link, Structure
+from linkwise.model.structure import Structure
 from linkwise.model.toml_file import write_structure
 from linkwise.plot import force_figure, histories_figure, save
 from linkwise.plot.force_view import GRID
-from linkwise.records.record import Record
-from linkwise.report import report
+from linkwise.report.estimate_json import result_of
+from linkwise.report.estimate_page import report
 
 PICTURES = 24  # links with a figure; a long chain's others have their numbers and their force file
 
 Progress = Callable[[float, str], None]
-
-
-def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:
-    """What result.json says, as plain data; with a `truth` also "nmse_percent" by link (paper Eq. 8),
-    null where the record does not tell it.
-    """
-    result = {**estimate.to_dict(), "version": version("linkwise")}
-    return result if truth is None else {**result, "nmse_percent": _errors(estimate, truth)}
 
 
 def write_result(
@@ -98,17 +87,3 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
     d = np.linspace(*estimate.link(name).d_range, GRID)
     table = np.stack([d, *estimate.force_band(name, d)], axis=1)
     np.savetxt(path, table, fmt="%.10g", delimiter=",", header="d,force,lower,upper", comments="")
-
-
-def _errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
-    """NMSE in % of each identified force over the motion of the record; None where the record does not tell it."""
-    return {
-        link.name: _error(truth.link(link.name), link, estimate.record) for link in estimate.structure.links
-    }
-
-
-def _error(true: Link, found: Link, record: Record) -> float | None:
-    try:
-        return nmse(true, found, record)
-    except RecordError:  # an end without displacement, or a force that does not vary
-        return None

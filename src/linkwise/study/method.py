@@ -9,8 +9,8 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from linkwise.identification.force_error import nmse
 from linkwise.identification.identify import identify
-from linkwise.identification.validation import nmse
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
 from linkwise.sindy.estimate import Classical
