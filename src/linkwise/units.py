@@ -7,16 +7,21 @@ import re
 import tokenize
 from functools import cache
 from numbers import Real
-
-import pint
+from typing import TYPE_CHECKING
 
 from linkwise.errors import LinkwiseError
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    import pint
+else:
+    pint = lazy_module("pint")  # a third of a second, and most files are in SI units
 
 _GRAVITY = "standard_gravity"
 _SPELLINGS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "**2", "³": "**3", "−": "-"})
 _FREE = ("", "?")  # dimensions for which a number without a unit will do
 _UNREADABLE = (
-    pint.PintError, tokenize.TokenError, ValueError, TypeError, AttributeError, ArithmeticError, AssertionError,
+    tokenize.TokenError, ValueError, TypeError, AttributeError, ArithmeticError, AssertionError,
 )  # fmt: skip
 
 
@@ -68,7 +73,7 @@ def _read(text: str, dimension: str, expected: str) -> pint.Quantity[float]:
     try:
         quantity: pint.Quantity[float] = _registry().Quantity(spelled)
         return _registry().Quantity(float(quantity.magnitude), quantity.units)
-    except _UNREADABLE:
+    except (pint.PintError, *_UNREADABLE):
         raise LinkwiseError(f"{text!r} cannot be read as a quantity: expected {expected}.") from None
 
 

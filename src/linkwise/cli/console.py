@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.cli import progress_bar as bar
+else:
+    bar = lazy_module("linkwise.cli.progress_bar")  # rich is for terminals
 
 
 def fail(message: str) -> None:
@@ -21,17 +27,13 @@ def tell(message: str) -> None:
     click.echo(message, err=True)
 
 
-@contextmanager
-def progress(title: str) -> Iterator[Callable[[float, str], None]]:
-    """A bar for work that may take long; yields a function to call with the fraction done and what is done now.
+def progress(title: str) -> AbstractContextManager[Callable[[float, str], None]]:
+    """A bar for work that may take long; gives a function to call with the fraction done and what is done now.
 
-    Nothing is written where standard error is no terminal. Until the first call the bar only shows that
-    there is life.
+    Nothing is written where standard error is no terminal.
     """
-    if not sys.stderr.isatty():
-        yield lambda fraction, now: None
-        return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(title, total=None)
-        yield lambda fraction, now: bars.update(task, total=1.0, completed=fraction, description=now)
+    return bar.progress_bar(title) if sys.stderr.isatty() else nullcontext(_ignore)
+
+
+def _ignore(fraction: float, now: str) -> None:
+    """Take a report of progress that nobody looks at."""
