@@ -20,6 +20,9 @@ else:
 _GRAVITY = "standard_gravity"
 _SPELLINGS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "**2", "³": "**3", "−": "-"})
 _FREE = ("", "?")  # dimensions for which a number without a unit will do
+_WHOLE = re.compile(r"(?<![\w.])\d+(?![\w.])")
+_LONGEST = 200  # characters of a quantity
+_SHOWN = 60  # of them in a message
 _UNREADABLE = (
     tokenize.TokenError, ValueError, TypeError, AttributeError, ArithmeticError, AssertionError,
 )  # fmt: skip
@@ -36,12 +39,12 @@ def to_si(given: object, dimension: str) -> float:
         expected += f" in {dimension} or a text with a unit such as '1 {dimension}'"
     if not isinstance(given, str):
         if isinstance(given, bool) or not isinstance(given, Real):
-            raise LinkwiseError(f"{given!r} is no value: expected {expected}.")
+            raise LinkwiseError(f"{_shown(given)} is no value: expected {expected}.")
         return _finite(float(given), given)
     quantity = _read(given, dimension, expected)
     if quantity.unitless and dimension not in _FREE:
         raise LinkwiseError(
-            f"{given!r} has no unit: write it with one, as in '{quantity.magnitude:g} {dimension}', "
+            f"{_shown(given)} has no unit: write it with one, as in '{quantity.magnitude:g} {dimension}', "
             f"or without quotes if it is in {dimension} already."
         )
     return _converted(quantity, given, dimension, expected)
@@ -55,26 +58,45 @@ def factor_to_si(unit: str, dimension: str) -> float:
     expected = f"a unit that converts to {dimension}" if dimension not in _FREE else "a unit"
     quantity = _read(unit, dimension, expected)
     if quantity.magnitude != 1 or (quantity.unitless and dimension not in _FREE):
-        raise LinkwiseError(f"{unit!r} is no unit: expected {expected}.")
+        raise LinkwiseError(f"{_shown(unit)} is no unit: expected {expected}.")
     return _converted(quantity, unit, dimension, expected)
 
 
 def _finite(value: float, given: object) -> float:
     if not math.isfinite(value):
-        raise LinkwiseError(f"{given!r} is no finite value.")
+        raise LinkwiseError(f"{_shown(given)} is no finite value.")
     return value
 
 
 def _read(text: str, dimension: str, expected: str) -> pint.Quantity[float]:
     """Whatever pint reads in `text`; "m/s2" means m/s^2, and "g" is gravity where an acceleration is expected."""
+    unreadable = LinkwiseError(f"{_shown(text)} cannot be read as a quantity: expected {expected}.")
+    if len(text) > _LONGEST:
+        raise unreadable
     spelled = re.sub(r"(?<![\w.])([^\W\d_]+)(-?\d)(?![\w.])", r"\1**\2", text.strip().translate(_SPELLINGS))
     if dimension == "m/s^2":
         spelled = re.sub(r"(?<![^\W_])(m?)g(_?n|_0)?$", rf"\1{_GRAVITY}", spelled)
     try:
-        quantity: pint.Quantity[float] = _registry().Quantity(spelled)
+        quantity: pint.Quantity[float] = _registry().Quantity(_in_floats(spelled))
         return _registry().Quantity(float(quantity.magnitude), quantity.units)
     except (pint.PintError, *_UNREADABLE):
-        raise LinkwiseError(f"{text!r} cannot be read as a quantity: expected {expected}.") from None
+        raise unreadable from None
+
+
+def _in_floats(text: str) -> str:
+    """`text` with whole numbers as floats, but for the exponents of units: 9**9**9 of whole numbers never ends."""
+
+    def spelled(match: re.Match[str]) -> str:
+        before, after = text[: match.start()].rstrip(" +-"), text[match.end() :].lstrip()
+        raised = after.startswith(("**", "^"))
+        return match[0] if before.endswith(("**", "^")) and not raised else f"{match[0]}.0"
+
+    return _WHOLE.sub(spelled, text)
+
+
+def _shown(given: object) -> str:
+    text = repr(given)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def _converted(quantity: pint.Quantity[float], given: str, dimension: str, expected: str) -> float:
@@ -84,7 +106,7 @@ def _converted(quantity: pint.Quantity[float], given: str, dimension: str, expec
         return _finite(float(quantity.to(_registry().Unit(dimension)).magnitude), given)
     except pint.DimensionalityError:
         got = "has no unit" if quantity.unitless else f"is in {quantity.units:~C}"
-        raise LinkwiseError(f"{given!r} {got}: expected {expected}.") from None
+        raise LinkwiseError(f"{_shown(given)} {got}: expected {expected}.") from None
 
 
 @cache
