@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from linkwise.study.summary import StudySummary, study_summary
     from linkwise.study.toml_file import read_study
     from linkwise.units import to_si
+    from linkwise.verdict import Decision, Verdict
 
 __version__ = "0.2.0"
 
@@ -97,6 +98,7 @@ __all__ = [
     "AbsorptionMap",
     "Classical",
     "Coefficient",
+    "Decision",
     "Discovery",
     "Equilibrium",
     "Equivalent",
@@ -131,6 +133,7 @@ __all__ = [
     "StudySummary",
     "TermScore",
     "TimeFunction",
+    "Verdict",
     "absorb",
     "absorption_intervals",
     "absorption_map",
@@ -254,6 +257,7 @@ _HOMES = {
     "units": ("to_si",),
     "identification.force_error": ("nmse",),
     "identification.validation": ("FreeRun", "free_run"),
+    "verdict": ("Decision", "Verdict"),
     "analysis.wells": ("barrier", "wells"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

@@ -142,7 +142,12 @@ def test_an_answer_not_to_be_trusted_has_exit_code_3(
     files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     real = lw.discover
-    monkeypatch.setattr(lw, "discover", lambda *nouns, **named: replace(real(*nouns, **named), settled=False))
+
+    def unsettled(*nouns: object, **named: object) -> lw.Discovery:
+        found = real(*nouns, **named)
+        return replace(found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED))
+
+    monkeypatch.setattr(lw, "discover", unsettled)
     assert run(arguments(files)) == 3
     assert "NOT to be trusted" in capsys.readouterr().out
 

@@ -74,16 +74,18 @@ def test_z_is_that_of_the_numbers_beside_it(found: lw.Discovery) -> None:
 
 def test_what_cannot_be_told_says_so(found: lw.Discovery) -> None:
     name = next(term.name for term in found.terms if not term.kept)
-    text = str(in_doubt(found, name, told=False))
+    text = str(in_doubt(found, name, identifiable=False))
     assert "not told beside what was kept" in text
 
 
 def test_a_search_that_did_not_settle_is_not_to_be_trusted(found: lw.Discovery) -> None:
     assert found.trusted
-    lost = replace(found, settled=False, remarks=("m2 hardly moved.",))
+    lost = replace(
+        found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED), remarks=("m2 hardly moved.",)
+    )
     text = str(lost)
     assert not lost.trusted and text.splitlines()[0].endswith("NOT to be trusted")
-    assert "The search did not settle: this is the best so far." in text and "! m2 hardly moved." in text
+    assert lw.Verdict.SEARCH_UNSETTLED.value in " ".join(text.split()) and "! m2 hardly moved." in text
 
 
 def test_price_is_what_stands_between_evidence_and_margin(found: lw.Discovery) -> None:
@@ -101,6 +103,26 @@ def test_stated_links_are_certain(chain: lw.Structure, found: lw.Discovery) -> N
     known = lw.discover(found.estimate.record, stated)
     assert known.certainty("spring1") == known.certainty("nes1") == float("inf")
     assert "stated" in str(known) and "given" in str(known)
+
+
+def test_a_stated_link_with_a_doubtful_term_is_certain_everywhere(
+    chain: lw.Structure, found: lw.Discovery
+) -> None:
+    """It is there because it was stated, whatever is thought of one of its terms."""
+    spring = lw.Link("spring1", ("m1", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(30000.0)})
+    known = lw.discover(
+        found.estimate.record, replace(chain, links=(spring, chain.unknown("nes").link("nes1")))
+    )
+    assert "spring1.c" in [term.name for term in known.kept]
+    doubted = in_doubt(known, "spring1.c")
+    assert doubted.in_doubt == () and doubted.decision("spring1") is lw.Decision.CERTAIN
+    assert str(doubted).splitlines()[0].endswith(": can be trusted") and "spring1 (in doubt)" not in str(
+        doubted
+    )
+    assert "--" not in line_styles(graph_figure(doubted))
+    assert "linear?" in words(graph_figure(doubted)) and "  in doubt" in str(
+        doubted
+    )  # the term is, and says so
 
 
 def words(figure: Figure) -> set[str]:
@@ -233,7 +255,9 @@ def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: P
 
 
 def test_page_of_a_bad_answer_says_so(found: lw.Discovery, tmp_path: Path) -> None:
-    bad = replace(found, settled=False, remarks=("m2 <b>hardly</b> moved.",))
+    bad = replace(
+        found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED), remarks=("m2 <b>hardly</b> moved.",)
+    )
     page = (lw.write_discovery(bad, tmp_path / "bad") / "report.html").read_text()
     assert 'class="verdict untrusted"' in page and 'class="verdict trusted"' not in page
     assert "NOT to be trusted" in page and "Against the truth" not in page

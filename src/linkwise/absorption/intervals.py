@@ -12,7 +12,7 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import Ensemble, Progress, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.quantities import Quantity
-from linkwise.absorption.result import CLOSURE, Absorption
+from linkwise.absorption.result import Absorption, closure_verdict
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
@@ -20,6 +20,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Knowledge
 from linkwise.model.excitation import Excitation
 from linkwise.text import as_text
+from linkwise.verdict import Verdict, is_trusted
 
 COVERED = 0.95
 _LIVING = 0.9  # of the draws that must come to their end
@@ -68,13 +69,20 @@ class AbsorptionIntervals:
 
     @property
     def trusted(self) -> bool:
+        """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
         """Whether all energy balances close."""
-        return self.found.trusted and self.closure <= CLOSURE
+        return tuple(dict.fromkeys((*self.found.verdicts, closure_verdict(self.closure))))
 
     def to_dict(self) -> dict[str, Any]:
         """What `Absorption.to_dict` says, and the intervals."""
         return {
             **self.found.to_dict(),
+            "verdicts": [verdict.name for verdict in self.verdicts],
+            "trusted": self.trusted,
             "draws": self.draws,
             "seed": self.seed,
             "diverged": self.diverged,

@@ -11,6 +11,7 @@ from linkwise.absorption.sinks import Sink
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
+from linkwise.verdict import Verdict, is_trusted
 
 CLOSURE = 1e-6  # of the energy put in: a worse balance is not to be trusted
 
@@ -164,8 +165,13 @@ class Absorption:
 
     @property
     def trusted(self) -> bool:
+        """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
         """Whether the energy balances of both runs close."""
-        return max(self.with_sinks.closure, self.without.closure) <= CLOSURE
+        return (closure_verdict(max(self.with_sinks.closure, self.without.closure)),)
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -195,10 +201,17 @@ class Absorption:
                 for each in self.harvests
             },
             "findings": list(self.findings),
+            "verdicts": [verdict.name for verdict in self.verdicts],
+            "trusted": self.trusted,
         }  # fmt: skip
 
     def __str__(self) -> str:
         return as_text(self)
+
+
+def closure_verdict(closure: float) -> Verdict:
+    """What an error of the energy balance, as a part of the energy put in, says of a simulation."""
+    return Verdict.CONVERGED if closure <= CLOSURE else Verdict.ENERGY_BALANCE_OPEN
 
 
 def _reduction(with_sinks: float, without: float) -> float | None:

@@ -15,7 +15,7 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import Progress, run_ensemble
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.quantities import Quantity
-from linkwise.absorption.result import CLOSURE
+from linkwise.absorption.result import closure_verdict
 from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Bools, Floats
@@ -25,6 +25,7 @@ from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory
 from linkwise.simulation.simulate import SimulatedMotion
 from linkwise.text import as_text
+from linkwise.verdict import Verdict, is_trusted
 
 _RUN_BYTES, _MASS_BYTES = 4000, 1000  # of one run until the last has ended, and of each of its masses
 _GEOMETRIC = 1e-6  # of a ratio: steps that are equal in ratio are drawn on a logarithmic axis
@@ -76,8 +77,13 @@ class AbsorptionMap:
 
     @property
     def trusted(self) -> bool:
+        """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
         """Whether the energy balance of every run that came to its end closes."""
-        return bool(np.nanmax(self["closure"]) <= CLOSURE)
+        return (closure_verdict(float(np.nanmax(self["closure"]))),)
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -110,6 +116,8 @@ class AbsorptionMap:
             "diverged": int(np.sum(~self.alive)),
             "horizon": self.horizon,
             "findings": list(self.findings),
+            "verdicts": [verdict.name for verdict in self.verdicts],
+            "trusted": self.trusted,
             "axes": [
                 {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
             ],

@@ -11,13 +11,12 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import ABSORPTION, check_result_folder, to_json
-from linkwise.cli.console import progress, tell
+from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, number, pairs
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
 MOST = 100_000  # values of a swept parameter
-UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,7 @@ def absorb(
     click.echo(to_json(lw.absorption_of(found)) if as_json else str(found))
     if output is not None and not as_json:
         tell(f"written to {output}; open {output / 'report.html'}")
-    return 0 if found.trusted else UNTRUSTED
+    return exit_code(found.verdicts)
 
 
 def _answer(

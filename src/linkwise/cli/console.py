@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
 import click
 
 from linkwise.lazy import lazy_module
+from linkwise.verdict import Verdict, is_trusted
 
 if TYPE_CHECKING:
     from linkwise.cli import progress_bar as bar
 else:
     bar = lazy_module("linkwise.cli.progress_bar")  # rich is for terminals
+
+UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
+
+
+def exit_code(verdicts: Iterable[Verdict]) -> int:
+    """0, or `UNTRUSTED` where a verdict forbids trust."""
+    return 0 if is_trusted(verdicts) else UNTRUSTED
 
 
 def fail(message: str) -> None:

@@ -12,10 +12,9 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
-from linkwise.cli.console import progress, tell
+from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, pairs, record_options
 
-UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 EXAMPLE = "m1=1.0"
 
 
@@ -160,7 +159,7 @@ def discover(
         _compare(result)
     if output is not None and not as_json:
         tell(f"written to {output}; open {output / 'report.html'}")
-    return 0 if found.trusted else UNTRUSTED
+    return exit_code(found.verdicts)
 
 
 def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:

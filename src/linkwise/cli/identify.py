@@ -12,13 +12,12 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
-from linkwise.cli.console import progress, tell
+from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, record_options
 
 if TYPE_CHECKING:
     from linkwise.likelihood.anneal import Progress
 
-UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 _TIGHT = -5.0  # decades of q at which annealing ends, the end of the bar
 _DIFFERS = (
     0.1  # of an interval's half: from here a profile interval says something that a standard error does not
@@ -179,7 +178,7 @@ def identify(
         _compare(result)
         if output is not None:
             tell(f"written to {output}; open {output / 'report.html'}")
-    return 0 if estimate.trusted else UNTRUSTED
+    return exit_code(estimate.verdicts)
 
 
 def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:

@@ -20,7 +20,6 @@ from linkwise.discovery.selection import Selection, select_structure
 from linkwise.discovery.spanning_tree import tree
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
-from linkwise.estimates.estimate import CONVERGED
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
@@ -35,6 +34,7 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.units import to_si
+from linkwise.verdict import Verdict, is_trusted
 from linkwise.weak.displacements import SeenMotion, read_motion
 from linkwise.weak.estimate import weak_search
 
@@ -94,22 +94,26 @@ def discover(
     )
     fit = _finished(records, found)
     estimate = estimate_of(fit, found.structure, records)
-    exact = fit.model_error == 0.0
-    whole = [(not exact, _INEXACT), (not seen, _SUMMED), (not found.settled, _UNSETTLED)]
+    search = [
+        (fit.model_error > 0.0, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
+        (not seen, Verdict.DISPLACEMENTS_INTEGRATED, _SUMMED),
+        (not found.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
+    ]
+    verdicts = (*estimate.verdicts, *(verdict for holds, verdict, _ in search if holds))
     remarks = (
-        *(told for holds, told in whole if holds),
+        *(remark for holds, _, remark in search if holds),
         *remarks,
         *_dropped_unseen(len(pool.entries) - len(sieve.tested)),
-        *(exchange_remarks(found) if estimate.status == CONVERGED and found.settled else ()),
+        *(exchange_remarks(found) if estimate.trusted and found.settled else ()),
     )
     seconds = perf_counter() - begun
     return Discovery(
         estimate=replace(estimate, seconds=seconds),
-        terms=evidence(found, pool, trusted=found.settled and seen and exact and estimate.trusted, alike=ahead.alike),
+        terms=evidence(found, pool, trusted=is_trusted(verdicts), alike=ahead.alike),
         path=path(found),
         runners_up=runners_up(found),
         remarks=remarks,
-        settled=found.settled, seen=seen, exact=exact, rounds=found.rounds, seconds=seconds,
+        verdicts=verdicts, rounds=found.rounds, seconds=seconds,
     )  # fmt: skip
 
 

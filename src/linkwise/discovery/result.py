@@ -9,6 +9,7 @@ from typing import Any
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
+from linkwise.verdict import Decision, Verdict, is_trusted
 
 CERTAIN = 10.0  # on the criterion: the odds are exp(5) to 1 and better, "very strong" (Kass and Raftery 1995)
 
@@ -18,8 +19,8 @@ class TermEvidence:
     """A candidate: the `term` ("d**3") of `link`, with the coefficient `name` ("m2-m1.k3"), `kept` or dropped.
 
     `value` and `standard_error` in `unit` are what was found, or what would be if it were added. `z` is their ratio. `margin`
-    is by how much the criterion rises if the decision is turned round: more than `CERTAIN` is very strong. `told` is False
-    where the record cannot tell it beside the terms that were kept, `reliable` is False where the fit is not to be trusted,
+    is by how much the criterion rises if the decision is turned round: more than `CERTAIN` is very strong. `identifiable` is
+    False where the record cannot tell it beside the terms that were kept, `unambiguous` where the fit is not to be trusted,
     where an exchange of this term for or with another costs less than `CERTAIN`, or where an end of its link moved so much
     like another mass that the link may be the other's.
     """
@@ -30,17 +31,24 @@ class TermEvidence:
     term: str
     unit: str
     kept: bool
-    told: bool
-    reliable: bool
+    identifiable: bool
+    unambiguous: bool
     value: float
     standard_error: float
     z: float
     margin: float
 
     @property
+    def decision(self) -> Decision:
+        """How firm it is by this record that the term is kept or dropped."""
+        if not self.identifiable:
+            return Decision.NOT_IDENTIFIABLE
+        return Decision.CERTAIN if self.unambiguous and self.margin > CERTAIN else Decision.DOUBTFUL
+
+    @property
     def certain(self) -> bool:
         """Whether the decision is beyond doubt by this record."""
-        return self.told and self.reliable and self.margin > CERTAIN
+        return self.decision is Decision.CERTAIN
 
     @property
     def penalty(self) -> float:
@@ -79,10 +87,7 @@ class Discovery:
     `estimate` holds the discovered structure with all intervals, as `identify` gives them. `terms` lists every candidate that
     was tested by likelihood, the most certain of those kept first, with values as they were when the decision was made (a
     model error then changes those of `estimate`); `path` the cost against the number of terms; `runners_up` the next best
-    models, best first. `remarks` say what this record cannot tell. `settled` is False where the search ran out of rounds or
-    came back to a choice it had left, and then nothing is to be trusted; `seen` is False where displacements had to be summed
-    up from velocities or accelerations, from which a wrong structure may follow; `exact` is False where the laws explain the
-    record only with a model error, since the terms found may then stand in for others that were not on offer.
+    models, best first. `remarks` say what this record cannot tell. `verdicts` are those of the estimate and of the search.
     """
 
     estimate: Estimate
@@ -90,9 +95,7 @@ class Discovery:
     path: tuple[PathPoint, ...]
     runners_up: tuple[RunnerUp, ...]
     remarks: tuple[str, ...]
-    settled: bool
-    seen: bool
-    exact: bool
+    verdicts: tuple[Verdict, ...]
     rounds: int
     seconds: float
 
@@ -103,8 +106,8 @@ class Discovery:
 
     @property
     def trusted(self) -> bool:
-        """Whether the search settled, on displacements that were seen, and the fit can be trusted without a model error."""
-        return self.settled and self.seen and self.exact and self.estimate.trusted
+        """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
 
     @cached_property
     def kept(self) -> tuple[TermEvidence, ...]:
@@ -118,9 +121,16 @@ class Discovery:
 
     @cached_property
     def in_doubt(self) -> tuple[str, ...]:
-        """The links that were found and of which no term is certain: they may be other links' in truth."""
-        firm = {term.link for term in self.kept if term.certain}
-        return tuple(dict.fromkeys(term.link for term in self.kept if term.link not in firm))
+        """The links that were found and not stated, and of which no term is certain: they may be other links' in truth."""
+        return tuple(
+            dict.fromkeys(term.link for term in self.kept if self.decision(term.link) is not Decision.CERTAIN)
+        )
+
+    def decision(self, link: str) -> Decision:
+        """How firm it is that `link` is there: certain where it was stated, or where one of its terms is."""
+        tested = {term.name: term.certain for term in self.kept}
+        names = (f"{link}.{name}" for name in self.structure.link(link).coefficients)
+        return Decision.CERTAIN if any(tested.get(name, True) for name in names) else Decision.DOUBTFUL
 
     def certainty(self, link: str) -> float:
         """By how much the criterion rises without the most certain term of a link; infinite for stated ones."""
@@ -140,9 +150,11 @@ class Discovery:
             "seconds": self.seconds,
             "remarks": list(self.remarks),
             "links_in_doubt": list(self.in_doubt),
-            "settled": self.settled,
-            "seen": self.seen,
-            "exact": self.exact,
+            "verdicts": [verdict.name for verdict in self.verdicts],
+            "trusted": self.trusted,
+            "settled": Verdict.SEARCH_UNSETTLED not in self.verdicts,
+            "seen": Verdict.DISPLACEMENTS_INTEGRATED not in self.verdicts,
+            "exact": Verdict.TERMS_MAY_BE_MISSING not in self.verdicts,
             "terms": [_as_dict(term) for term in self.terms],
             "path": [
                 {
@@ -164,9 +176,10 @@ def _as_dict(term: TermEvidence) -> dict[str, Any]:
         "between": list(term.between),
         "term": term.term,
         "kept": term.kept,
-        "reliable": term.reliable,
+        "reliable": term.unambiguous,
         "certain": term.certain,
-        "told": term.told,
+        "told": term.identifiable,
+        "decision": term.decision.value,
         "value": term.value,
         "standard_error": term.standard_error,
         "unit": term.unit,

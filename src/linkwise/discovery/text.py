@@ -8,6 +8,7 @@ from textwrap import fill
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.text import as_text, columns, error_number, number
+from linkwise.verdict import Decision
 
 Rows = list[tuple[str, ...]]
 
@@ -61,12 +62,11 @@ def headline(found: Discovery) -> tuple[str, ...]:
         "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     )
     rounds = f"{found.rounds} round{'' if found.rounds == 1 else 's'}"
-    settled = "" if found.settled else "The search did not settle: this is the best so far. "
-    settled += "" if found.seen else "Not every displacement was measured: links or terms may be false. "
+    search = "".join(f"{verdict.value} " for verdict in found.verdicts if verdict not in estimate.verdicts)
     return (
         f"{_counted(len(estimate.masses), 'mass', 'masses')}, {_counted(len(estimate.links), 'link')} with "
         f"{_counted(terms, 'term')}: {trust}",
-        f"{settled}{estimate.message} {doubts(found)} ({len(found.terms)} candidates tested, {estimate.samples} samples{chi}, "
+        f"{search}{estimate.message} {doubts(found)} ({len(found.terms)} candidates tested, {estimate.samples} samples{chi}, "
         f"{rounds}, {found.seconds:.2g} s)",
     )
 
@@ -90,15 +90,8 @@ def by_certainty(found: Discovery) -> list[LinkEstimate]:
 
 def link_title(found: Discovery, each: LinkEstimate) -> str:
     """Name, kind, law and ends of a link."""
-    mark = "" if is_certain(found, each.link.name) or not found.trusted else " (in doubt)"
+    mark = "" if found.decision(each.link.name) is Decision.CERTAIN or not found.trusted else " (in doubt)"
     return f"{each.link.name}{mark}, {each.kind}: {each.link.law.text}"
-
-
-def is_certain(found: Discovery, link: str) -> bool:
-    """Whether a link is there beyond doubt: it was stated, or one of its terms is certain."""
-    names = {f"{link}.{name}" for name in found.structure.link(link).coefficients}
-    tested = {term.name: term.certain for term in found.kept}
-    return any(tested.get(name, True) for name in names)
 
 
 def term_rows(found: Discovery, each: LinkEstimate) -> Rows:
@@ -132,7 +125,7 @@ def _term_row(each: CoefficientEstimate, term: TermEvidence | None, *, marked: b
 
 def doubt_title(found: Discovery, certain: float) -> str:
     """What stands above the doubts."""
-    more = found.trusted and any(not term.reliable for term in found.doubtful)
+    more = found.trusted and any(not term.unambiguous for term in found.doubtful)
     return f"in doubt: the margin is {certain:g} or less{', masses moved alike, or another term would do' if more else ''}"
 
 
@@ -140,10 +133,14 @@ def doubt_rows(found: Discovery, certain: float) -> Rows:
     """What is not beyond doubt, the most doubtful first; of an answer that is not to be trusted, what is close besides."""
     rows: Rows = [DOUBT_HEAD]
     for term in found.doubtful:
-        if not found.trusted and term.told and term.margin > certain:
+        if not found.trusted and term.identifiable and term.margin > certain:
             continue
         size = abs(term.standard_error) if isfinite(term.standard_error) else None
-        value = f"{number(term.value, size)} {term.unit}" if term.told else "not told beside what was kept"
+        value = (
+            f"{number(term.value, size)} {term.unit}"
+            if term.identifiable
+            else "not told beside what was kept"
+        )
         rows.append(
             (
                 term.link,

@@ -21,11 +21,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.text import as_text
-
-CONVERGED = "converged"
-NOT_CONVERGED = "not converged"
-CHI_SQUARE_OFF = "chi-square off"
-UNEXPLAINED = "forces unexplained"
+from linkwise.verdict import Verdict, is_trusted, status_of
 
 
 @dataclass(frozen=True)
@@ -57,8 +53,8 @@ class NoiseEstimate:
 class Estimate:
     """Values `values` (p,) of the unknowns `parameters` of `asked`, with their `covariance` (p, p), from `record`.
 
-    `status` is "converged", "not converged", "chi-square off" or, from a method that knows no noise, "forces unexplained", and
-    `message` says what that means here; without convergence, or with residuals that noise does not explain
+    `verdicts` are what can be said of the answer as a whole, and `message` says what the first of them means here; without
+    convergence, or with residuals that noise does not explain
     (`chi_square_per_sample` far from 1), no interval is given.
     `moved` tells, when asked, how the identified links moved; `profile` gives, for a likelihood fit, the profile-likelihood
     interval of a parameter, from its name, its standard error and a function that is told each value tried.
@@ -67,7 +63,7 @@ class Estimate:
     """
 
     method: str
-    status: str
+    verdicts: tuple[Verdict, ...]
     message: str
     seconds: float
     asked: Structure
@@ -86,8 +82,13 @@ class Estimate:
 
     @property
     def trusted(self) -> bool:
-        """Whether the estimator converged and the noise explains what is left."""
-        return self.status == CONVERGED
+        """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
+
+    @property
+    def status(self) -> str:
+        """ "converged", or the first verdict that forbids trust: "not converged", "chi-square off", "forces unexplained"."""
+        return status_of(self.verdicts)
 
     @cached_property
     def motion(self) -> LinkMotion:
@@ -149,6 +150,8 @@ class Estimate:
         return {
             "method": self.method,
             "status": self.status,
+            "verdicts": [verdict.name for verdict in self.verdicts],
+            "trusted": self.trusted,
             "message": self.message,
             "seconds": self.seconds,
             "noise": {

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
+from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.likelihood.anneal import Progress, Status
 from linkwise.likelihood.attempts import first_good
@@ -21,6 +21,7 @@ from linkwise.likelihood.starts.inverse_dynamics import drifts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
+from linkwise.verdict import Verdict
 from linkwise.weak.displacements import read_motion
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.estimate import weak_search
@@ -60,10 +61,10 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
     """What a fit of `structure` to `records` says, and how far it can be trusted."""
     found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(found)
-    status, message = _judged(fit, identified)
+    verdict, message = _judged(fit, identified)
     return Estimate(
         method="ml",
-        status=status,
+        verdicts=(verdict,),
         message=message,
         seconds=0.0,
         asked=structure,
@@ -112,12 +113,12 @@ def _start(
     return values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))
 
 
-def _judged(fit: LikelihoodFit, identified: Structure) -> tuple[str, str]:
+def _judged(fit: LikelihoodFit, identified: Structure) -> tuple[Verdict, str]:
     if fit.status is not Status.CONVERGED:
         told = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
-        return NOT_CONVERGED, told
+        return Verdict.NOT_CONVERGED, told
     if fit.chi_square_off:
-        return CHI_SQUARE_OFF, (
+        return Verdict.NOISE_MISMATCH, (
             f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise, so no interval is given: the noise is not what "
             "was stated or found, a term is missing from a law, or a link from the structure. The values are the best of "
             "these laws."
@@ -126,9 +127,12 @@ def _judged(fit: LikelihoodFit, identified: Structure) -> tuple[str, str]:
         share = _share(fit, identified)
         told = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
         if share > _LITTLE:
-            return CHI_SQUARE_OFF, f"{told}; that is too much for intervals: a term or a link is missing."
-        return CONVERGED, f"{told}, a model error that all intervals count in."
-    return CONVERGED, "The laws explain the record to within its noise."
+            return (
+                Verdict.UNEXPLAINED_FORCES,
+                f"{told}; that is too much for intervals: a term or a link is missing.",
+            )
+        return Verdict.MODEL_ERROR_NEEDED, f"{told}, a model error that all intervals count in."
+    return Verdict.CONVERGED, "The laws explain the record to within its noise."
 
 
 def _share(fit: LikelihoodFit, identified: Structure) -> float:

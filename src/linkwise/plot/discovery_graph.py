@@ -15,10 +15,11 @@ from matplotlib.lines import Line2D
 from linkwise.analysis.law_kind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.arrays import Floats
 from linkwise.discovery.result import CERTAIN, Discovery
-from linkwise.discovery.text import headline, is_certain
+from linkwise.discovery.text import headline
 from linkwise.plot.graph_layout import places
 from linkwise.plot.palette import SEEN, SERIES, TRUE, scale
 from linkwise.plot.style import sheet
+from linkwise.verdict import Decision
 
 _COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: SEEN}
 _OTHER = SERIES[5]
@@ -99,7 +100,7 @@ def _edges(found: Discovery, names: Sequence[str]) -> tuple[list[Edge], list[str
         link = each.link
         reach = max(abs(end) for end in each.d_range)
         stiffness = max(abs(float(link.force(side))) for side in (-reach, reach)) / reach
-        certain = is_certain(found, link.name)
+        certain = found.decision(link.name) is Decision.CERTAIN
         edges.append(Edge(*ends(link.between), each.kind, stiffness, certain, True, link.name in unsure))
     linked = {frozenset(each.link.between) for each in found.estimate.links}
     faint: list[tuple[str, str]] = []
@@ -107,7 +108,7 @@ def _edges(found: Discovery, names: Sequence[str]) -> tuple[list[Edge], list[str
         pair = frozenset(term.between)
         if (
             not term.kept
-            and term.told
+            and term.identifiable
             and term.margin <= CERTAIN
             and pair not in linked
             and len(faint) < _FAINT

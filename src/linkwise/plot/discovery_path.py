@@ -76,7 +76,7 @@ def _draw_runners(axes: Axes, runners: tuple[RunnerUp, ...]) -> None:
 def evidence_figure(found: Discovery) -> Figure:
     """What each term kept explains, and each of the nearest dropped would: a bar for z**2, a stroke for its price."""
     kept = found.kept[:_KEPT]
-    dropped = [term for term in found.terms if not term.kept and term.told]
+    dropped = [term for term in found.terms if not term.kept and term.identifiable]
     near = sorted(dropped, key=lambda term: term.margin)[:_DROPPED]
     rows = [*kept, *near]
     with sheet(width=6.3, height=1.5 + _ROW * max(len(rows), 4)) as (figure, [axes]):

@@ -14,12 +14,12 @@ from linkwise.discovery.text import (
     doubt_rows,
     doubt_title,
     headline,
-    is_certain,
     next_rows,
     term_rows,
 )
 from linkwise.report.estimate_page import TEMPLATES, page_parts
 from linkwise.report.section_page import embedded
+from linkwise.verdict import Decision
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 
@@ -60,7 +60,7 @@ def _rows(found: Discovery) -> list[tuple[str, ...]]:
     rows = []
     for each in by_certainty(found):
         name = each.link.name + (
-            "" if is_certain(found, each.link.name) or not found.trusted else " (in doubt)"
+            "" if found.decision(each.link.name) is Decision.CERTAIN or not found.trusted else " (in doubt)"
         )
         title = (name, " – ".join(each.link.between), each.kind)
         for number, row in enumerate(term_rows(found, each)):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import CONVERGED, UNEXPLAINED, Estimate, NoiseEstimate
+from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -19,6 +19,7 @@ from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.regressor import Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
+from linkwise.verdict import Verdict
 
 _REGRESSORS: dict[str, type[Regressor]] = {"stlsq": Stlsq, "l1": L1, "least-squares": LeastSquares}
 
@@ -64,10 +65,10 @@ def classical_estimate(record: Record, structure: Structure, classical: Classica
     identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
     order = [states.masses.index(name) for name in structure.mass_names]
     d = identified.elongations(states.x[:, order], states.base)
-    status, message = _judged(float(fit.residual[0]))
+    verdict, message = _judged(float(fit.residual[0]))
     return Estimate(
         method="sindy",
-        status=status,
+        verdicts=(verdict,),
         message=message,
         seconds=0.0,
         asked=structure,
@@ -94,14 +95,14 @@ def classical_estimate(record: Record, structure: Structure, classical: Classica
     )
 
 
-def _judged(unexplained: float) -> tuple[str, str]:
+def _judged(unexplained: float) -> tuple[Verdict, str]:
     told = f"Sparse regression on derivatives leaves {100.0 * unexplained:.3g} % of the forces unexplained"
     if unexplained > _MOST:
-        return UNEXPLAINED, (
+        return Verdict.UNEXPLAINED_FORCES, (
             f"{told}: a term is missing, or noise in the derivatives hides them. What noise there is in the columns pulls the "
             'values towards zero, and nothing here tells by how much; methods "weak" and "ml" take it out.'
         )
-    return CONVERGED, (
+    return Verdict.NO_INTERVALS, (
         f"{told}. Its standard errors take samples as independent and columns as free of noise, which derivatives are not, so "
         'no interval is given: methods "weak" and "ml" have them.'
     )

@@ -10,7 +10,6 @@ from typing import Any, Literal, final
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.estimate import CONVERGED
 from linkwise.expression import polynomial
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
@@ -27,6 +26,7 @@ from linkwise.sindy.regression.regressor import Fit, Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
 from linkwise.study.method import MethodResult, StudyMethod
 from linkwise.study.subject import Subject
+from linkwise.verdict import Verdict
 
 RegressorName = Literal["least-squares", "stlsq", "l1"]
 
@@ -58,7 +58,7 @@ class MonomialMethod(StudyMethod):
             links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
             d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
             found.update(_coefficients(structure.link(name), d, force))
-        return MethodResult(CONVERGED, seconds, links, found)
+        return MethodResult(Verdict.CONVERGED.status, seconds, links, found)
 
     def document(self) -> dict[str, Any]:
         return {

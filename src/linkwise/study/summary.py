@@ -7,10 +7,10 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from linkwise.estimates.estimate import CONVERGED
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
 from linkwise.text import columns
+from linkwise.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def cell_record(cell: Cell) -> dict[str, Any]:
         "cases": cell.expected,
         "done": cell.done,
         "failed": len(cell.failures),
-        "untrusted": sum(row.status != CONVERGED for row in cell.answers),
+        "untrusted": sum(row.status != Verdict.CONVERGED.status for row in cell.answers),
         "median": cell.nmse,
         "low": cell.low,
         "high": cell.high,

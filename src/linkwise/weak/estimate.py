@@ -10,11 +10,12 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import CHI_SQUARE_OFF, CONVERGED, NOT_CONVERGED, Estimate, NoiseEstimate
+from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
+from linkwise.verdict import Verdict
 from linkwise.weak.displacements import SeenMotion, differences, read_motion
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit
@@ -34,10 +35,10 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
     with one_blas_thread():
         motion = read_motion(record, structure)
         equations, fit, settled = weak_search(record, structure, motion)
-    status, message = _judged(record, equations, fit) if settled else (NOT_CONVERGED, _UNSETTLED)
+    verdict, message = _judged(record, equations, fit) if settled else (Verdict.NOT_CONVERGED, _UNSETTLED)
     return Estimate(
         method="weak",
-        status=status,
+        verdicts=(verdict,),
         message=message,
         seconds=0.0,
         asked=structure,
@@ -108,23 +109,23 @@ def _nonlinear(structure: Structure) -> set[str]:
     }
 
 
-def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[str, str]:
+def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Verdict, str]:
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
         larger = ", or larger than stated" if record.noise else ""
         share = _model_error(equations, fit)
-        return CHI_SQUARE_OFF, (
+        return Verdict.NOISE_MISMATCH, (
             f"The laws explain the record to within {100.0 * share:.3g} % of its forces, which is {times} what noise "
             "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
             f"record, or the noise is not white{larger}. The values are the best of these laws."
         )
     if fit.excess < lowest and record.noise and not equations.motion.quiet:
-        return CHI_SQUARE_OFF, (
+        return Verdict.NOISE_MISMATCH, (
             f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
             "stated, and taking out its bias has bent the values. State it right, or not at all."
         )
-    return CONVERGED, "The laws explain the record to within its noise."
+    return Verdict.CONVERGED, "The laws explain the record to within its noise."
 
 
 def _limits(windows: float) -> tuple[float, float]:

@@ -1,0 +1,100 @@
+"""What can be said of an answer: the one notion of trust that every result, message, exit code and page shares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import Enum
+
+
+class Verdict(Enum):
+    """A finding about an answer as a whole; its value is the advice that goes with it.
+
+    A result carries all that apply, the most important first, and can be trusted where none of them `forbids` it.
+
+    Attributes
+    ----------
+    value : str
+        What it means, and what to do about it.
+    forbids : bool
+        Whether an answer with this verdict must not be trusted.
+    status : str
+        The verdict in lower-case words, "not converged".
+
+    Examples
+    --------
+    >>> from linkwise import Verdict
+    >>> Verdict.NOT_CONVERGED.forbids, Verdict.CONVERGED.forbids
+    (True, False)
+    >>> Verdict.NOISE_MISMATCH.status
+    'chi-square off'
+    """
+
+    CONVERGED = "The search converged and noise explains what the laws leave of the record."
+    NO_INTERVALS = (
+        "The method gives no intervals: its standard errors take samples as independent and regressors as exact. "
+        'Use method "weak" or "ml" for intervals.'
+    )
+    MODEL_ERROR_NEEDED = (
+        "The laws explain the record only with a model error, which all intervals count as a random force."
+    )
+    NOT_CONVERGED = (
+        "The search did not converge: the values are the best so far. Give better starts or a longer record."
+    )
+    NOISE_MISMATCH = (
+        "The residuals are not as large as the noise that was stated or found: the noise is another one, a term is missing "
+        "from a law, or a link from the structure."
+    )
+    UNEXPLAINED_FORCES = (
+        "The laws leave too much of the forces unexplained: a term or a link is missing, or noise hides them."
+    )
+    SEARCH_UNSETTLED = (
+        "The search for terms did not settle: this is the best model so far, and another may be better."
+    )
+    DISPLACEMENTS_INTEGRATED = (
+        "Displacements were integrated from velocities or accelerations: links or terms may be false. Measure the "
+        "displacements too."
+    )
+    TERMS_MAY_BE_MISSING = (
+        "The terms found explain the record only with a model error: they may stand in for terms that were not offered. "
+        "Offer more terms."
+    )
+    ENERGY_BALANCE_OPEN = (
+        "The energy balance of a simulation does not close: do not trust its shares of energy."
+    )
+
+    @property
+    def forbids(self) -> bool:
+        """Whether an answer with this verdict must not be trusted."""
+        return self not in _ADMISSIBLE
+
+    @property
+    def status(self) -> str:
+        """The verdict in lower-case words."""
+        return _STATUS.get(self, self.name.replace("_", " ").lower())
+
+
+_ADMISSIBLE = frozenset({Verdict.CONVERGED, Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED})
+_STATUS = {  # as result.json has always named them
+    Verdict.NOISE_MISMATCH: "chi-square off",
+    Verdict.UNEXPLAINED_FORCES: "forces unexplained",
+    Verdict.NO_INTERVALS: "converged",
+    Verdict.MODEL_ERROR_NEEDED: "converged",
+}
+
+
+def is_trusted(verdicts: Iterable[Verdict]) -> bool:
+    """Whether none of the verdicts forbids trust."""
+    return not any(verdict.forbids for verdict in verdicts)
+
+
+def status_of(verdicts: Iterable[Verdict]) -> str:
+    """The status of the first verdict that forbids trust, "converged" where none does."""
+    return next((verdict.status for verdict in verdicts if verdict.forbids), Verdict.CONVERGED.status)
+
+
+class Decision(Enum):
+    """How firm a decision on a term or a link is by a record."""
+
+    CERTAIN = "certain"
+    DOUBTFUL = "doubtful"
+    NOT_IDENTIFIABLE = "not identifiable"

@@ -1,0 +1,39 @@
+"""The one notion of trust: what forbids it, and what results print of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import linkwise as lw
+from linkwise.verdict import Verdict, is_trusted, status_of
+
+ADMISSIBLE = {Verdict.CONVERGED, Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED}
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_every_verdict_advises_and_forbids_or_not(verdict: Verdict) -> None:
+    assert verdict.value.endswith(".") and len(verdict.value) > 40
+    assert verdict.forbids is (verdict not in ADMISSIBLE)
+    assert verdict.status == verdict.status.lower() and (verdict.status == "converged") is not verdict.forbids
+
+
+def test_one_verdict_that_forbids_is_enough() -> None:
+    assert is_trusted((Verdict.CONVERGED, Verdict.MODEL_ERROR_NEEDED)) and is_trusted(())
+    assert not is_trusted((Verdict.CONVERGED, Verdict.SEARCH_UNSETTLED))
+    assert status_of((Verdict.CONVERGED, Verdict.UNEXPLAINED_FORCES)) == "forces unexplained"
+    assert status_of((Verdict.MODEL_ERROR_NEEDED,)) == "converged"
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_text_data_and_intervals_of_an_estimate_follow_its_verdicts(
+    verdict: Verdict, fitted: lw.Estimate
+) -> None:
+    estimate = replace(fitted, verdicts=(verdict,))
+    told = estimate.to_dict()
+    assert told["verdicts"] == [verdict.name] and told["trusted"] is not verdict.forbids
+    assert told["status"] == estimate.status
+    first = str(estimate).splitlines()[0]
+    assert first.endswith("NOT to be trusted" if verdict.forbids else ", can be trusted")
+    assert (estimate.coefficient("nes1.alpha").interval is None) is verdict.forbids
