@@ -71,13 +71,20 @@ def local_search(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[in
     """The choice at which no single addition, removal or exchange lowers misfit plus price any more."""
     chosen = sorted(start)
     for _ in range(_MOVES):
-        best = ranked_moves(quadratic, penalty, chosen, swaps=False)[0]
-        if best.gain <= _GAIN:
-            best = ranked_moves(quadratic, penalty, chosen, swaps=True)[0]
-        if best.gain <= _GAIN:
+        move = _best_move(quadratic, penalty, chosen)
+        if move is None or move.gain <= _GAIN:
             break
-        chosen = sorted({*chosen, *([] if best.in_ is None else [best.in_])} - {best.out})
+        chosen = sorted({*chosen, *([] if move.in_ is None else [move.in_])} - {move.out})
     return chosen
+
+
+def _best_move(quadratic: QuadraticModel, penalty: Penalty, chosen: list[int]) -> Move | None:
+    """The one that gains most, an exchange only where nothing else gains; None where every coefficient was stated."""
+    for swaps in (False, True):
+        ranked = ranked_moves(quadratic, penalty, chosen, swaps=swaps)
+        if ranked and (swaps or ranked[0].gain > _GAIN):
+            return ranked[0]
+    return None
 
 
 def best(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
