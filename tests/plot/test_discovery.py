@@ -88,12 +88,12 @@ def test_a_search_that_did_not_settle_is_not_to_be_trusted(found: lw.Discovery) 
     assert lw.Verdict.SEARCH_UNSETTLED.value in " ".join(text.split()) and "! m2 hardly moved." in text
 
 
-def test_price_is_what_stands_between_evidence_and_margin(found: lw.Discovery) -> None:
+def test_penalty_is_what_stands_between_evidence_and_margin(found: lw.Discovery) -> None:
     """Within a link a term costs the same whether it is in or out; to begin a link costs more."""
-    prices = {term.name: term.price for term in found.terms}
-    assert prices["m2-m1.k2"] == pytest.approx(prices["m1-ground.k3"], rel=1e-8)  # same numerics
-    assert prices["m2-m1.k3"] == pytest.approx(prices["m2-m1.k2"], abs=1e-8 * found.kept[0].z ** 2)
-    assert prices["m2-ground.k"] > prices["m2-m1.k2"]
+    penalties = {term.name: term.penalty for term in found.terms}
+    assert penalties["m2-m1.k2"] == pytest.approx(penalties["m1-ground.k3"], rel=1e-8)  # same numerics
+    assert penalties["m2-m1.k3"] == pytest.approx(penalties["m2-m1.k2"], abs=1e-8 * found.kept[0].z ** 2)
+    assert penalties["m2-ground.k"] > penalties["m2-m1.k2"]
 
 
 def test_stated_links_are_certain(chain: lw.Structure, found: lw.Discovery) -> None:
