@@ -17,7 +17,7 @@ from scipy.linalg import qr, solve_triangular
 import linkwise as lw
 from linkwise.signals.noise import noise_sigma
 from linkwise.sindy.regression.gram import Gram
-from linkwise.sindy.regression.linear_system import StreamedEquations
+from linkwise.sindy.regression.linear_system import StreamedSystem
 
 SEED = 1000  # of the noise; nothing was tuned on it
 THRESHOLD = 0.01
@@ -72,12 +72,12 @@ def record() -> lw.Record:
 
 
 @pytest.fixture(scope="module")
-def exact(record: lw.Record) -> StreamedEquations:
+def exact(record: lw.Record) -> StreamedSystem:
     return lw.monomial_equations(lw.differentiate(record), 3)
 
 
 @pytest.fixture(scope="module")
-def noisy(record: lw.Record) -> StreamedEquations:
+def noisy(record: lw.Record) -> StreamedSystem:
     return lw.monomial_equations(lw.noisy_states(record, "states", 20.0, seed=SEED), 3)
 
 
@@ -116,14 +116,14 @@ def test_a_whole_path_of_thresholds_costs_a_few_products(data: str, request: pyt
         assert cost < 6 * unit
 
 
-def test_the_chosen_threshold_finds_the_equations_in_exact_data(exact: StreamedEquations) -> None:
+def test_the_chosen_threshold_finds_the_equations_in_exact_data(exact: StreamedSystem) -> None:
     fit = lw.Stlsq().fit(exact)
     # x' = v; frames at both ends, frames between, sinks
     assert fit.support.sum() == 10 + 2 * 10 + 3 * 12 + 5 * 8
     assert np.all(fit.residual < 1e-11)
 
 
-def test_coefficients_equal_those_of_qr(exact: StreamedEquations) -> None:
+def test_coefficients_equal_those_of_qr(exact: StreamedSystem) -> None:
     """Of exact data: on the supports found each coefficient, on all columns as a share of the largest term."""
     stored = exact.stored()
     scale = np.linalg.norm(stored.matrix, axis=0)

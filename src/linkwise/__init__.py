@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     )
     from linkwise.estimates.describing_function import Equivalent, equivalent
     from linkwise.estimates.estimate import Estimate
-    from linkwise.estimates.uncertainty import Knowledge, read_knowledge
+    from linkwise.estimates.uncertainty import Posterior, read_posterior
     from linkwise.files import read_record, write_record
     from linkwise.identification.force_error import nmse
     from linkwise.identification.identify import identify
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from linkwise.signals.states import differentiate
     from linkwise.simulation.simulate import simulate
     from linkwise.sindy.conventions import CONVENTIONS, noisy_states
-    from linkwise.sindy.estimate import Classical
+    from linkwise.sindy.estimate import PhysicsInformedSindy
     from linkwise.sindy.force_reading import READINGS, monomial_force, monomial_nmse
     from linkwise.sindy.library import link_columns, local_equations, monomial_equations
     from linkwise.sindy.regression.l1 import L1
@@ -96,7 +96,6 @@ __all__ = [
     "Absorption",
     "AbsorptionIntervals",
     "AbsorptionMap",
-    "Classical",
     "Coefficient",
     "Decision",
     "Discovery",
@@ -109,7 +108,6 @@ __all__ = [
     "Huber",
     "IdentificationError",
     "Impulse",
-    "Knowledge",
     "Known",
     "Law",
     "LawError",
@@ -119,6 +117,8 @@ __all__ = [
     "Link",
     "LinkwiseError",
     "Mass",
+    "PhysicsInformedSindy",
+    "Posterior",
     "Record",
     "RecordError",
     "Row",
@@ -163,8 +163,8 @@ __all__ = [
     "parse_structure",
     "parse_terms",
     "profile_interval",
-    "read_knowledge",
     "read_known",
+    "read_posterior",
     "read_record",
     "read_rows",
     "read_structure",
@@ -193,14 +193,14 @@ _HOMES = {
     "report.absorption_folder": ("write_absorption", "write_absorption_map"),
     "report.absorption_json": ("absorption_of",),
     "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
-    "estimates.uncertainty": ("Knowledge", "read_knowledge"),
+    "estimates.uncertainty": ("Posterior", "read_posterior"),
     "absorption.result": ("Absorption",),
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
     "report.estimate_folder": ("write_result",),
     "report.estimate_json": ("result_of",),
     "identification.limit_result": ("Limit",),
     "model.chains": ("bnes_chain",),
-    "sindy.estimate": ("Classical",),
+    "sindy.estimate": ("PhysicsInformedSindy",),
     "sindy.conventions": ("CONVENTIONS", "noisy_states"),
     "signals.states": ("differentiate",),
     "estimates.describing_function": ("Equivalent", "equivalent"),
@@ -263,7 +263,11 @@ _HOMES = {
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 # Old spellings of public names; they warn and are not listed by dir(). CONTRIBUTING.md says when one may go.
-_DEPRECATED: dict[str, Deprecated] = {}
+_DEPRECATED = {
+    "Classical": Deprecated("PhysicsInformedSindy", since="0.2.0", until="0.4.0"),
+    "Knowledge": Deprecated("Posterior", since="0.2.0", until="0.4.0"),
+    "read_knowledge": Deprecated("read_posterior", since="0.2.0", until="0.4.0"),
+}
 
 
 def __getattr__(name: str) -> object:

@@ -15,10 +15,10 @@ from linkwise.cli import run
 TRIAL = {"duration": 1.0, "rate": 500.0, "release": {"v:m1": 1.0}}
 
 
-def known(covariance: list[list[float]], *names: str, lower: float = -np.inf) -> lw.Knowledge:
+def known(covariance: list[list[float]], *names: str, lower: float = -np.inf) -> lw.Posterior:
     chain = lw.bnes_chain(2)
     count = len(names)
-    return lw.Knowledge(chain, names, np.array(covariance), np.full(count, lower), np.full(count, np.inf))
+    return lw.Posterior(chain, names, np.array(covariance), np.full(count, lower), np.full(count, np.inf))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
 
 def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
     chain = lw.bnes_chain(6)
-    knowledge = lw.Knowledge(
+    knowledge = lw.Posterior(
         chain, ("nes1.alpha",), np.array([[1.0]]), np.array([-np.inf]), np.array([np.inf])
     )
     told = lw.absorption_intervals(knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8)
@@ -111,7 +111,7 @@ def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
     )
     fit = lw.identify(record, shared, method="weak")
     assert fit.trusted
-    knowledge = lw.Knowledge.of(fit)
+    knowledge = lw.Posterior.of(fit)
     assert knowledge.names == ("nes1.alpha", "nes2.alpha")
     drawn = knowledge.draws(50, seed=1)
     np.testing.assert_allclose(drawn[:, 0], drawn[:, 1], rtol=1e-9)  # the root of a singular matrix
@@ -119,7 +119,7 @@ def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
 
 
 def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Estimate) -> None:
-    found, true = lw.read_knowledge(folder), lw.Knowledge.of(fitted)
+    found, true = lw.read_posterior(folder), lw.Posterior.of(fitted)
     assert found.structure == fitted.structure and found.names == true.names
     np.testing.assert_array_equal(found.covariance, true.covariance)
     result = json.loads((folder / "result.json").read_text())
@@ -133,7 +133,7 @@ def test_an_answer_not_to_be_trusted_has_no_intervals(fitted: lw.Estimate, tmp_p
     lw.write_result(bad, tmp_path / "bad")
     assert not (tmp_path / "bad" / "covariance.csv").exists()
     with pytest.raises(lw.RecordError, match=r"covariance\.csv: .* is not to be trusted \(not converged\)"):
-        lw.read_knowledge(tmp_path / "bad")
+        lw.read_posterior(tmp_path / "bad")
 
 
 def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
     with pytest.raises(
         lw.RecordError, match="no answer of identify either; give a structure file or a folder"
     ):
-        lw.read_knowledge(tmp_path)
+        lw.read_posterior(tmp_path)
     path = tmp_path / "covariance.csv"
     for lines, message in (
         (
@@ -153,10 +153,10 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
     ):
         path.write_text(f"first,second,covariance\n{lines}")
         with pytest.raises(lw.RecordError, match=message):
-            lw.read_knowledge(tmp_path)
+            lw.read_posterior(tmp_path)
     path.write_text("first,second,covariance\nnes7.alpha,nes7.alpha,1\n")
     with pytest.raises(lw.StructureError, match=r'there is no coefficient "nes7.alpha"'):
-        lw.read_knowledge(tmp_path)
+        lw.read_posterior(tmp_path)
 
 
 def test_draws_that_diverge_are_no_answer() -> None:
@@ -177,7 +177,7 @@ def test_the_command_reads_the_folder_of_an_answer(
     assert page.index("<h2>Intervals") < page.index("<h2>Primary masses")
     assert run(["absorb", str(folder), *options, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    same = lw.absorption_intervals(lw.read_knowledge(folder), **TRIAL, draws=20, seed=3)
+    same = lw.absorption_intervals(lw.read_posterior(folder), **TRIAL, draws=20, seed=3)
     share = same.quantity("sinks_share")
     assert told["intervals"]["sinks_share"]["interval"] == [share.lower, share.upper]
     assert told["draws"] == 20 and told["seed"] == 3

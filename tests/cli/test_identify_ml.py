@@ -214,7 +214,7 @@ def test_classical_choices_reach_the_fit(files: Path) -> None:
     same = lw.identify(
         lw.read_record(files / "run.csv"),
         lw.read_structure(files / "unknown.toml"),
-        method=lw.Classical("savgol", "l1"),
+        method=lw.PhysicsInformedSindy("savgol", "l1"),
     )
     assert alpha(found)["value"] == pytest.approx(same.coefficient("nes1.alpha").value, rel=1e-8)
 

@@ -15,7 +15,7 @@ from linkwise.discovery.evidence import evidence, exchange_remarks
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.selection import Selection
-from linkwise.likelihood.fit import Options, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
 
 #: Of cost: where two fits end within 0.02 of their least cost each, and the parabola is one to the third order.
 WITHIN = 0.05
@@ -37,7 +37,7 @@ class Case:
         starts = {term.name: (term.value, term.standard_error) for term in self.found.terms}
         theta, spread = np.array([starts[parameter.name] for parameter in structure.parameters]).T
         fit = likelihood_fit(
-            [self.record], structure, theta, spread=spread, options=Options(model_error=False)
+            [self.record], structure, theta, spread=spread, options=LikelihoodOptions(model_error=False)
         )
         assert fit.status.name == "CONVERGED"
         cost = fit.misfit.cost(fit.optimum.q)

@@ -10,7 +10,7 @@ import pytest
 import linkwise as lw
 from linkwise.discovery.discover import candidate_pool
 from linkwise.discovery.inactive_terms import inactive_remark, inactive_terms
-from linkwise.weak.displacements import read_motion
+from linkwise.weak.displacements import read_displacements
 
 TERMS = "v, d, contact(0.004), friction(0.01)"
 MASSES = {"m1": 1.0, "m2": 0.3}
@@ -53,7 +53,7 @@ def soft() -> lw.Record:
 
 def inactive(*records: lw.Record) -> set[str]:
     pool = candidate_pool(records, MASSES, TERMS)
-    motions = [read_motion(record, pool.everything) for record in records]
+    motions = [read_displacements(record, pool.everything) for record in records]
     return set(inactive_terms(motions, [record.rate for record in records], pool))
 
 
@@ -94,7 +94,7 @@ def test_smooth_terms_and_gaps_are_not_taken_for_silence(hard: lw.Record) -> Non
     values[500:700, 0] = np.nan
     assert inactive(replace(hard, values=values)) == set()
     pool = candidate_pool([hard], MASSES, "v, d**3, v*abs(v)")
-    assert inactive_terms([read_motion(hard, pool.everything)], [hard.rate], pool) == ()
+    assert inactive_terms([read_displacements(hard, pool.everything)], [hard.rate], pool) == ()
 
 
 def test_few_are_named_and_the_rest_counted() -> None:

@@ -14,7 +14,7 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.discover import candidate_pool
 from linkwise.discovery.displacements import with_displacements
 from linkwise.discovery.screen import ScreenResult, screen
-from linkwise.weak.displacements import read_motion
+from linkwise.weak.displacements import read_displacements
 
 #: The elastic terms of the chain of four masses under the names of the candidates.
 ELASTIC = {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m2-m1.k3", "m4-m3.k", "m4-m3.k3"}
@@ -28,7 +28,7 @@ def chain_record(decibel: float, seed: int) -> lw.Record:
 def run(record: lw.Record, structure: lw.Structure) -> tuple[ScreenResult, Candidates]:
     pool = candidate_pool([record], masses(structure), "cubic")
     seen = with_displacements(record, pool.masses)
-    return screen([seen], [read_motion(seen, pool.everything)], pool), pool
+    return screen([seen], [read_displacements(seen, pool.everything)], pool), pool
 
 
 def elastic(names: frozenset[str], pool: Candidates) -> set[str]:

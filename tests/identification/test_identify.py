@@ -219,7 +219,7 @@ def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Struc
     with pytest.raises(
         lw.IdentificationError, match='"ridge" is no regressor; there are stlsq, l1, least-squares'
     ):
-        lw.Classical(regressor="ridge")
+        lw.PhysicsInformedSindy(regressor="ridge")
 
 
 # --- the paper's method
@@ -228,7 +228,7 @@ def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Struc
 @pytest.mark.parametrize("regressor", ["stlsq", "l1", "least-squares"])
 def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure, regressor: str) -> None:
     clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=2000.0)
-    fit = lw.identify(clean, chain.unknown("all"), method=lw.Classical(regressor=regressor))
+    fit = lw.identify(clean, chain.unknown("all"), method=lw.PhysicsInformedSindy(regressor=regressor))
     assert fit.trusted and fit.chi_square_per_sample is None
     for each in chain.links:
         found = fit.structure.link(each.name).values
@@ -242,7 +242,7 @@ def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure,
 @pytest.mark.parametrize("derivative", ["spline", "savgol", "differences"])
 def test_noise_in_derivatives_is_not_trusted(record: lw.Record, chain: lw.Structure, derivative: str) -> None:
     """At 30 dB alpha is 9 % off or more, by every derivative: no standard error of the regression tells."""
-    fit = lw.identify(record, chain.unknown("nes"), method=lw.Classical(derivative=derivative))
+    fit = lw.identify(record, chain.unknown("nes"), method=lw.PhysicsInformedSindy(derivative=derivative))
     assert not fit.trusted and fit.status == "forces unexplained"
     assert (
         "% of the forces unexplained: a term is missing, or noise in the derivatives hides them"

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from linkwise.likelihood.anneal import covariance
-from linkwise.likelihood.bordered_system import Bordered, Damping
+from linkwise.likelihood.bordered_system import BorderedSystem, Damping
 from linkwise.likelihood.segments import Scales
 
 M, P = 4, 3
 
 
-def dense(equations: Bordered) -> tuple[np.ndarray, np.ndarray]:
+def dense(equations: BorderedSystem) -> tuple[np.ndarray, np.ndarray]:
     """The whole matrix, nodes first, and the gradient."""
     nodes, m = equations.diagonal.shape[:2]
     size = nodes * m
@@ -33,7 +33,7 @@ def dense(equations: Bordered) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.fixture(params=[1, 2, 7], ids="{} nodes".format)
-def equations(request) -> Bordered:
+def equations(request) -> BorderedSystem:
     """Normal equations J'J of a Jacobian whose rows touch two neighbouring nodes and the border."""
     random, nodes = np.random.default_rng(5), request.param
     size = nodes * M
@@ -47,7 +47,7 @@ def equations(request) -> Bordered:
     jacobian = np.concatenate(rows)
     matrix, gradient = jacobian.T @ jacobian, jacobian.T @ random.normal(size=len(jacobian))
     cut = matrix[:size, :size].reshape(nodes, M, nodes, M)
-    return Bordered(
+    return BorderedSystem(
         diagonal=np.stack([cut[k, :, k] for k in range(nodes)]),
         coupling=np.stack([cut[k + 1, :, k] for k in range(nodes - 1)]) if nodes > 1 else np.empty((0, M, M)),
         right=np.concatenate([matrix[size:, :size], gradient[None, :size]]).reshape(P + 1, nodes, M),

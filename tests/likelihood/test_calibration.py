@@ -10,8 +10,8 @@ import pytest
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.segmentation import cut
-from linkwise.likelihood.segments import Point, Scales, evaluate, linearise
+from linkwise.likelihood.segmentation import cut_segments
+from linkwise.likelihood.segments import Iterate, Scales, evaluate, linearise
 from linkwise.likelihood.system import System
 
 
@@ -48,7 +48,7 @@ def test_the_column_of_a_gain_is_its_difference_quotient(quiet: lw.Record, loss:
     asked = chain.unknown("nes")
     system = System.of(asked)
     record = quiet[:60].with_noise(20.0, seed=0)
-    segments = cut([record], asked, system, samples=5, refine=1, offsets=["x:m2"], gains=["x:m2"])
+    segments = cut_segments([record], asked, system, samples=5, refine=1, offsets=["x:m2"], gains=["x:m2"])
     theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
     states = quiet.simulated
     assert states is not None
@@ -56,10 +56,10 @@ def test_the_column_of_a_gain_is_its_difference_quotient(quiet: lw.Record, loss:
     scales = Scales(np.array([1e-3, 2e-3]), np.ones(4), np.append(np.abs(theta), [1e-3, 1.0]))
 
     def data(gain: float) -> float:
-        point = Point(nodes, theta, np.array([1e-3]), np.array([gain]))
+        point = Iterate(nodes, theta, np.array([1e-3]), np.array([gain]))
         return evaluate(segments, point, scales, loss).data
 
-    misfit = evaluate(segments, Point(nodes, theta, np.array([1e-3]), np.array([1.2])), scales, loss)
+    misfit = evaluate(segments, Iterate(nodes, theta, np.array([1e-3]), np.array([1.2])), scales, loss)
     gradient = -2.0 * linearise(segments, misfit, scales, loss).data.corner_gradient[-1]
     quotient = (data(1.2 + 1e-5) - data(1.2 - 1e-5)) / 2e-5
     assert gradient == pytest.approx(quotient, rel=1e-4)  # tangents are kept in single precision

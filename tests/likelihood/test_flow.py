@@ -10,7 +10,7 @@ from problems import THREE, truth
 
 import linkwise as lw
 from linkwise.likelihood.flow import Inputs, flow, tangents
-from linkwise.likelihood.segmentation import cut, inputs
+from linkwise.likelihood.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
 from linkwise.model.excitation import TimeFunction
@@ -115,7 +115,7 @@ def test_middles_are_what_twice_as_many_steps_find(three):
 
 def test_inputs_between_samples_are_band_limited(three):
     record = driven(three)
-    found = inputs([record], three, [81], samples=5, refine=2)
+    found = flow_inputs([record], three, [81], samples=5, refine=2)
     exact = exact_inputs(np.arange(81) * 5e-3, 5e-4, 10)
     assert found.force.shape == exact.force.shape and found.base.shape == exact.base.shape
     middle = slice(10, 70)  # away from the ends, where samples stand on one side only
@@ -132,7 +132,7 @@ def test_records_are_cut_into_segments_with_their_own_steps(three):
         base=BASE,
     )  # fmt: skip
     fast = driven(three, sensors=("x",))
-    segments = cut([fast, slow], three, System.of(three), samples=5, refine=2, offsets=["x:m2"])
+    segments = cut_segments([fast, slow], three, System.of(three), samples=5, refine=2, offsets=["x:m2"])
     assert segments.count == 81 + 21
     assert not segments.linked[80] and segments.linked.sum() == 100
     assert set(segments.step[:81]) == {5e-4} and set(segments.step[81:]) == {1e-3}
@@ -203,7 +203,7 @@ def test_tangents_have_their_declared_order(three, asked):
 def test_a_base_without_record_is_refused(three):
     record = driven(three, sensors=("x",)).select(["x:m1", "x:m2", "x:m3", "force:m2"])
     with pytest.raises(lw.IdentificationError, match="give a channel x:base"):
-        cut([record], three, System.of(three), samples=5, refine=1, offsets=())
+        cut_segments([record], three, System.of(three), samples=5, refine=1, offsets=())
 
 
 def test_a_gap_in_an_input_is_refused(three):
@@ -212,18 +212,18 @@ def test_a_gap_in_an_input_is_refused(three):
     values[50, list(record.channels).index("force:m2")] = np.nan
     gappy = lw.Record(0.0, RATE, record.channels, values)
     with pytest.raises(lw.IdentificationError, match="force:m2 has missing samples"):
-        cut([gappy], three, System.of(three), samples=5, refine=1, offsets=())
+        cut_segments([gappy], three, System.of(three), samples=5, refine=1, offsets=())
 
 
 def test_records_of_other_channels_are_refused(three):
     record = driven(three, sensors=("x",))
     other = record.select(["x:m1", "x:m2", "force:m2", "x:base"])
     with pytest.raises(lw.IdentificationError, match=r"same channels in the same order.*record\.select"):
-        cut([record, other], three, System.of(three), samples=5, refine=1, offsets=())
+        cut_segments([record, other], three, System.of(three), samples=5, refine=1, offsets=())
     with pytest.raises(lw.IdentificationError, match="no offset or gain of x:m9"):
-        cut([record], three, System.of(three), samples=5, refine=1, offsets=["x:m9"])
+        cut_segments([record], three, System.of(three), samples=5, refine=1, offsets=["x:m9"])
     with pytest.raises(lw.IdentificationError, match="has no response"):
         only = record.select(["force:m2", "x:base"])
-        cut([only], three, System.of(three), samples=5, refine=1, offsets=())
+        cut_segments([only], three, System.of(three), samples=5, refine=1, offsets=())
     with pytest.raises(lw.IdentificationError, match=r"x:m3 belongs to no mass.*m1, m2"):
-        cut([record], lw.bnes_chain(2), System.of(lw.bnes_chain(2)), samples=5, refine=1, offsets=())
+        cut_segments([record], lw.bnes_chain(2), System.of(lw.bnes_chain(2)), samples=5, refine=1, offsets=())

@@ -11,10 +11,10 @@ from problems import THREE
 
 import linkwise as lw
 from linkwise.likelihood import score_test as module
-from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
-from linkwise.likelihood.flow import Inputs, Orbit
-from linkwise.likelihood.score_test import Force, Parabola, parabola
-from linkwise.likelihood.sensors import Sensing
+from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.flow import Inputs, Trajectories
+from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
+from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.system import System
 from linkwise.model.law import Law
 
@@ -50,8 +50,8 @@ class Missing:
     law: str
 
     @property
-    def force(self) -> Force:
-        return Force(*self.ends, Law.parse(self.law))
+    def force(self) -> CandidateForce:
+        return CandidateForce(*self.ends, Law.parse(self.law))
 
 
 PAIRS = (
@@ -84,16 +84,16 @@ def really_there(
     records: Sequence[lw.Record],
     structure: lw.Structure,
     missing: Sequence[Missing],
-    options: Options,
-) -> Parabola:
+    options: LikelihoodOptions,
+) -> LocalQuadratic:
     """The parabola at the same optimum of the structure that has the forces, all of size zero."""
     asked = widened(structure, missing)
-    optimum, sensing = fit.optimum, Sensing.of(records, options.offsets, options.gains)
+    optimum, sensing = fit.optimum, SensorModel.of(records, options.offsets, options.gains)
     p, f = len(structure.parameters), len(missing)
-    segments = sensing.cut(records, asked, System.of(asked), optimum.segments.refine)
+    segments = sensing.segments(records, asked, System.of(asked), optimum.segments.refine)
     theta = np.concatenate([optimum.point.theta, np.zeros(f)])
     scale = np.concatenate([optimum.scales.theta[:p], np.full(f, 3.0), optimum.scales.theta[p:]])
-    return parabola(
+    return local_quadratic(
         replace(
             optimum,
             segments=segments,
@@ -105,7 +105,7 @@ def really_there(
 
 
 def fitted(
-    true: lw.Structure, records: Sequence[lw.Record], options: Options
+    true: lw.Structure, records: Sequence[lw.Record], options: LikelihoodOptions
 ) -> tuple[LikelihoodFit, lw.Structure]:
     """A fit that begins a little off."""
     asked = true.unknown("all")
@@ -114,7 +114,7 @@ def fitted(
     return fit, asked
 
 
-def apart(found: Parabola, expected: Parabola) -> tuple[float, float]:
+def apart(found: LocalQuadratic, expected: LocalQuadratic) -> tuple[float, float]:
     """The largest differences of curvature and slope, in units of what either could be."""
     unit = np.sqrt(expected.curvature.diagonal())
     curved = (found.curvature - expected.curvature) / np.outer(unit, unit)
@@ -129,23 +129,23 @@ def chain_record(seed: int, **more) -> lw.Record:
 
 
 @pytest.fixture(scope="module")
-def free() -> tuple[lw.Structure, list[lw.Record], Options]:
-    return lw.bnes_chain(2), [chain_record(1000)], Options()
+def free() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
+    return lw.bnes_chain(2), [chain_record(1000)], LikelihoodOptions()
 
 
 @pytest.fixture(scope="module")
-def calibrated() -> tuple[lw.Structure, list[lw.Record], Options]:
+def calibrated() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
     """An offset and a gain in the border, and two records of different noise."""
     record = chain_record(1001, sensors=("x", "v")).select(("x:m1", "x:m2", "v:m2"))
     values = record.values + np.array([0.0, 0.002, 0.0])
     values[:, 2] *= 1.1
     noisier = {name: 2.0 * sigma for name, sigma in record.noise.items()}
     records = [replace(record, values=values), replace(record, values=values, noise=noisier)]
-    return lw.bnes_chain(2), records, Options(offsets=("x:m2",), gains=("v:m2",))
+    return lw.bnes_chain(2), records, LikelihoodOptions(offsets=("x:m2",), gains=("v:m2",))
 
 
 @pytest.fixture(scope="module")
-def based() -> tuple[lw.Structure, list[lw.Record], Options]:
+def based() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
     """A base that moves, a force, friction, and sensors of all kinds."""
     true = lw.parse_structure(THREE)
     record = lw.simulate(
@@ -153,15 +153,15 @@ def based() -> tuple[lw.Structure, list[lw.Record], Options]:
         forces={"m2": "5*sin(400*t)"}, base="0.001*sin(300*t)",
     ).with_noise(30.0, seed=1002)  # fmt: skip
     names = ("x:m1", "v:m2", "x:m2", "a:m3", "x:m3", "force:m2", "x:base")
-    return true, [record.select(names)], Options()
+    return true, [record.select(names)], LikelihoodOptions()
 
 
 @pytest.fixture(scope="module")
-def stiff() -> tuple[lw.Structure, list[lw.Record], Options]:
+def stiff() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
     """A gram on 2.5 kN/m at 1 kHz: steps of the flow shorter than the samples."""
     true = lw.parse_structure(LIGHT)
     record = lw.simulate(true, release={"v:m1": 1.0, "v:m2": 3.0}, duration=1.0, rate=1000.0)
-    return true, [record.with_noise(40.0, seed=1003)], Options()
+    return true, [record.with_noise(40.0, seed=1003)], LikelihoodOptions()
 
 
 @pytest.mark.parametrize("case", ["free", "calibrated", "based", "stiff"])
@@ -172,10 +172,10 @@ def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(case: str, req
     fit, asked = fitted(true, records, options)
     assert fit.status.name == "CONVERGED"
     assert (fit.optimum.segments.refine > 1) == (case == "stiff")
-    found = parabola(fit.optimum, [each.force for each in missing])
+    found = local_quadratic(fit.optimum, [each.force for each in missing])
     expected = really_there(fit, records, asked, missing, options)
     assert max(apart(found, expected)) < SAME
-    wrong = parabola(
+    wrong = local_quadratic(
         fit.optimum, [replace(each.force, law=Law.parse(f"1.01*{each.law}")) for each in missing]
     )
     assert max(apart(wrong, expected)) > SAME
@@ -191,9 +191,9 @@ def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it
     )
     record = lw.simulate(lw.parse_structure(text), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
     records = [record.with_noise(30.0, seed=1004)]
-    fit, asked = fitted(chain, records, Options(model_error=False))
+    fit, asked = fitted(chain, records, LikelihoodOptions(model_error=False))
     missing = Missing((1, 0), "d**2")
-    found = parabola(fit.optimum, [missing.force])
+    found = local_quadratic(fit.optimum, [missing.force])
     values = np.linalg.solve(found.curvature, found.slope)
     error = np.sqrt(np.linalg.inv(found.curvature).diagonal())
     z = values[-1] / error[-1]
@@ -206,7 +206,7 @@ def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it
     assert took == pytest.approx(z**2, rel=0.01)
     assert abs(values[-1] - again.values[-1]) < 0.05 * error[-1]
     assert abs(z) > 8.0 and abs(values[-1] - 250.0) < 4.0 * error[-1]
-    elsewhere = parabola(fit.optimum, [replace(missing, ends=(1, -1)).force])
+    elsewhere = local_quadratic(fit.optimum, [replace(missing, ends=(1, -1)).force])
     assert np.linalg.solve(elsewhere.curvature, elsewhere.slope)[-1] != pytest.approx(values[-1], rel=0.1)
 
 
@@ -219,7 +219,7 @@ def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int):
         ends, middles = np.arange(steps + 1) * h, (np.arange(steps) + 0.5) * h
         x, v, a = np.sin(3.0 * ends), 3.0 * np.cos(3.0 * ends), -9.0 * np.sin(3.0 * ends)
         none = np.zeros((steps + 1, 2, 0, 1))
-        orbit = Orbit(
+        orbit = Trajectories(
             np.stack([x, v * h], axis=1)[:, :, None, None],
             none,
             a[:, None, None],
@@ -237,11 +237,11 @@ def test_masses_at_rest_and_no_forces_do_no_harm(free):
     """A force that never acts (the contact of a gap that never closes) has no curvature; no force leaves the fit's own."""
     true, records, options = free
     fit, _ = fitted(true, records, options)
-    alone = parabola(fit.optimum, [])
+    alone = local_quadratic(fit.optimum, [])
     p = len(fit.values)
     assert alone.curvature.shape == (p, p)
     np.testing.assert_allclose(np.linalg.inv(alone.curvature), fit.covariance, rtol=1e-3)
     np.testing.assert_allclose(np.linalg.solve(alone.curvature, alone.slope), fit.values, rtol=1e-3)
-    never = parabola(fit.optimum, [Force(1, 0, Law.parse("max(d - 1, 0)")), PAIRS[0].force])
+    never = local_quadratic(fit.optimum, [CandidateForce(1, 0, Law.parse("max(d - 1, 0)")), PAIRS[0].force])
     assert never.curvature[p, p] == 0.0 == never.slope[p]
     assert never.curvature[p + 1, p + 1] > 0.0

@@ -11,11 +11,11 @@ from problems import THREE, truth
 
 import linkwise as lw
 from linkwise.likelihood import segments as module
-from linkwise.likelihood.bordered_system import Bordered
+from linkwise.likelihood.bordered_system import BorderedSystem
 from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.segmentation import cut
-from linkwise.likelihood.segments import Point, Scales, Segments, evaluate, linearise, refined
-from linkwise.likelihood.starts.states import nodes, start_states
+from linkwise.likelihood.segmentation import cut_segments
+from linkwise.likelihood.segments import Iterate, Scales, Segments, evaluate, linearise, refined
+from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.likelihood.system import System
 
 CHANNELS = ("x:m1", "v:m2", "a:m3", "x:m3", "a:m1", "force:m2", "x:base")
@@ -52,7 +52,7 @@ def records(three) -> list[lw.Record]:
 
 @pytest.fixture(scope="module")
 def segments(records, asked) -> Segments:
-    return cut(records, asked, System.of(asked), samples=5, refine=4, offsets=OFFSETS)
+    return cut_segments(records, asked, System.of(asked), samples=5, refine=4, offsets=OFFSETS)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def scales(three, asked, segments) -> Scales:
 
 
 @pytest.fixture(scope="module")
-def point(three, asked, segments, records) -> Point:
+def point(three, asked, segments, records) -> Iterate:
     """Away from the truth by some deviations in every unknown."""
     random = np.random.default_rng(3)
     true = [
@@ -73,20 +73,20 @@ def point(three, asked, segments, records) -> Point:
     at = np.concatenate(true, axis=2)
     at = at + random.normal(size=at.shape) * np.array([3e-4, 0.1])[:, None, None]
     theta = truth(three, asked)
-    return Point(at, theta * (1.0 + 0.05 * random.normal(size=len(theta))), np.array([0.05, -4.0]))
+    return Iterate(at, theta * (1.0 + 0.05 * random.normal(size=len(theta))), np.array([0.05, -4.0]))
 
 
-def gradient(equations: Bordered) -> np.ndarray:
+def gradient(equations: BorderedSystem) -> np.ndarray:
     return np.concatenate([equations.right[-1].ravel(), equations.corner_gradient])
 
 
-def moved(point: Point, scales: Scales, step: np.ndarray) -> Point:
+def moved(point: Iterate, scales: Scales, step: np.ndarray) -> Iterate:
     """`step` in the units of the unknowns, node by node, then theta and offsets."""
     _, n, K = point.nodes.shape
     size, p = 2 * n * K, len(point.theta)
     shift = (step[:size].reshape(K, 2 * n) * scales.state).T.reshape(2, n, K)
     border = step[size:] * scales.theta
-    return Point(point.nodes + shift, point.theta + border[:p], point.offsets + border[p:])
+    return Iterate(point.nodes + shift, point.theta + border[:p], point.offsets + border[p:])
 
 
 @pytest.mark.parametrize("q", [1.0, 1e-3])
@@ -122,7 +122,7 @@ def test_curvature_is_that_of_the_residuals(segments, scales, point):
     equations = linearise(segments, misfit, scales, loss).equations(q)
     size, eps = equations.right[0].size, 1e-4
 
-    def rows(at: Point) -> np.ndarray:
+    def rows(at: Iterate) -> np.ndarray:
         each = evaluate(segments, at, scales, loss)
         return np.concatenate([each.residuals.ravel(), each.defects.ravel() / q])
 
@@ -196,7 +196,7 @@ def test_the_truth_leaves_nothing(three, asked, segments, scales, records):
         np.stack([each.simulated.displacement[::5].T, each.simulated.velocity[::5].T]) for each in records
     ]
     misfit = evaluate(
-        segments, Point(np.concatenate(true, axis=2), truth(three, asked), np.zeros(2)), scales, Gaussian()
+        segments, Iterate(np.concatenate(true, axis=2), truth(three, asked), np.zeros(2)), scales, Gaussian()
     )
     # inputs between samples come from a spline, which stands on one side only at the ends of a record
     ends = [0, FIRST - 1, FIRST, FIRST + SECOND - 1]
@@ -220,7 +220,7 @@ def test_sums_do_not_depend_on_chunks_and_threads(segments, scales, point, monke
 
 
 def test_more_steps_a_sample_change_the_flow_only(segments, scales, point, records, asked):
-    coarse = cut(records, asked, segments.system, samples=5, refine=1, offsets=OFFSETS)
+    coarse = cut_segments(records, asked, segments.system, samples=5, refine=1, offsets=OFFSETS)
     fine = refined(coarse, 4, segments.inputs)
     assert fine.step == pytest.approx(segments.step, rel=1e-12) and fine.steps == segments.steps
     ours, theirs = (evaluate(each, point, scales, Gaussian()).residuals for each in (fine, segments))
@@ -233,7 +233,7 @@ def test_nodes_start_where_the_sensors_say(three):
     ).with_noise(40.0, seed=1)
     sigma = dict(record.simulated.noise)
     found = start_states(record, lw.bnes_chain(2), sigma, 5)
-    at = nodes([found], 5)
+    at = segment_nodes([found], 5)
     assert at.shape == (2, 2, 401)
     true = record.simulated
     for i, name in enumerate(("x:m1", "x:m2")):

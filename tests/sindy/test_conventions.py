@@ -20,7 +20,7 @@ from linkwise.sindy.conventions import CONVENTIONS, MEANING, Convention, noisy_s
 from linkwise.sindy.force_reading import READINGS, monomial_force, monomial_nmse
 from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.least_squares import LeastSquares
-from linkwise.sindy.regression.regressor import Fit
+from linkwise.sindy.regression.regressor import RegressionFit
 
 CHAIN = bnes_chain(4)
 
@@ -31,7 +31,7 @@ def record() -> Record:
 
 
 @pytest.fixture(scope="module")
-def exact(record: Record) -> Fit:
+def exact(record: Record) -> RegressionFit:
     return LeastSquares().fit(monomial_equations(differentiate(record), 3))
 
 
@@ -113,7 +113,9 @@ def test_what_cannot_be_a_study_is_refused(record: Record) -> None:
 
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("link", ["nes1", "nes2"])
-def test_an_exact_fit_gives_the_exact_force(record: Record, exact: Fit, reading: str, link: str) -> None:
+def test_an_exact_fit_gives_the_exact_force(
+    record: Record, exact: RegressionFit, reading: str, link: str
+) -> None:
     d, force = monomial_force(exact, CHAIN, link, record, reading=reading)
     sink, primary = CHAIN.link(link).between
     np.testing.assert_allclose(
@@ -125,7 +127,7 @@ def test_an_exact_fit_gives_the_exact_force(record: Record, exact: Fit, reading:
     assert monomial_nmse(exact, CHAIN, link, record, reading=reading) < 1e-12
 
 
-def test_a_link_may_begin_at_either_end(record: Record, exact: Fit) -> None:
+def test_a_link_may_begin_at_either_end(record: Record, exact: RegressionFit) -> None:
     links = [replace(one, between=one.between[::-1]) if one.name == "nes1" else one for one in CHAIN.links]
     turned = Structure("turned", CHAIN.masses, tuple(links))
     for reading in READINGS:
@@ -135,7 +137,7 @@ def test_a_link_may_begin_at_either_end(record: Record, exact: Fit) -> None:
         np.testing.assert_allclose(force, -as_before, rtol=1e-12)
 
 
-def test_readings_differ_where_only_some_terms_are_wrong(record: Record, exact: Fit) -> None:
+def test_readings_differ_where_only_some_terms_are_wrong(record: Record, exact: RegressionFit) -> None:
     spoilt = exact.coefficients.copy()
     column = exact.targets.index("x2''")
     spoilt[exact.names.index("x1*x2**2"), column] *= 1.01
@@ -149,7 +151,9 @@ def test_readings_differ_where_only_some_terms_are_wrong(record: Record, exact: 
     assert monomial_nmse(others, CHAIN, "nes1", record, reading="displacements") > 1e-4
 
 
-def test_ten_per_cent_of_a_force_are_one_per_cent_of_its_mean_square(record: Record, exact: Fit) -> None:
+def test_ten_per_cent_of_a_force_are_one_per_cent_of_its_mean_square(
+    record: Record, exact: RegressionFit
+) -> None:
     wrong = replace(exact, coefficients=1.1 * exact.coefficients)
     truth = CHAIN.link("nes1").force(monomial_force(exact, CHAIN, "nes1", record)[0])
     expected = 100 * 0.01 * np.mean(truth**2) / np.var(truth)  # Eq. 8 by hand
@@ -175,7 +179,7 @@ def test_one_convention_comes_near_the_paper_and_another_cannot(decibel: float, 
     assert median("derivatives") < paper / 100
 
 
-def test_forces_that_no_monomial_tells_are_refused(record: Record, exact: Fit) -> None:
+def test_forces_that_no_monomial_tells_are_refused(record: Record, exact: RegressionFit) -> None:
     with pytest.raises(IdentificationError, match="both ends of link spring2 hold further links"):
         monomial_force(exact, CHAIN, "spring2", record)
     with pytest.raises(

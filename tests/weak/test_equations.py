@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.weak.displacements import read_motion
+from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.residual import weak_residual
 from linkwise.weak.window import Window
@@ -17,7 +17,7 @@ RATE, SAMPLES = 1000.0, 1200
 
 
 def equations(record: lw.Record, structure: lw.Structure, window: Window | None = None) -> WeakEquations:
-    return weak_equations(record, structure, read_motion(record, structure), window=window)
+    return weak_equations(record, structure, read_displacements(record, structure), window=window)
 
 
 def two_tones(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -156,7 +156,7 @@ def test_single_missing_samples_everywhere_leave_a_band() -> None:
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1)
     values = record.values.copy()
     values[100::150] = np.nan
-    whole, broken = (read_motion(each, chain) for each in (record, replace(record, values=values)))
+    whole, broken = (read_displacements(each, chain) for each in (record, replace(record, values=values)))
     assert broken.highest == pytest.approx(whole.highest, rel=0.25)
     assert broken.variance == pytest.approx(whole.variance, rel=0.1)
 
@@ -164,4 +164,4 @@ def test_single_missing_samples_everywhere_leave_a_band() -> None:
 def test_a_record_without_displacements_says_what_it_holds() -> None:
     record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=RATE, sensors=("a",))
     with pytest.raises(lw.IdentificationError, match=r"needs displacements, and the record holds a:m1, a:m2"):
-        read_motion(record, lw.bnes_chain(2))
+        read_displacements(record, lw.bnes_chain(2))

@@ -9,7 +9,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.weak import fit as weakfit
-from linkwise.weak.displacements import read_motion
+from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit
 
@@ -17,7 +17,7 @@ UNKNOWN = lw.Coefficient.unknown
 
 
 def fit(record: lw.Record, structure: lw.Structure) -> WeakFit:
-    return weak_fit(weak_equations(record, structure, read_motion(record, structure)), structure)
+    return weak_fit(weak_equations(record, structure, read_displacements(record, structure)), structure)
 
 
 def one_mass(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.weak.displacements import read_motion
+from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.patch import Patch
 from linkwise.weak.window import Window
@@ -47,7 +47,7 @@ def record(masses: int, sigma: Sequence[float], rng: np.random.Generator | None)
 
 
 def patch(asked: lw.Structure, seen: lw.Record) -> Patch:
-    [found] = weak_equations(seen, asked, read_motion(seen, asked), window=WINDOW).patches
+    [found] = weak_equations(seen, asked, read_displacements(seen, asked), window=WINDOW).patches
     return found
 
 

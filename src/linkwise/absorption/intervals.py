@@ -17,7 +17,7 @@ from linkwise.absorption.variants import Variants
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Knowledge
+from linkwise.estimates.uncertainty import Posterior
 from linkwise.model.excitation import Excitation
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted
@@ -103,7 +103,7 @@ class AbsorptionIntervals:
 
 
 def absorption_intervals(
-    identified: Estimate | Knowledge,
+    identified: Estimate | Posterior,
     *,
     duration: float,
     draws: int = 200,
@@ -117,7 +117,7 @@ def absorption_intervals(
     `options` are the keywords of `absorb` and `simulate`. Raises IdentificationError for an answer that is not to be trusted
     and for bounds that leave no draws, LinkwiseError where more than a tenth of the draws diverge, and as `absorb` does.
     """
-    known = identified if isinstance(identified, Knowledge) else Knowledge.of(identified)
+    known = identified if isinstance(identified, Posterior) else Posterior.of(identified)
     if draws < 2:
         raise LinkwiseError(f"{draws} draws tell no interval; ask for 100 or more")
     own = {

@@ -207,7 +207,7 @@ def _answer(
     """A map for a sweep, intervals for the folder of an answer, else the plain comparison."""
     over = comparison.axes()
     if structure.is_dir() and not over:
-        return lw.absorption_intervals(lw.read_knowledge(structure), **comparison.drawing(), **asked)
+        return lw.absorption_intervals(lw.read_posterior(structure), **comparison.drawing(), **asked)
     subject = lw.read_structure(structure / "structure.toml" if structure.is_dir() else structure)
     if over:
         return lw.absorption_map(subject, over, workers=comparison.workers, **asked)

@@ -16,7 +16,7 @@ from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, record_options
 
 if TYPE_CHECKING:
-    from linkwise.likelihood.anneal import Progress
+    from linkwise.likelihood.anneal import AnnealingStep
 
 _TIGHT = -5.0  # decades of q at which annealing ends, the end of the bar
 _DIFFERS = (
@@ -67,7 +67,9 @@ class EstimatorOptions:
             }
         if self.method == "sindy":
             given: dict[str, Any] = {"derivative": self.derivative, "regressor": self.regressor}
-            return {"method": lw.Classical(**{name: value for name, value in given.items() if value})}
+            return {
+                "method": lw.PhysicsInformedSindy(**{name: value for name, value in given.items() if value})
+            }
         return {"method": self.method}
 
 
@@ -193,7 +195,7 @@ def _fraction(q: float) -> float:
     return min(max(log10(q) / _TIGHT, 0.0), 1.0)
 
 
-def _stage(done: Progress) -> str:
+def _stage(done: AnnealingStep) -> str:
     return f"q {done.q:.0e}, cost {done.cost:.6g}, chi-square {done.data_per_sample:.3f}"
 
 

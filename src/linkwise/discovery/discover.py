@@ -20,11 +20,11 @@ from linkwise.discovery.selection import Selection, select_structure
 from linkwise.discovery.spanning_tree import tree
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
-from linkwise.likelihood.anneal import Progress, Status
+from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
 from linkwise.likelihood.estimate import estimate_of
-from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.starts.coefficients import law_start
-from linkwise.likelihood.starts.inverse_dynamics import drifts
+from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
@@ -35,7 +35,7 @@ from linkwise.runtime import one_blas_thread
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.units import to_si
 from linkwise.verdict import Verdict, is_trusted
-from linkwise.weak.displacements import SeenMotion, read_motion
+from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
 from linkwise.weak.estimate import weak_search
 
 Tell = Callable[[float, str], None]
@@ -78,7 +78,7 @@ def discover(
     progress(0.0, f"screening {len(pool.entries)} candidates")
     with one_blas_thread():
         shown = [with_displacements(each, pool.masses) for each in records]
-        motions = [read_motion(each, pool.everything) for each in shown]
+        motions = [read_displacements(each, pool.everything) for each in shown]
         inactive = inactive_terms(motions, [each.rate for each in shown], pool)
         pool, remarks = replace(pool, inactive=frozenset(inactive)), (*remarks, *inactive_remark(inactive))
         seen = all(each is other for each, other in zip(shown, records, strict=True))
@@ -181,13 +181,13 @@ def _of(record: Record, masses: Sequence[Mass]) -> Record:
 def _start(
     records: Sequence[Record],
     shown: Sequence[Record],
-    motions: Sequence[SeenMotion],
+    motions: Sequence[MeasuredDisplacements],
     structure: Structure,
 ) -> tuple[Floats, Floats | None]:
     """theta and, where they are known, its deviations (p,): from the forces where `records` without displacements tell those,
     else by the weak form, by its search where a stated law is not linear in an unknown.
     """
-    if drifts(records[0], structure):
+    if needs_integration(records[0], structure):
         found = law_start(records[0], structure, channel_noise(records[0]), {})
         return np.array([found[parameter.name] for parameter in structure.parameters]), None
     curved = any(set(link.law.nonlinear) & set(_unknown(link)) for link in structure.links)
@@ -205,7 +205,7 @@ def _unknown(link: Link) -> list[str]:
 def _finished(records: Sequence[Record], found: Selection) -> LikelihoodFit:
     """The fit of the chosen structure: that of the last round, or one with a model error where the laws need it."""
     last = found.fit
-    if (found.exact and not last.chi_square_off) or last.status is Status.INTERRUPTED:
+    if (found.exact and not last.chi_square_off) or last.status is AnnealingStatus.INTERRUPTED:
         return last
     spread = np.sqrt(np.maximum(np.nan_to_num(last.covariance.diagonal()), 0.0))
     return likelihood_fit(
@@ -213,11 +213,11 @@ def _finished(records: Sequence[Record], found: Selection) -> LikelihoodFit:
         found.structure,
         last.values,
         spread=spread,
-        options=Options(nodes=last.optimum.point.nodes),
+        options=LikelihoodOptions(nodes=last.optimum.point.nodes),
     )
 
 
-def _stage(number: int, done: Progress) -> tuple[float, str]:
+def _stage(number: int, done: AnnealingStep) -> tuple[float, str]:
     """Fraction and text: every round takes half of what is left of the bar."""
     within = min(max(np.log10(done.q) / -5.0, 0.0), 1.0)
     fraction = _SCREENED + (1.0 - _SCREENED) * (1.0 - 0.5 ** (number - 1.0 + within))

@@ -8,14 +8,14 @@ import numpy as np
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.model.link import BASE, GROUND
-from linkwise.weak.displacements import SeenMotion
+from linkwise.weak.displacements import MeasuredDisplacements
 
 _FEWEST = 8  # samples at which a term has to act: noise alone carries a few beyond the reach of the motion
 _NAMED = 6
 
 
 def inactive_terms(
-    motions: Sequence[SeenMotion], rates: Sequence[float], candidates: Candidates
+    motions: Sequence[MeasuredDisplacements], rates: Sequence[float], candidates: Candidates
 ) -> tuple[str, ...]:
     """The names of the candidates that were zero in all `motions`, sampled at `rates` in Hz, but for a few samples."""
     row = {

@@ -20,7 +20,7 @@ from linkwise.discovery.weak_regression import WeakRegression
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.weak.displacements import SeenMotion
+from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.equations import WeakEquations, weak_equations
 
 _TOGETHER = 12  # masses whose candidates are regressed at once without the first sieve
@@ -44,7 +44,9 @@ class ScreenResult:
     tested: frozenset[str]
 
 
-def screen(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> ScreenResult:
+def screen(
+    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
+) -> ScreenResult:
     """What of `candidates` the weak equations of the records show.
 
     Raises IdentificationError where a mass is held by nothing that stands above the noise.
@@ -61,7 +63,7 @@ def screen(records: Sequence[Record], motions: Sequence[SeenMotion], candidates:
 
 
 def z_scores(
-    records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates
+    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
 ) -> dict[str, float]:
     """|z| of what stands when everything is regressed at once, by name; empty where the sums cannot be solved."""
     seen = _equations(records, motions, candidates.everything)
@@ -77,7 +79,7 @@ def z_scores(
 
 
 def _one_by_one(
-    records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates
+    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
 ) -> frozenset[str]:
     """What stands in the equation of one mass or another."""
     seen = _equations(records, motions, candidates.everything, together=1)
@@ -90,7 +92,7 @@ def _one_by_one(
 
 def _equations(
     records: Sequence[Record],
-    motions: Sequence[SeenMotion],
+    motions: Sequence[MeasuredDisplacements],
     structure: Structure,
     *,
     together: int = _TOGETHER,
@@ -188,7 +190,7 @@ def _held(regression: WeakRegression, candidates: Candidates, standing: list[int
 
 
 def weak_start(
-    records: Sequence[Record], motions: Sequence[SeenMotion], structure: Structure
+    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], structure: Structure
 ) -> tuple[Floats, Floats]:
     """The parameters (p,) of `structure` and their deviations by the weak form, with as little noise bias as can be."""
     regression = WeakRegression.of([(each.patches, each) for each in _equations(records, motions, structure)])

@@ -13,15 +13,15 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.stepwise import Move, best, local_search, ranked_moves
-from linkwise.likelihood.anneal import Progress, Status
-from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
-from linkwise.likelihood.score_test import Force, parabola
+from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
+from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.score_test import CandidateForce, local_quadratic
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
 Start = Callable[[Structure], tuple[Floats, Floats | None]]
-Report = Callable[[int, Progress], None]
+Report = Callable[[int, AnnealingStep], None]
 
 _ROUNDS = 12
 _STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
@@ -46,7 +46,7 @@ class Selection:
     @property
     def exact(self) -> bool:
         """Whether the fit converged with a flow as tight as it should be."""
-        return self.fit.status is Status.CONVERGED and self.fit.optimum.q <= _EXACT
+        return self.fit.status is AnnealingStatus.CONVERGED and self.fit.optimum.q <= _EXACT
 
     @cached_property
     def neighbours(self) -> tuple[Move, ...]:
@@ -97,10 +97,10 @@ def select_structure(
     search = _Search(records, candidates, frozenset(tested), start, report)
     first = _descent(search, frozenset(chosen), 1)
     own = candidates.sharing(chosen)
-    if first.fit.status is Status.INTERRUPTED or first.chosen <= own:
+    if first.fit.status is AnnealingStatus.INTERRUPTED or first.chosen <= own:
         return first
     second = _descent(search.within(own), own & search.tested, first.rounds + 1)
-    if second.fit.status is Status.INTERRUPTED or second.criterion >= first.criterion:
+    if second.fit.status is AnnealingStatus.INTERRUPTED or second.criterion >= first.criterion:
         return replace(first, rounds=second.rounds)
     seen = _seen(search, second.fit, second.structure, second.chosen)
     return replace(second, quadratic=seen, penalty=_price(search, seen))
@@ -119,7 +119,7 @@ def _descent(search: _Search, now: frozenset[str], number: int) -> Selection:
             structure,
             theta,
             spread=spread,
-            options=Options(
+            options=LikelihoodOptions(
                 report=partial(search.report, number),
                 nodes=nodes,
                 model_error=False,
@@ -135,7 +135,7 @@ def _descent(search: _Search, now: frozenset[str], number: int) -> Selection:
             after = best(quadratic, penalty, inside)
         names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
         here = Selection(now, structure, fit, quadratic, penalty, names == now, number)
-        if here.settled or fit.status is Status.INTERRUPTED:
+        if here.settled or fit.status is AnnealingStatus.INTERRUPTED:
             return here
         visited[now] = here
         if names in visited or number == last:
@@ -159,10 +159,10 @@ def _seen(
     added = [entry for entry in search.candidates.entries if entry.name in search.tested - chosen]
     ends = [search.candidates.pairs[entry.pair].between for entry in added]
     forces = [
-        Force(index[first], index[second], entry.term.law)
+        CandidateForce(index[first], index[second], entry.term.law)
         for entry, (first, second) in zip(added, ends, strict=True)
     ]
-    found = parabola(fit.optimum, forces)
+    found = local_quadratic(fit.optimum, forces)
     names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
     return QuadraticModel(names, found.curvature, found.slope)
 

@@ -16,10 +16,12 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.screen import z_scores
 from linkwise.model.link import BASE, GROUND
 from linkwise.records.record import Record
-from linkwise.weak.displacements import SeenMotion
+from linkwise.weak.displacements import MeasuredDisplacements
 
 
-def tree(records: Sequence[Record], motions: Sequence[SeenMotion], candidates: Candidates) -> frozenset[str]:
+def tree(
+    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
+) -> frozenset[str]:
     """All candidates of the links that join every mass to the ground by those of its terms that stand highest in z.
 
     Empty where the links that stand do not reach every mass.

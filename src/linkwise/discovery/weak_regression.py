@@ -11,9 +11,9 @@ from scipy.sparse import csc_array
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.weak.equations import WeakEquations
-from linkwise.weak.fit import assembled, normal_equations, residual_power
+from linkwise.weak.fit import assemble_blocks, normal_equations, residual_power
 from linkwise.weak.patch import Patch
-from linkwise.weak.scatter import Slopes, score_blocks
+from linkwise.weak.scatter import SlopeStatistics, score_blocks
 
 Pieces = Sequence[tuple[Sequence[Patch], WeakEquations]]
 
@@ -83,8 +83,8 @@ def _normal(
 def _scatter(pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Indices, values: Floats) -> Floats:
     total = np.zeros((len(here), len(here)))
     for (patches, equations), weight in zip(pieces, weights, strict=True):
-        noisy = [(patch, Slopes.along(patch, equations, values)) for patch in patches]
-        total += _dense(assembled(score_blocks(noisy, weight, equations), len(values)), here)
+        noisy = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in patches]
+        total += _dense(assemble_blocks(score_blocks(noisy, weight, equations), len(values)), here)
     return total
 
 

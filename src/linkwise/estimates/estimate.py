@@ -14,7 +14,7 @@ from scipy.sparse import csc_array
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.estimates.findings import link_findings
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
@@ -230,7 +230,7 @@ def _as_dict(each: CoefficientEstimate) -> dict[str, Any]:
     return shown
 
 
-def _derived(each: Derived) -> dict[str, Any]:
+def _derived(each: DerivedQuantity) -> dict[str, Any]:
     return {
         "value": each.value,
         "unit": each.unit,

@@ -17,7 +17,7 @@ from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.structure import Link
 
-Found = TypeVar("Found")
+T = TypeVar("T")
 
 NORMAL_95 = 1.959963984540054  # deviations that hold 95 % of a normal distribution
 _STEP = 1e-2  # of a standard error: small against the curvature of what is derived, large against rounding
@@ -40,7 +40,7 @@ class CoefficientEstimate:
 
 
 @dataclass(frozen=True)
-class Derived:
+class DerivedQuantity:
     """A quantity that follows from coefficients, with its 95 % interval by the delta method, or None without one."""
 
     name: str
@@ -89,7 +89,7 @@ class LinkEstimate:
         return law_kind(self.link, self._reach[1])
 
     @cached_property
-    def wells(self) -> tuple[Derived, ...]:
+    def wells(self) -> tuple[DerivedQuantity, ...]:
         """The stable elongations of a link with two wells or more; empty for others."""
         places = self._found(wells)
         if places is None or len(places) < 2:
@@ -97,7 +97,7 @@ class LinkEstimate:
         return tuple(self._derived("well", "m", value, partial(_well_near, value)) for value in places)
 
     @cached_property
-    def barrier(self) -> Derived | None:
+    def barrier(self) -> DerivedQuantity | None:
         """The energy that carries the link out of its deepest well, or None with fewer than two wells."""
         way = self._found(way_out)
         if way is None:
@@ -105,7 +105,7 @@ class LinkEstimate:
         return self._derived("barrier", "J", _climb(way, self.link), partial(_climb, way))
 
     @cached_property
-    def frequencies(self) -> tuple[Derived, ...]:
+    def frequencies(self) -> tuple[DerivedQuantity, ...]:
         """In-well frequencies in Hz: small free swings of its two ends against each other in each well."""
         swings = [partial(_swing_near, well.value, self.moving_mass) for well in self.wells]
         return tuple(self._derived("frequency", "Hz", swing(self.link), swing) for swing in swings)
@@ -116,17 +116,17 @@ class LinkEstimate:
         largest = max(abs(end) for end in self.d_range) * (1.0 + _BEYOND)
         return -largest, largest
 
-    def _found(self, search: Callable[[Link, float, float], Found]) -> Found | None:
+    def _found(self, search: Callable[[Link, float, float], T]) -> T | None:
         """What a search finds within reach; None for a law that vanishes everywhere."""
         try:
             return search(self.link, *self._reach)
         except StructureError:
             return None
 
-    def _derived(self, name: str, unit: str, value: float, of: Callable[[Link], float]) -> Derived:
+    def _derived(self, name: str, unit: str, value: float, of: Callable[[Link], float]) -> DerivedQuantity:
         """The delta method: the gradient by central differences of a small part of each standard error."""
         if self.covariance is None or not self.free:
-            return Derived(name, value, unit, None if self.free else (value, value))
+            return DerivedQuantity(name, value, unit, None if self.free else (value, value))
         steps: Floats = _STEP * np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         gradient = np.zeros(len(self.free))
         for i, coefficient in enumerate(self.free):
@@ -135,7 +135,7 @@ class LinkEstimate:
                 gradient[i] = (sides[0] - sides[1]) / (2.0 * steps[i])
         variance = float(gradient @ self.covariance @ gradient)
         half = NORMAL_95 * float(np.sqrt(max(variance, 0.0)))
-        return Derived(name, value, unit, (value - half, value + half) if np.isfinite(half) else None)
+        return DerivedQuantity(name, value, unit, (value - half, value + half) if np.isfinite(half) else None)
 
     def _moved(self, coefficient: str, step: float) -> Link:
         moved = Coefficient.number(self.link.values[coefficient] + step)

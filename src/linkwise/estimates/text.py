@@ -6,7 +6,7 @@ from math import isfinite
 from textwrap import fill
 
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_estimate import CoefficientEstimate, Derived, LinkEstimate
+from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.text import as_text, columns, error_number, number
 
 _MANY = 12  # channels or links that are shown
@@ -93,7 +93,7 @@ def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
     )
 
 
-def _derived(each: Derived, label: str) -> tuple[str, ...]:
+def _derived(each: DerivedQuantity, label: str) -> tuple[str, ...]:
     if each.interval is None:
         return label, number(each.value), "", "", each.unit
     error = 0.25 * (each.interval[1] - each.interval[0])

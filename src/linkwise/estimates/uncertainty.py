@@ -23,7 +23,7 @@ _TRIES = 200  # draws for one that bounds allow
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class Posterior:
     """A `structure` of numbers, of which those named `names` (p,) are uncertain with `covariance` (p, p).
 
     Coefficients that are one unknown are named each, and vary together. `lower`, `upper` (p,) bound them.
@@ -36,7 +36,7 @@ class Knowledge:
     upper: Floats
 
     @classmethod
-    def of(cls, estimate: Estimate) -> Knowledge:
+    def of(cls, estimate: Estimate) -> Posterior:
         """What an estimate knows. Raises IdentificationError for one whose intervals are not to be trusted."""
         if not (estimate.trusted and estimate.intervals):
             why = estimate.status if not estimate.trusted else f"{estimate.method} tells no intervals"
@@ -86,7 +86,7 @@ class Knowledge:
         )
 
 
-def write_covariance(knowledge: Knowledge, path: Path) -> None:
+def write_covariance(knowledge: Posterior, path: Path) -> None:
     """The covariance as a CSV file of its upper triangle, zeros left out: two names and a number in each line."""
     first, second = np.nonzero(np.triu(knowledge.covariance))
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -96,7 +96,7 @@ def write_covariance(knowledge: Knowledge, path: Path) -> None:
             lines.writerow((knowledge.names[i], knowledge.names[j], repr(float(knowledge.covariance[i, j]))))
 
 
-def read_knowledge(folder: str | Path) -> Knowledge:
+def read_posterior(folder: str | Path) -> Posterior:
     """What a result folder of `identify` knows.
 
     Raises StructureError for a structure that cannot be read, RecordError for a folder without a covariance or with one that
@@ -120,7 +120,7 @@ def read_knowledge(folder: str | Path) -> Knowledge:
         covariance[index[first], index[second]] = covariance[index[second], index[first]] = value
     for name in names:
         structure.coefficient(name)
-    return Knowledge(structure, names, covariance, *_bounds(names))
+    return Posterior(structure, names, covariance, *_bounds(names))
 
 
 def _bounds(names: Sequence[str]) -> tuple[Floats, Floats]:

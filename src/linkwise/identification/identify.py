@@ -9,15 +9,15 @@ from typing import Literal
 
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.anneal import Progress
+from linkwise.likelihood.anneal import AnnealingStep
 from linkwise.likelihood.estimate import likelihood_estimate
 from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.sindy.estimate import Classical, classical_estimate
+from linkwise.sindy.estimate import PhysicsInformedSindy, sindy_estimate
 from linkwise.weak.estimate import weak_estimate
 
-Method = Literal["ml", "weak", "sindy"]
+IdentificationMethod = Literal["ml", "weak", "sindy"]
 _METHODS = ("ml", "weak", "sindy")
 
 
@@ -25,18 +25,18 @@ def identify(
     record: Record | Sequence[Record],
     structure: Structure,
     *,
-    method: Method | Classical = "ml",
+    method: IdentificationMethod | PhysicsInformedSindy = "ml",
     starts: Mapping[str, float] | None = None,
     offsets: Sequence[str] = (),
     gains: Sequence[str] = (),
     loss: Loss | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[AnnealingStep], None] | None = None,
 ) -> Estimate:
     """The unknown coefficients and masses of `structure` from `record`, or from several records of it together ("ml").
 
     `method` "ml" (default, METHODS section 5: maximum likelihood on the raw samples), "weak" (section 4: no signal is
-    differentiated, noise bias removed; milliseconds) or "sindy" (the paper's physics-informed SINDy; `Classical(...)` in its
-    place says how).
+    differentiated, noise bias removed; milliseconds) or "sindy" (the paper's physics-informed SINDy;
+    `PhysicsInformedSindy(...)` in its place says how).
     For "ml" only: `starts` of parameters by name (else the weak fit's), `offsets` and `gains` name channels with an unknown
     constant error or factor, `loss` is Gaussian() or, against outliers, Huber() or Student(), and `progress` is told every
     step.
@@ -44,8 +44,8 @@ def identify(
     Raises IdentificationError where the records cannot tell an unknown at all.
     """
     records = [record] if isinstance(record, Record) else list(record)
-    classical = method if isinstance(method, Classical) else Classical()
-    method = "sindy" if isinstance(method, Classical) else method
+    options = method if isinstance(method, PhysicsInformedSindy) else PhysicsInformedSindy()
+    method = "sindy" if isinstance(method, PhysicsInformedSindy) else method
     if method not in _METHODS:
         raise IdentificationError(f'"{method}" is no method; there are {", ".join(_METHODS)}')
     if not records:
@@ -66,5 +66,5 @@ def identify(
     elif method == "weak":
         estimate = weak_estimate(records[0], structure)
     else:
-        estimate = classical_estimate(records[0], structure, classical)
+        estimate = sindy_estimate(records[0], structure, options)
     return replace(estimate, seconds=perf_counter() - started)

@@ -13,8 +13,8 @@ import numpy as np
 
 from linkwise.errors import IdentificationError
 from linkwise.identification.identify import identify
-from linkwise.likelihood.anneal import Status
-from linkwise.likelihood.fit import Options, likelihood_fit
+from linkwise.likelihood.anneal import AnnealingStatus
+from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.structure import Link, Structure
@@ -109,8 +109,10 @@ def _fitted(record: Record, structure: Structure, link: str, terms: tuple[str, .
     except IdentificationError:
         return None
     spread = np.sqrt(np.maximum(weak.covariance.diagonal(), 0.0))
-    fit = likelihood_fit([record], asked, weak.values, spread=spread, options=Options(model_error=False))
-    if fit.status is not Status.CONVERGED:
+    fit = likelihood_fit(
+        [record], asked, weak.values, spread=spread, options=LikelihoodOptions(model_error=False)
+    )
+    if fit.status is not AnnealingStatus.CONVERGED:
         return None
     channels = record.responses
     power = [fit.noise[name] ** 2 / np.nanmean(record.channel(name) ** 2) for name in channels]

@@ -11,9 +11,9 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.identification.limit_result import Limit
-from linkwise.likelihood.fisher_information import Precision, information
-from linkwise.likelihood.segmentation import cut
-from linkwise.likelihood.segments import Point, Scales
+from linkwise.likelihood.fisher_information import Precision, fisher_information
+from linkwise.likelihood.segmentation import cut_segments
+from linkwise.likelihood.segments import Iterate, Scales
 from linkwise.likelihood.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
@@ -66,9 +66,9 @@ def limit(
         fine = simulate(true, duration=record.duration, rate=rate * fineness, sensors=sensors, **excitation)
     values = np.array([true.coefficient(parameter.name).value for parameter in asked.parameters], dtype=float)
     pieces = _pieces(_thinned(fine, fineness), excitation.get("impulses", ()))
-    told = information(
-        cut(pieces, asked, System.of(asked), samples=samples * fineness, refine=1, offsets=()),
-        Point(_nodes(pieces, samples * fineness), values, np.zeros(0)),
+    told = fisher_information(
+        cut_segments(pieces, asked, System.of(asked), samples=samples * fineness, refine=1, offsets=()),
+        Iterate(_nodes(pieces, samples * fineness), values, np.zeros(0)),
         Scales(np.array(list(sigma.values())), _units(record), np.where(values == 0.0, 1.0, np.abs(values))),
     )
     return Limit(true, asked.parameters, values, Precision.of(told), sigma, record, segment)

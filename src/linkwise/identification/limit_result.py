@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Derived, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
@@ -285,7 +285,7 @@ def _wells(link: LinkLimit) -> list[tuple[str, ...]]:
     return [_derived(label, each) for label, each in named]
 
 
-def _derived(label: str, each: Derived) -> tuple[str, ...]:
+def _derived(label: str, each: DerivedQuantity) -> tuple[str, ...]:
     if each.interval is None:
         return label, number(each.value), "cannot be told", each.unit
     error = 0.25 * (each.interval[1] - each.interval[0])

@@ -16,16 +16,16 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.bordered_system import Factor
+from linkwise.likelihood.bordered_system import BorderedFactor
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.segments import Linear, Misfit, Point, Scales, Segments, evaluate, linearise
+from linkwise.likelihood.segments import Iterate, Linearization, Misfit, Scales, Segments, evaluate, linearise
 
 _HOPELESS = 1e8  # damping at which no step is one
 _WILD = -10.0  # gain over promise below which the parabola through a step says nothing
 _ROUNDING = 1e-7  # of the cost: what single-precision tangents leave of a drop that they promise
 
 
-class Status(Enum):
+class AnnealingStatus(Enum):
     CONVERGED = "converged"
     EXHAUSTED = "not converged: the number of steps ran out"
     STUCK = "not converged: no step lowers the cost"
@@ -33,7 +33,7 @@ class Status(Enum):
 
 
 @dataclass(frozen=True)
-class Schedule:
+class AnnealingSchedule:
     """q falls from loose to tight by factors between fast and slow, as far as Gauss-Newton can be trusted.
 
     What a step leaves of its predicted drop grows about as q^-4/3 with the next q; more than `trust` per sample
@@ -50,7 +50,7 @@ class Schedule:
     steps: int = 100
     ceiling: float = np.inf
 
-    def held(self, taken: Progress, misfit: Misfit, samples: int) -> Schedule:
+    def held(self, taken: AnnealingStep, misfit: Misfit, samples: int) -> AnnealingSchedule:
         """The schedule that ends where q is, if the cost is above the ceiling and will be when this q is used up."""
         if misfit.cost(taken.q) - taken.left > self.ceiling * samples:
             return replace(self, tight=max(self.tight, taken.q))
@@ -62,7 +62,7 @@ class Schedule:
 
 
 @dataclass(frozen=True)
-class Progress:
+class AnnealingStep:
     """A step tried at q: cost before, what Gauss-Newton promised to take off it, what came off."""
 
     step: int
@@ -75,8 +75,8 @@ class Progress:
 
     @classmethod
     def of(
-        cls, step: int, control: _Control, misfit: Misfit, trial: Misfit, predicted: float, samples: int
-    ) -> Progress:
+        cls, step: int, control: _SearchState, misfit: Misfit, trial: Misfit, predicted: float, samples: int
+    ) -> AnnealingStep:
         """From the misfits before and after."""
         cost = misfit.cost(control.q)
         gained = cost - trial.cost(control.q)
@@ -98,10 +98,10 @@ class Progress:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class AnnealingFit:
     """Where the annealing ended. covariance (p + o, p + o) of theta and offsets, zero where a bound holds."""
 
-    point: Point
+    point: Iterate
     misfit: Misfit
     q: float
     scales: Scales
@@ -109,12 +109,12 @@ class Fit:
     at_bound: Bools
     chi_square: float
     samples: int
-    status: Status
-    path: tuple[Progress, ...]
+    status: AnnealingStatus
+    path: tuple[AnnealingStep, ...]
 
 
 @dataclass(frozen=True)
-class _Control:
+class _SearchState:
     """Where the search stands: relaxation q, the last q that was `settled`, damping and its growth, length of the step."""
 
     q: float
@@ -123,11 +123,11 @@ class _Control:
     growth: float = 2.0
     stride: float = 1.0
 
-    def firmer(self) -> _Control:
+    def firmer(self) -> _SearchState:
         """After equations that were not positive definite."""
         return replace(self, damping=max(10.0 * self.damping, 1e-6))
 
-    def after(self, taken: Progress, schedule: Schedule, samples: int) -> _Control:
+    def after(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
         """What to try next, once a step has been `taken`."""
         if taken.gained > 0.0:
             return self._onward(taken, schedule, samples)
@@ -140,7 +140,7 @@ class _Control:
             self, damping=max(self.growth * self.damping, 0.01), growth=2.0 * self.growth, stride=1.0
         )
 
-    def _onward(self, taken: Progress, schedule: Schedule, samples: int) -> _Control:
+    def _onward(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
         """After a step that lowered the cost: less damping (Nielsen 1999), and a tighter q when this one is used up."""
         damping = self.damping * (
             max(1 / 3, 1 - (2 * taken.quality - 1) ** 3) if taken.quality < 1.5 else 1 / 3
@@ -151,25 +151,25 @@ class _Control:
             settled, q = q, max(schedule.tight, q * schedule.factor(taken.left / samples))
         elif taken.gained < 0.01 * taken.cost:
             q = max(schedule.tight, q * schedule.slow)
-        return _Control(q, settled, damping if damping >= 1e-3 else 0.0, 2.0, stride)
+        return _SearchState(q, settled, damping if damping >= 1e-3 else 0.0, 2.0, stride)
 
 
 def anneal(
     segments: Segments,
-    start: Point,
+    start: Iterate,
     scales: Scales,
-    schedule: Schedule,
+    schedule: AnnealingSchedule,
     *,
     loss: Loss,
     executor: Executor | None = None,
-    report: Callable[[Progress], None] | None = None,
-) -> Fit:
+    report: Callable[[AnnealingStep], None] | None = None,
+) -> AnnealingFit:
     """Fit nodes, theta and offsets to the records. An interrupt from the keyboard ends it with the best so far.
 
     Raises IdentificationError where the flow from the start is not finite.
     """
-    path: list[Progress] = []
-    control, status = _Control(schedule.loose, schedule.loose), Status.EXHAUSTED
+    path: list[AnnealingStep] = []
+    control, status = _SearchState(schedule.loose, schedule.loose), AnnealingStatus.EXHAUSTED
     samples = int(segments.seen.sum())
     misfit = evaluate(segments, start, scales, loss)
     if not np.isfinite(misfit.cost(schedule.loose)):
@@ -182,14 +182,14 @@ def anneal(
     try:
         while len(path) < schedule.steps:
             if control.damping > _HOPELESS:
-                status = Status.STUCK
+                status = AnnealingStatus.STUCK
                 break
             attempt = _step(segments, linear, misfit, scales, control)
             if attempt is None:
                 control = control.firmer()
                 continue
             trial = evaluate(segments, attempt[0], scales, loss)
-            taken = Progress.of(len(path), control, misfit, trial, attempt[1], samples)
+            taken = AnnealingStep.of(len(path), control, misfit, trial, attempt[1], samples)
             path.append(taken)
             if report is not None:
                 report(taken)
@@ -197,31 +197,31 @@ def anneal(
                 misfit = trial
                 schedule = schedule.held(taken, misfit, samples)
             if control.q <= schedule.tight and taken.left < schedule.tolerance + _ROUNDING * taken.cost:
-                status = Status.CONVERGED
+                status = AnnealingStatus.CONVERGED
                 break
             control = control.after(taken, schedule, samples)
             if taken.gained > 0.0:
                 linear = linearise(segments, misfit, scales, loss, executor)
     except KeyboardInterrupt:
-        status = Status.INTERRUPTED
+        status = AnnealingStatus.INTERRUPTED
     return _fit(segments, linear, misfit, scales, loss, control.q, status, tuple(path))
 
 
 def _fit(
     segments: Segments,
-    linear: Linear,
+    linear: Linearization,
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
     q: float,
-    status: Status,
-    path: tuple[Progress, ...],
-) -> Fit:
+    status: AnnealingStatus,
+    path: tuple[AnnealingStep, ...],
+) -> AnnealingFit:
     theta = misfit.point.border
     lower, upper = _bounds(segments)
     free = (theta > lower) & (theta < upper)
     samples = int(segments.seen.sum())
-    return Fit(
+    return AnnealingFit(
         misfit.point,
         misfit,
         q,
@@ -236,8 +236,8 @@ def _fit(
 
 
 def _step(
-    segments: Segments, linear: Linear, misfit: Misfit, scales: Scales, control: _Control
-) -> tuple[Point, float] | None:
+    segments: Segments, linear: Linearization, misfit: Misfit, scales: Scales, control: _SearchState
+) -> tuple[Iterate, float] | None:
     """A damped Gauss-Newton step that stops at the bounds: the new point and the predicted drop of the cost."""
     equations = linear.equations(control.q)
     factor = equations.factor(linear.damping(control.damping))
@@ -259,7 +259,7 @@ def _step(
     new = np.clip(new, lower, upper)
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
     moved = (nodes * scales.state).T.reshape(2, n, -1)
-    point = Point(misfit.point.nodes + moved, *np.split(new, [p, p + segments.sensors.offsets]))
+    point = Iterate(misfit.point.nodes + moved, *np.split(new, [p, p + segments.sensors.offsets]))
     return point, (2.0 - control.stride) * equations.drop(nodes, border)
 
 
@@ -278,7 +278,7 @@ def _freedom(segments: Segments) -> float:
     )
 
 
-def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:
+def covariance(factor: BorderedFactor | None, scales: Scales, free: Bools) -> Floats:
     """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
     size = len(scales.theta)
     unknown = np.full((size, size), np.inf)

@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import Protocol
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.anneal import Status
-from linkwise.likelihood.fit import LikelihoodFit, Options
+from linkwise.likelihood.anneal import AnnealingStatus
+from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions
 
 _ATTEMPTS = 3
 
@@ -19,10 +19,10 @@ _ATTEMPTS = 3
 class Fitted(Protocol):
     """`likelihood_fit` with everything said but the start and the options."""
 
-    def __call__(self, theta: Floats, *, options: Options) -> LikelihoodFit: ...
+    def __call__(self, theta: Floats, *, options: LikelihoodOptions) -> LikelihoodFit: ...
 
 
-def first_good(fitted: Fitted, theta: Floats, options: Options) -> LikelihoodFit:
+def first_good(fitted: Fitted, theta: Floats, options: LikelihoodOptions) -> LikelihoodFit:
     """The first fit that converges with the noise that was stated or found, each started from the values of the one before.
 
     Where none does, the best start decides with a model error allowed. An interrupt ends the search.
@@ -31,7 +31,9 @@ def first_good(fitted: Fitted, theta: Floats, options: Options) -> LikelihoodFit
     strict = replace(options, model_error=False)
     for _ in range(_ATTEMPTS):
         fit = fitted(start, options=strict)
-        if fit.status is Status.INTERRUPTED or (fit.status is Status.CONVERGED and not fit.chi_square_off):
+        if fit.status is AnnealingStatus.INTERRUPTED or (
+            fit.status is AnnealingStatus.CONVERGED and not fit.chi_square_off
+        ):
             return fit
         if best is not None and fit.chi_square >= best.chi_square:
             break

@@ -25,7 +25,7 @@ class Damping:
 
 
 @dataclass(frozen=True, eq=False)
-class Bordered:
+class BorderedSystem:
     """The equations. right holds the border's columns and, last, the gradient, each as (K, m)."""
 
     diagonal: Floats  # (K, m, m) symmetric
@@ -34,7 +34,7 @@ class Bordered:
     corner: Floats  # (p, p)
     corner_gradient: Floats  # (p,)
 
-    def factor(self, damping: Damping | None = None) -> Factor | None:
+    def factor(self, damping: Damping | None = None) -> BorderedFactor | None:
         """Cholesky factor of the equations, damped if so wanted, or None where they are not positive."""
         K, m, _ = self.diagonal.shape
         p = len(self.corner)
@@ -56,7 +56,7 @@ class Bordered:
         schur = corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # tangents that ran away
             return None
-        return Factor(chol, forward, schur, self.corner_gradient - moment[p, :p], (K, m))
+        return BorderedFactor(chol, forward, schur, self.corner_gradient - moment[p, :p], (K, m))
 
     def drop(self, nodes: Floats, border: Floats) -> float:
         """g's: what a full Gauss-Newton step (nodes, border) takes off the cost."""
@@ -64,7 +64,7 @@ class Bordered:
 
 
 @dataclass(frozen=True, eq=False)
-class Factor:
+class BorderedFactor:
     """chol: band of the nodes' factor; forward (p + 1, K m); schur (p, p), reduced (p,): the border's equations."""
 
     chol: Floats

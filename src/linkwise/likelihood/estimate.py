@@ -11,18 +11,18 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.likelihood.anneal import Progress, Status
+from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
 from linkwise.likelihood.attempts import first_good
-from linkwise.likelihood.fit import LikelihoodFit, Options, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.starts.coefficients import law_start
-from linkwise.likelihood.starts.inverse_dynamics import drifts
+from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.verdict import Verdict
-from linkwise.weak.displacements import read_motion
+from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.residual import weak_residual
@@ -38,7 +38,7 @@ def likelihood_estimate(
     offsets: Sequence[str] = (),
     gains: Sequence[str] = (),
     loss: Loss | None = None,
-    report: Callable[[Progress], None] | None = None,
+    report: Callable[[AnnealingStep], None] | None = None,
 ) -> Estimate:
     """The most likely unknowns of `structure` given `records` (METHODS section 5).
 
@@ -49,8 +49,8 @@ def likelihood_estimate(
     there is no start.
     """
     theta, spread = _start(records, structure, dict(starts or {}))
-    options = Options(offsets, gains, loss or Gaussian(), report=report)
-    if drifts(records[0], structure):
+    options = LikelihoodOptions(offsets, gains, loss or Gaussian(), report=report)
+    if needs_integration(records[0], structure):
         fit = first_good(partial(likelihood_fit, records, structure), theta, options)
     else:
         fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
@@ -90,13 +90,13 @@ def _start(
     given = {p.name: p.start for p in parameters if p.start is not None} | starts
     if all(p.name in starts for p in parameters):
         return np.array([starts[p.name] for p in parameters]), None
-    if drifts(records[0], structure):
+    if needs_integration(records[0], structure):
         found = law_start(records[0], structure, channel_noise(records[0]), given)
         return np.array([found[p.name] for p in parameters]), None
     fits, reason = [], ""
     for record in records:
         try:
-            fits.append(weak_search(record, structure, read_motion(record, structure), given)[1])
+            fits.append(weak_search(record, structure, read_displacements(record, structure), given)[1])
         except IdentificationError as error:
             reason = reason or str(error)
     if not fits:
@@ -114,7 +114,7 @@ def _start(
 
 
 def _judged(fit: LikelihoodFit, identified: Structure) -> tuple[Verdict, str]:
-    if fit.status is not Status.CONVERGED:
+    if fit.status is not AnnealingStatus.CONVERGED:
         told = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
         return Verdict.NOT_CONVERGED, told
     if fit.chi_square_off:
@@ -173,7 +173,7 @@ def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None
     columns = []
     for record in records:
         try:
-            equations = weak_equations(record, identified, read_motion(record, identified))
+            equations = weak_equations(record, identified, read_displacements(record, identified))
         except IdentificationError:
             return None
         windows = weak_residual(equations, np.zeros(0))

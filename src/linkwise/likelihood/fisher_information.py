@@ -14,7 +14,7 @@ import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.flow import flow, tangents
-from linkwise.likelihood.segments import A, Point, Scales, Segments, V, X
+from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
 
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
 _BLIND = 1e-9  # of what would be known beside known states: below it single-precision tangents say nothing
@@ -23,7 +23,7 @@ _RELATED = 0.01  # cosine between the blind parts of two parameters that are con
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class FisherInformation:
     """`fisher` (p, p) with the starts of all segments unknown, `beside` (p,) its diagonal if they were known."""
 
     fisher: Floats
@@ -42,7 +42,7 @@ class Precision:
     scale: Floats
 
     @classmethod
-    def of(cls, information: Information) -> Precision:
+    def of(cls, information: FisherInformation) -> Precision:
         """From the eigenvalues of the information, each parameter in units of what would be known of it alone."""
         scale = np.sqrt(np.where(information.beside > 0.0, information.beside, 1.0))
         values, vectors = np.linalg.eigh(information.fisher / np.outer(scale, scale))
@@ -68,7 +68,7 @@ class Precision:
         return tuple(lost[labels == label] for label in range(labels.max(initial=-1) + 1))
 
 
-def information(segments: Segments, point: Point, scales: Scales) -> Information:
+def fisher_information(segments: Segments, point: Iterate, scales: Scales) -> FisherInformation:
     """What `segments` (one step of the flow a sample) tell of theta at the truth, `point`, whatever their starts.
 
     The sensitivities of a segment are reduced by QR, not by normal equations, so that what states explain is taken off
@@ -85,16 +85,16 @@ def information(segments: Segments, point: Point, scales: Scales) -> Information
         fisher += left.T @ left
         beside += np.sum(triangle[..., m:] ** 2, axis=(0, 1))
     unit = scales.theta
-    return Information(fisher / np.outer(unit, unit), beside / unit**2)
+    return FisherInformation(fisher / np.outer(unit, unit), beside / unit**2)
 
 
-def _sensitivities(segments: Segments, point: Point, scales: Scales, part: slice) -> Floats:
+def _sensitivities(segments: Segments, point: Iterate, scales: Scales, part: slice) -> Floats:
     """(k, rows, 2n + p) of all samples that are seen, in noise deviations, by scaled states and theta."""
     blocks = list(_samples(segments, point, scales, part))
     return np.concatenate(blocks, axis=1)
 
 
-def _samples(segments: Segments, point: Point, scales: Scales, part: slice) -> Iterator[Floats]:
+def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) -> Iterator[Floats]:
     """(k, C, 2n + p) sample by sample."""
     mechanics, step = segments.system.at(point.theta), segments.step[part]
     orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, segments.inputs.part(part))

@@ -9,21 +9,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status
-from linkwise.likelihood.gaps import broken, carried
+from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, AnnealingStep
+from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.loss import Gaussian, Loss
-from linkwise.likelihood.model_error import Annealer, colour, with_model_error
+from linkwise.likelihood.model_error import Annealer, lag_one_autocorrelation, with_model_error
 from linkwise.likelihood.optimum import Optimum
-from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, evaluate
-from linkwise.likelihood.sensors import SAMPLES, Sensing
-from linkwise.likelihood.starts.states import nodes, start_states
+from linkwise.likelihood.segments import Iterate, Misfit, Scales, Segments, evaluate
+from linkwise.likelihood.sensors import SAMPLES, SensorModel
+from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 
-_NEAR = Schedule(loose=0.1, fast=0.01, trust=10.0)  # from a start with known deviations: the weak fit's
-_WARM = Schedule(loose=0.01, fast=0.003, trust=10.0)  # from the states of a fit to nearly the same laws
+_NEAR = AnnealingSchedule(
+    loose=0.1, fast=0.01, trust=10.0
+)  # from a start with known deviations: the weak fit's
+_WARM = AnnealingSchedule(
+    loose=0.01, fast=0.003, trust=10.0
+)  # from the states of a fit to nearly the same laws
 _FLOW_ERROR = 0.02  # of a noise deviation: what the steps of the flow may be wrong by
 _FINEST = 8
 _TRIED = 150  # segments that tell how fine the steps must be
@@ -56,15 +60,15 @@ class LikelihoodFit:
     model_error: float
     force_error: Floats
     samples: int
-    status: Status
-    path: tuple[Progress, ...]
+    status: AnnealingStatus
+    path: tuple[AnnealingStep, ...]
     segments: Segments
     misfit: Misfit
     optimum: Optimum
 
 
 @dataclass(frozen=True)
-class Options:
+class LikelihoodOptions:
     """`offsets` and `gains` name channels with an unknown constant error or factor; `loss` is what a residual costs.
 
     Where the laws leave what is no noise, the flow is relaxed by the model error that is most likely, unless `model_error` is
@@ -77,10 +81,10 @@ class Options:
     gains: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
-    report: Callable[[Progress], None] | None = None
+    report: Callable[[AnnealingStep], None] | None = None
     nodes: Floats | None = None
     ceiling: float = np.inf
-    steps: int = Schedule.steps
+    steps: int = AnnealingSchedule.steps
 
 
 def _workers() -> int:
@@ -93,14 +97,14 @@ def likelihood_fit(
     theta: Floats,
     *,
     spread: Floats | None = None,
-    options: Options | None = None,
+    options: LikelihoodOptions | None = None,
 ) -> LikelihoodFit:
     """The most likely parameters of `structure` given `records`, from a start `theta` (p,) with deviations `spread` (p,).
 
     Raises IdentificationError for records that do not fit together.
     """
-    options = options or Options()
-    sensing = Sensing.of(records, options.offsets, options.gains)
+    options = options or LikelihoodOptions()
+    sensing = SensorModel.of(records, options.offsets, options.gains)
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
         annealer = Annealer(executor, options.loss, options.report)
@@ -112,14 +116,17 @@ def _fitted(
     structure: Structure,
     theta: Floats,
     spread: Floats | None,
-    sensing: Sensing,
-    options: Options,
+    sensing: SensorModel,
+    options: LikelihoodOptions,
     annealer: Annealer,
 ) -> LikelihoodFit:
     whole, point, scales = _problem(records, structure, theta, spread, sensing)
-    segments = broken(whole)
+    segments = split_at_gaps(whole)
     if options.nodes is None:
-        point, schedule = carried(segments, point), Schedule() if spread is None else _NEAR
+        point, schedule = (
+            carry_through_gaps(segments, point),
+            AnnealingSchedule() if spread is None else _NEAR,
+        )
     else:
         point, schedule = replace(point, nodes=options.nodes), _WARM
     schedule = replace(schedule, ceiling=options.ceiling, steps=min(schedule.steps, options.steps))
@@ -130,8 +137,12 @@ def _fitted(
         fit, segments = joined, whole
     model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
     off = bool(abs(chi_square - 1.0) > limit)
-    lost = fit.status in (Status.EXHAUSTED, Status.STUCK)
-    coloured = fit.status is Status.CONVERGED and chi_square > 1.0 and colour(fit.misfit) > _WHITE
+    lost = fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
+    coloured = (
+        fit.status is AnnealingStatus.CONVERGED
+        and chi_square > 1.0
+        and lag_one_autocorrelation(fit.misfit) > _WHITE
+    )
     stated = any(name in record.noise for record in records for name in records[0].responses)
     rung = None
     if options.model_error and (lost or (off and coloured)):
@@ -139,7 +150,7 @@ def _fitted(
     if rung is not None:
         fit, model_error, factor = rung.fit, rung.q, rung.noise
         chi_square = factor**2
-        left = chi_square > _LARGEST_EXCESS and colour(fit.misfit) > _WHITE
+        left = chi_square > _LARGEST_EXCESS and lag_one_autocorrelation(fit.misfit) > _WHITE
         off = left or (stated and abs(chi_square - 1.0) > limit)
     elif off and not stated and chi_square < 1.0:
         factor, off = (
@@ -168,8 +179,12 @@ def _fitted(
 
 
 def _problem(
-    records: Sequence[Record], structure: Structure, theta: Floats, spread: Floats | None, sensing: Sensing
-) -> tuple[Segments, Point, Scales]:
+    records: Sequence[Record],
+    structure: Structure,
+    theta: Floats,
+    spread: Floats | None,
+    sensing: SensorModel,
+) -> tuple[Segments, Iterate, Scales]:
     """The records cut into segments, where the search starts, and the units in which it works."""
     system = System.of(structure)
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
@@ -182,8 +197,8 @@ def _problem(
         np.min([each.scale for each in starts], axis=0),  # the quietest record asks for the tightest flow
         np.concatenate([np.where(unit > 0.0, unit, 1.0), offset_units, np.ones(len(sensing.gains))]),
     )
-    point = Point(
-        nodes(starts, SAMPLES),
+    point = Iterate(
+        segment_nodes(starts, SAMPLES),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
         np.zeros(len(sensing.offsets)),
         np.ones(len(sensing.gains)),
@@ -195,17 +210,17 @@ def _fine_enough(
     records: Sequence[Record],
     structure: Structure,
     system: System,
-    point: Point,
+    point: Iterate,
     scales: Scales,
-    sensing: Sensing,
+    sensing: SensorModel,
 ) -> Segments:
     """Segments whose flow is exact to a small part of the noise: the steps are halved until nothing changes."""
     refine = 1
-    segments = sensing.cut(records, structure, system, refine)
+    segments = sensing.segments(records, structure, system, refine)
     every = max(1, segments.count // _TRIED)
     residuals = _predicted(segments, point, scales, every)
     while refine < _FINEST:
-        finer = sensing.cut(records, structure, system, 2 * refine)
+        finer = sensing.segments(records, structure, system, 2 * refine)
         exact = _predicted(finer, point, scales, every)
         change = exact - residuals
         if np.isfinite(exact).all() and np.sqrt(np.mean(change[np.isfinite(change)] ** 2)) < _FLOW_ERROR:
@@ -214,7 +229,7 @@ def _fine_enough(
     return segments
 
 
-def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> Floats:
+def _predicted(segments: Segments, point: Iterate, scales: Scales, every: int) -> Floats:
     """The residuals of some of the segments."""
     which = slice(None, None, every)
     some = replace(
@@ -229,23 +244,27 @@ def _predicted(segments: Segments, point: Point, scales: Scales, every: int) -> 
     return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
 
 
-def _joined(whole: Segments, fit: Fit, limit: float, annealer: Annealer) -> Fit | None:
+def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer) -> AnnealingFit | None:
     """The fit with both sides of every long gap linked, None where laws and samples do not tell how."""
-    if fit.status is not Status.CONVERGED:
+    if fit.status is not AnnealingStatus.CONVERGED:
         return None
-    joined = annealer(whole, carried(whole, fit.point), fit.scales, Schedule(steps=_JOINING))
+    joined = annealer(
+        whole, carry_through_gaps(whole, fit.point), fit.scales, AnnealingSchedule(steps=_JOINING)
+    )
     return (
-        joined if joined.status is Status.CONVERGED and joined.chi_square < fit.chi_square + limit else None
+        joined
+        if joined.status is AnnealingStatus.CONVERGED and joined.chi_square < fit.chi_square + limit
+        else None
     )
 
 
-def _found_noise(fit: Fit, channels: Sequence[str]) -> dict[str, float]:
+def _found_noise(fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]:
     squares = np.sum(fit.misfit.residuals**2, axis=(0, 2))
     counts = np.maximum(np.sum(fit.misfit.residuals != 0.0, axis=(0, 2)), 1)
     return dict(zip(channels, map(float, fit.scales.sigma * np.sqrt(squares / counts)), strict=True))
 
 
-def _force_error(fit: Fit, system: System, segments: Segments) -> Floats:
+def _force_error(fit: AnnealingFit, system: System, segments: Segments) -> Floats:
     """(n,) root mean square in N of the force that the velocity defects stand for."""
     n = len(fit.scales.state) // 2
     duration = np.mean(segments.step) * segments.steps

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.system import Mechanics
+from linkwise.likelihood.system import NumericSystem
 from linkwise.likelihood.tableau import (
     CLOSING,
     MIDDLE,
@@ -44,7 +44,7 @@ class Inputs:
 
 
 @dataclass(frozen=True, eq=False)
-class Orbit:
+class Trajectories:
     """J steps from the nodes of K segments, with what tangents and sensors need; SI units except u = h v."""
 
     states: Floats  # (J + 1, 2, n, K) x and u at the steps' ends
@@ -53,8 +53,8 @@ class Orbit:
     middle_links: Floats  # (J, 2, L, K) d and v in the middles of the steps
     middle_accelerations: Floats  # (J, n, K)
 
-    def part(self, segments: slice) -> Orbit:
-        return Orbit(
+    def part(self, segments: slice) -> Trajectories:
+        return Trajectories(
             *(
                 a[..., segments]
                 for a in (
@@ -67,14 +67,14 @@ class Orbit:
             )
         )
 
-    def thinned(self, refine: int) -> Orbit:
+    def thinned(self, refine: int) -> Trajectories:
         """The same orbit in steps `refine` (1 or even) times as long: an old step's end is the new one's middle."""
         if refine == 1:
             return self
         half = slice(refine // 2, None, refine)
         states = self.states[::refine].copy()
         states[:, 1] *= refine
-        return Orbit(
+        return Trajectories(
             states,
             self.links[::refine],
             self.accelerations[::refine],
@@ -84,7 +84,7 @@ class Orbit:
 
 
 @dataclass(frozen=True, eq=False)
-class Pushes:
+class CandidateForces:
     """Forces that are not there, c of them, each between two masses; what the fit would do if they had a size is asked.
 
     first, second (c,): masses, -1 for none, that feel the force with reversed sign, and as it is; starts (J + 1, c, K) and
@@ -96,15 +96,17 @@ class Pushes:
     starts: Floats
     middles: Floats
 
-    def part(self, segments: slice) -> Pushes:
-        return Pushes(self.first, self.second, self.starts[..., segments], self.middles[..., segments])
+    def part(self, segments: slice) -> CandidateForces:
+        return CandidateForces(
+            self.first, self.second, self.starts[..., segments], self.middles[..., segments]
+        )
 
 
-def flow(mechanics: Mechanics, start: Floats, step: Floats, steps: int, inputs: Inputs) -> Orbit:
+def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inputs: Inputs) -> Trajectories:
     """Carry states `start` (2, n, K) (x in m, v in m/s) `steps` steps of `step` (K,) seconds on."""
     _, n, K = start.shape
     L = mechanics.gain.shape[1]
-    orbit = Orbit(
+    orbit = Trajectories(
         np.empty((steps + 1, 2, n, K)),
         np.empty((steps + 1, 2, L, K)),
         np.empty((steps + 1, n, K)),
@@ -158,18 +160,18 @@ def flow(mechanics: Mechanics, start: Floats, step: Floats, steps: int, inputs: 
     return orbit
 
 
-def _add_base(mechanics: Mechanics, motion: Floats, inputs: Inputs, j: int, point: int) -> None:
+def _add_base(mechanics: NumericSystem, motion: Floats, inputs: Inputs, j: int, point: int) -> None:
     if inputs.base is not None:
         motion += mechanics.system.base[:, None] * inputs.base[j, point, :, None]
 
 
 def tangents(
-    mechanics: Mechanics,
-    orbit: Orbit,
+    mechanics: NumericSystem,
+    orbit: Trajectories,
     step: Floats,
     scale: Floats,
     unit: Floats,
-    pushes: Pushes | None = None,
+    pushes: CandidateForces | None = None,
 ) -> Iterator[tuple[Single, Single | None]]:
     """Sensitivities along an orbit to the node's state, theta and the sizes of `pushes`, one column each: P = 2n + p + c.
 
@@ -180,8 +182,8 @@ def tangents(
     n, L = mechanics.gain.shape
     steps, K = len(orbit.middle_links), orbit.links.shape[-1]
     P = 2 * n + len(unit) + (0 if pushes is None else len(pushes.first))
-    starts = _Pull(mechanics, orbit.links, orbit.accelerations, step, unit)
-    middles = _Pull(mechanics, orbit.middle_links, orbit.middle_accelerations, step, unit)
+    starts = _TangentForces(mechanics, orbit.links, orbit.accelerations, step, unit)
+    middles = _TangentForces(mechanics, orbit.middle_links, orbit.middle_accelerations, step, unit)
     if pushes is not None:
         starts.push(pushes, pushes.starts, step)
         middles.push(pushes, pushes.middles, step)
@@ -227,11 +229,11 @@ def tangents(
     yield state, None
 
 
-class _Pull:
+class _TangentForces:
     """Tangent link forces h^2 df, and what an unknown mass does to its own acceleration."""
 
     def __init__(
-        self, mechanics: Mechanics, links: Floats, accelerations: Floats, step: Floats, unit: Floats
+        self, mechanics: NumericSystem, links: Floats, accelerations: Floats, step: Floats, unit: Floats
     ) -> None:
         system, step2, first = mechanics.system, step * step, 2 * len(mechanics.masses)
         slopes = mechanics.slopes(links[:, 0], links[:, 1])
@@ -251,7 +253,7 @@ class _Pull:
             )
         self.mass_values = mechanics.masses
 
-    def push(self, pushes: Pushes, force: Floats, step: Floats) -> None:
+    def push(self, pushes: CandidateForces, force: Floats, step: Floats) -> None:
         """Take in `force` (..., c, K) of pushes that no link exerts yet."""
         for ends, sign in ((pushes.first, -1.0), (pushes.second, 1.0)):
             held = np.flatnonzero(ends >= 0)

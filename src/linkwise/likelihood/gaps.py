@@ -12,12 +12,12 @@ import numpy as np
 
 from linkwise.arrays import Bools
 from linkwise.likelihood.flow import flow
-from linkwise.likelihood.segments import Point, Segments
+from linkwise.likelihood.segments import Iterate, Segments
 
 _BRIDGED = 2  # segments without a sample of a mass over which a rough start leads from one side to the other
 
 
-def broken(segments: Segments) -> Segments:
+def split_at_gaps(segments: Segments) -> Segments:
     """The same segments without links where a mass is seen again after a long gap.
 
     Where all sensors are silent no segment of the gap is linked to another; where those of one mass are, the laws carry it
@@ -39,7 +39,7 @@ def _gaps(seen: Bools) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in turns if last - first > _BRIDGED]
 
 
-def carried(segments: Segments, point: Point) -> Point:
+def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
     """The start with masses carried on by the laws where their sensors are silent, instead of along a straight line."""
     n = point.nodes.shape[1]
     silent = np.zeros((n, segments.count), dtype=bool)

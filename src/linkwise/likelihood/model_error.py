@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.likelihood.anneal import Fit, Progress, Schedule, Status, anneal
+from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, AnnealingStep, anneal
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.segments import Misfit, Point, Scales, Segments, linearise
+from linkwise.likelihood.segments import Iterate, Misfit, Scales, Segments, linearise
 
 _LOOSENING = 3.0  # from rung to rung of the ladder of model errors
 _RUNGS = 19  # from q = 1e-5 to 4e3
@@ -22,58 +22,64 @@ class Annealer:
 
     executor: Executor
     loss: Loss
-    report: Callable[[Progress], None] | None
+    report: Callable[[AnnealingStep], None] | None
 
-    def __call__(self, segments: Segments, start: Point, scales: Scales, schedule: Schedule) -> Fit:
+    def __call__(
+        self, segments: Segments, start: Iterate, scales: Scales, schedule: AnnealingSchedule
+    ) -> AnnealingFit:
         return anneal(
             segments, start, scales, schedule, loss=self.loss, executor=self.executor, report=self.report
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
+class ModelErrorCandidate:
     """A fit at relaxation q, the factor on the noise that it asks for, and -2 log of its marginal likelihood."""
 
-    fit: Fit
+    fit: AnnealingFit
     q: float
     noise: float
     cost: float
 
 
-def with_model_error(segments: Segments, fit: Fit, start: Point, annealer: Annealer) -> Rung | None:
+def with_model_error(
+    segments: Segments, fit: AnnealingFit, start: Iterate, annealer: Annealer
+) -> ModelErrorCandidate | None:
     """The most likely split of what the laws leave into noise of the sensors and errors of the flow.
 
     For every relaxation q on a ladder the orbit is fitted again and the noise profiled out; the marginal likelihood, Gaussian
     in nodes and theta about their optimum (Laplace), chooses q. A tight fit is loosened; where there is none, for laws too
     wrong for it, the `start` is tightened. None where no rung is the best.
     """
-    if fit.status is Status.CONVERGED:
+    if fit.status is AnnealingStatus.CONVERGED:
         rungs = [fit.q * _LOOSENING**rung for rung in range(_RUNGS)]
-        return _climb(segments, fit.point, fit.scales, rungs, annealer)
-    best = _climb(segments, start, fit.scales, [_LOOSENING**-rung for rung in range(_RUNGS)], annealer)
+        return _ladder_search(segments, fit.point, fit.scales, rungs, annealer)
+    best = _ladder_search(
+        segments, start, fit.scales, [_LOOSENING**-rung for rung in range(_RUNGS)], annealer
+    )
     if best is not None and best.q == 1.0:
         rungs = [_LOOSENING**rung for rung in range(_RUNGS)]
-        return _climb(segments, best.fit.point, fit.scales, rungs, annealer)
+        return _ladder_search(segments, best.fit.point, fit.scales, rungs, annealer)
     return best
 
 
-def _climb(
-    segments: Segments, point: Point, scales: Scales, rungs: Sequence[float], annealer: Annealer
-) -> Rung | None:
+def _ladder_search(
+    segments: Segments, point: Iterate, scales: Scales, rungs: Sequence[float], annealer: Annealer
+) -> ModelErrorCandidate | None:
     """The best rung, once two worse ones follow it; None where the ladder ends before, or a rung is out of reach.
 
     An interrupt from the keyboard ends the climb on the rung where it was."""
     best, worse = None, 0
     for q in rungs:
-        fit = annealer(segments, point, scales, Schedule(loose=q, tight=q))
-        if fit.status is Status.INTERRUPTED:
-            return Rung(fit, q, 1.0, np.inf)
-        if fit.status is not Status.CONVERGED:
+        fit = annealer(segments, point, scales, AnnealingSchedule(loose=q, tight=q))
+        if fit.status is AnnealingStatus.INTERRUPTED:
+            return ModelErrorCandidate(fit, q, 1.0, np.inf)
+        if fit.status is not AnnealingStatus.CONVERGED:
             return None
         point = fit.point
         noise, cost = _evidence(segments, fit, q, annealer.loss)
         if best is None or cost < best.cost:
-            best, worse = Rung(fit, q, noise, cost), 0
+            best, worse = ModelErrorCandidate(fit, q, noise, cost), 0
         else:
             worse += 1
         if worse == 2:
@@ -81,7 +87,7 @@ def _climb(
     return None
 
 
-def _evidence(segments: Segments, fit: Fit, q: float, loss: Loss) -> tuple[float, float]:
+def _evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
     """The factor on the noise (and on q) that this orbit asks for, and -2 log of the marginal likelihood with it."""
     linear = linearise(segments, fit.misfit, fit.scales, loss)
     factor = linear.equations(q).factor()
@@ -97,7 +103,7 @@ def _evidence(segments: Segments, fit: Fit, q: float, loss: Loss) -> tuple[float
     )
 
 
-def colour(misfit: Misfit) -> float:
+def lag_one_autocorrelation(misfit: Misfit) -> float:
     """Largest autocorrelation at one sample among the channels' residuals."""
     r = misfit.residuals
     before, after = r[:-1], r[1:]

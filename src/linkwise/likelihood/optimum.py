@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.segments import Point, Scales, Segments
+from linkwise.likelihood.segments import Iterate, Scales, Segments
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,7 +13,7 @@ class Optimum:
     """The most likely `point` of `segments` at relaxation `q`; `noise` is the factor on the deviations in `scales`."""
 
     segments: Segments
-    point: Point
+    point: Iterate
     scales: Scales
     q: float
     noise: float

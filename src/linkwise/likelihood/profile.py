@@ -15,9 +15,9 @@ import scipy
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.likelihood.anneal import Fit, Schedule, Status, anneal
+from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.optimum import Optimum
-from linkwise.likelihood.segments import Point
+from linkwise.likelihood.segments import Iterate
 
 _LOOSENED = 1e3  # times the last q: from here annealing follows a coefficient that was moved
 _LOOSEST = 1e-2
@@ -111,7 +111,7 @@ class _Profile:
             near, far = far, min(reach, float(np.clip(straight, 1.25, 3.0)) * far)
         return self.value + float(scipy.optimize.brentq(beyond, near, far, xtol=_CLOSE)) * deviation
 
-    def _fitted(self, start: Point, value: float | None = None) -> Fit:
+    def _fitted(self, start: Iterate, value: float | None = None) -> AnnealingFit:
         """The fit from `start`, the parameter held at `value` if that is given."""
         optimum = self.optimum
         system = optimum.segments.system
@@ -126,10 +126,10 @@ class _Profile:
             replace(optimum.segments, system=system),
             start,
             optimum.scales,
-            Schedule(loose=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)), tight=optimum.q),
+            AnnealingSchedule(loose=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)), tight=optimum.q),
             loss=optimum.loss,
         )
-        if fit.status is not Status.CONVERGED:
+        if fit.status is not AnnealingStatus.CONVERGED:
             raise IdentificationError(
                 f"the profile of {self.name} cannot be followed: with {self.name} = {start.theta[self.column]:.6g} the fit is "
                 f"{fit.status.value}; the interval from its standard error is all there is"

@@ -14,7 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.expression import Program
-from linkwise.likelihood.flow import Inputs, Orbit, Pushes
+from linkwise.likelihood.flow import CandidateForces, Inputs, Trajectories
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import evaluate, linearise
 from linkwise.model.law import VARIABLES, Law
@@ -24,7 +24,7 @@ _AT_ONCE = 6_000_000  # numbers in the forces of one batch
 
 
 @dataclass(frozen=True)
-class Force:
+class CandidateForce:
     """A force of unit size: `law` without coefficients, between masses `first` and `second` (-1 the ground, -2 the base)."""
 
     first: int
@@ -33,7 +33,7 @@ class Force:
 
 
 @dataclass(frozen=True, eq=False)
-class Parabola:
+class LocalQuadratic:
     """-2 log likelihood over the square of the noise factor, about the optimum: c - 2 g'z + z'H z in z = (theta, sizes).
 
     `curvature` (p + f, p + f) H and `slope` (p + f,) g, z from zero, with nodes, offsets and gains at their best.
@@ -43,7 +43,7 @@ class Parabola:
     slope: Floats
 
 
-def parabola(optimum: Optimum, forces: Sequence[Force]) -> Parabola:
+def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> LocalQuadratic:
     """The parabola at `optimum` in its p parameters and the sizes of f `forces`.
 
     Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
@@ -51,7 +51,7 @@ def parabola(optimum: Optimum, forces: Sequence[Force]) -> Parabola:
     with one_blas_thread():
         segments, scales = optimum.segments, optimum.scales
         misfit = evaluate(segments, optimum.point, scales, optimum.loss)
-        pushes, units = _pushes(optimum, misfit.orbit, forces)
+        pushes, units = _candidate_forces(optimum, misfit.orbit, forces)
         linear = linearise(segments, misfit, scales, optimum.loss, pushes=pushes)
         factor = linear.equations(optimum.q).factor()
         if factor is None:
@@ -69,10 +69,12 @@ def parabola(optimum: Optimum, forces: Sequence[Force]) -> Parabola:
     unit = np.concatenate([scales.theta[:p], units])
     curvature = curvature / np.outer(unit, unit) / optimum.noise**2
     here = np.concatenate([optimum.point.theta, np.zeros(f)])
-    return Parabola(curvature, slope / unit / optimum.noise**2 + curvature @ here)
+    return LocalQuadratic(curvature, slope / unit / optimum.noise**2 + curvature @ here)
 
 
-def _pushes(optimum: Optimum, orbit: Orbit, forces: Sequence[Force]) -> tuple[Pushes, Floats]:
+def _candidate_forces(
+    optimum: Optimum, orbit: Trajectories, forces: Sequence[CandidateForce]
+) -> tuple[CandidateForces, Floats]:
     """The forces along the orbit, and the size of each that is one unit: the reciprocal of its root mean square."""
     segments = optimum.segments
     ends, middles = _states(orbit, segments.refine, segments.step, segments.inputs)
@@ -95,10 +97,10 @@ def _pushes(optimum: Optimum, orbit: Orbit, forces: Sequence[Force]) -> tuple[Pu
     units = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
     starts *= units[:, None]
     between *= units[:, None]
-    return Pushes(first, second, starts, between), units
+    return CandidateForces(first, second, starts, between), units
 
 
-def _states(orbit: Orbit, refine: int, step: Floats, inputs: Inputs) -> tuple[Floats, Floats]:
+def _states(orbit: Trajectories, refine: int, step: Floats, inputs: Inputs) -> tuple[Floats, Floats]:
     """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
 
     Behind the masses stand the base and the ground. The middles follow from x, v and a at both ends, to the sixth order.

@@ -20,7 +20,7 @@ from linkwise.records.record import Record
 _KINDS = {"x": X, "v": V, "a": A}
 
 
-def cut(
+def cut_segments(
     records: Sequence[Record],
     structure: Structure,
     system: System,
@@ -50,18 +50,18 @@ def cut(
     )
     return Segments(
         system=system,
-        sensors=sensors(channels, structure, offsets, gains),
+        sensors=sensor_arrays(channels, structure, offsets, gains),
         samples=np.where(seen, data, 0.0),
         seen=seen,
         step=step,
         linked=linked,
-        inputs=inputs(records, structure, counts, samples=samples, refine=refine),
+        inputs=flow_inputs(records, structure, counts, samples=samples, refine=refine),
         refine=refine,
         loudness=None if loudness is None else np.repeat(np.stack(loudness, axis=1), counts, axis=1),
     )
 
 
-def sensors(
+def sensor_arrays(
     channels: Sequence[str], structure: Structure, offsets: Sequence[str], gains: Sequence[str]
 ) -> Sensors:
     """What each channel measures, and which unknown offset and gain it has."""
@@ -107,7 +107,7 @@ def _piece(record: Record, channels: tuple[str, ...], samples: int) -> Floats:
     return np.ascontiguousarray(padded.reshape(count, samples, len(channels)).transpose(1, 2, 0))
 
 
-def inputs(
+def flow_inputs(
     records: Sequence[Record], structure: Structure, counts: Sequence[int], *, samples: int, refine: int
 ) -> Inputs:
     """Forces and base motion at the points of every step, band-limited interpolation between their samples."""

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.bordered_system import Bordered, Damping
-from linkwise.likelihood.flow import Inputs, Orbit, Pushes, flow, tangents
+from linkwise.likelihood.bordered_system import BorderedSystem, Damping
+from linkwise.likelihood.flow import CandidateForces, Inputs, Trajectories, flow, tangents
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.system import System
 
@@ -89,7 +89,7 @@ class Segments:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Iterate:
     """The unknowns: nodes (2, n, K) in m and m/s, theta (p,), offsets (o,) and gains (g,) of sensors."""
 
     nodes: Floats
@@ -116,8 +116,8 @@ class Scales:
 class Misfit:
     """What a point leaves: orbit, residuals / sigma (M, C, K) (0 where missing), defects / state scale (2, n, K - 1)."""
 
-    point: Point
-    orbit: Orbit
+    point: Iterate
+    orbit: Trajectories
     residuals: Floats
     defects: Floats
     data: float
@@ -127,7 +127,7 @@ class Misfit:
         return self.data + self.continuity / q**2
 
 
-def evaluate(segments: Segments, point: Point, scales: Scales, loss: Loss) -> Misfit:
+def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> Misfit:
     mechanics = segments.system.at(point.theta)
     with np.errstate(over="ignore", invalid="ignore"):
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, segments.inputs)
@@ -159,7 +159,7 @@ def evaluate(segments: Segments, point: Point, scales: Scales, loss: Loss) -> Mi
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class NormalBlocks:
     """One quadratic form over scaled unknowns: state (K, m, m), right (p + 1, K, m) border and gradient, corner."""
 
     state: Floats
@@ -168,7 +168,7 @@ class Blocks:
     corner_gradient: Floats
 
     @classmethod
-    def empty(cls, K: int, m: int, p: int) -> Blocks:
+    def empty(cls, K: int, m: int, p: int) -> NormalBlocks:
         return cls(np.empty((K, m, m)), np.empty((p + 1, K, m)), np.zeros((p, p)), np.zeros(p))
 
     def put(self, part: slice, product: Floats) -> tuple[Floats, Floats]:
@@ -181,16 +181,16 @@ class Blocks:
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class Linearization:
     """Gauss-Newton model of a misfit: its data part, and its defects for q = 1 without the later node's own share."""
 
-    data: Blocks
-    defects: Blocks
+    data: NormalBlocks
+    defects: NormalBlocks
     state_ends: Floats  # (K - 1, m, m) end of a segment by its node
     right_ends: Floats  # (p + 1, K - 1, m) end by theta and offsets; last the defect, sign reversed
     linked: Bools  # (K - 1,)
 
-    def equations(self, q: float) -> Bordered:
+    def equations(self, q: float) -> BorderedSystem:
         """Normal equations with squared defects weighted by 1 / q^2."""
         weight = 1.0 / q**2
         m = self.data.state.shape[1]
@@ -200,7 +200,7 @@ class Linear:
         right = self.defects.right * weight
         right += self.data.right
         right[:, 1:] -= weight * self.right_ends
-        return Bordered(
+        return BorderedSystem(
             diagonal,
             self.state_ends * -weight,
             right,
@@ -223,8 +223,8 @@ def linearise(
     scales: Scales,
     loss: Loss,
     executor: Executor | None = None,
-    pushes: Pushes | None = None,
-) -> Linear:
+    pushes: CandidateForces | None = None,
+) -> Linearization:
     """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
     The sizes of `pushes` stand in the border behind theta.
@@ -233,7 +233,7 @@ def linearise(
     p = segments.parameters + (0 if pushes is None else len(pushes.first))
     size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
     parts = [slice(first, min(first + size, K)) for first in range(0, K, size)]
-    data, defects = Blocks.empty(K, m, p), Blocks.empty(K, m, p)
+    data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
     linked = np.append(segments.linked, False)
     missed = np.zeros((K, m))
     missed[:-1] = misfit.defects.reshape(m, -1).T
@@ -256,11 +256,16 @@ def linearise(
         ):
             total += share
     data.state[segments.lone] = np.eye(m)  # these nodes stay where they are
-    return Linear(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
+    return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
 
 
 def _chunk(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice, pushes: Pushes | None
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    part: slice,
+    pushes: CandidateForces | None,
 ) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
     sensors, step = segments.sensors, segments.step[part] * segments.refine

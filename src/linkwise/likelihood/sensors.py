@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.segmentation import cut
+from linkwise.likelihood.segmentation import cut_segments
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
@@ -19,7 +19,7 @@ SAMPLES = 5  # in a segment: shorter ones cost unknowns, longer ones make a chao
 
 
 @dataclass(frozen=True, eq=False)
-class Sensing:
+class SensorModel:
     """Which channels have an unknown offset or gain, and the `noise` of every channel in each record."""
 
     offsets: tuple[str, ...]
@@ -27,23 +27,25 @@ class Sensing:
     noise: tuple[dict[str, float], ...]
 
     @classmethod
-    def of(cls, records: Sequence[Record], offsets: Sequence[str], gains: Sequence[str]) -> Sensing:
+    def of(cls, records: Sequence[Record], offsets: Sequence[str], gains: Sequence[str]) -> SensorModel:
         """With the noise that the records state, else what is found in them."""
         return cls(tuple(offsets), tuple(gains), tuple(channel_noise(record) for record in records))
 
     @property
     def sigma(self) -> Floats:
-        """(C,) noise in the first record; that of the others is `cut` in as a factor."""
+        """(C,) noise in the first record; that of the others is cut in as a factor."""
         return np.array(list(self.noise[0].values()))
 
-    def cut(self, records: Sequence[Record], structure: Structure, system: System, refine: int) -> Segments:
+    def segments(
+        self, records: Sequence[Record], structure: Structure, system: System, refine: int
+    ) -> Segments:
         """The segments of the records."""
         loudness = (
             [np.array(list(noise.values())) / self.sigma for noise in self.noise]
             if len(self.noise) > 1
             else None
         )
-        return cut(
+        return cut_segments(
             records,
             structure,
             system,

@@ -19,7 +19,7 @@ from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True)
-class Group:
+class LawGroup:
     """Neighbouring links (a slice of the link axis) under one law; their coefficients start at `first`.
 
     `free` names the coefficients that are unknown in some link of the group.
@@ -78,7 +78,7 @@ class System:
 
     incidence: Floats
     base: Floats
-    groups: tuple[Group, ...]
+    groups: tuple[LawGroup, ...]
     parameters: Parameters
     order: Indices
 
@@ -95,7 +95,7 @@ class System:
             free = tuple(
                 name for name in law.coefficients if any((index, name) in unknown for index in indices)
             )
-            groups.append(Group(law, slice(links, links + len(indices)), rows, free))
+            groups.append(LawGroup(law, slice(links, links + len(indices)), rows, free))
             links, rows = links + len(indices), rows + len(indices) * len(law.coefficients)
         return cls(
             incidence=structure.incidence.toarray()[:, order],
@@ -105,10 +105,10 @@ class System:
             order=order,
         )
 
-    def at(self, theta: Floats) -> Mechanics:
+    def at(self, theta: Floats) -> NumericSystem:
         """The system with numbers (p,) for its parameters."""
         parameters = self.parameters
-        return Mechanics(
+        return NumericSystem(
             self,
             parameters.constant + parameters.map @ theta,
             parameters.mass_constant + parameters.mass_map @ theta,
@@ -132,11 +132,11 @@ class System:
 
     @cached_property
     def free_rows(self) -> int:
-        """Rows of partials by coefficients that `Mechanics.slopes` evaluates."""
+        """Rows of partials by coefficients that `NumericSystem.slopes` evaluates."""
         return sum(len(group.free) * group.size for group in self.groups)
 
 
-def _parameters(structure: Structure, groups: list[Group], order: Indices, rows: int) -> Parameters:
+def _parameters(structure: Structure, groups: list[LawGroup], order: Indices, rows: int) -> Parameters:
     place = {int(index): position for position, index in enumerate(order)}
     row_of = {}
     for group in groups:
@@ -167,7 +167,7 @@ def _parameters(structure: Structure, groups: list[Group], order: Indices, rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class ForcePartials:
     """Partials of the link forces: by elongation and its rate (..., L, K), by interacting parameter (..., E, K)."""
 
     by_d: Floats
@@ -176,7 +176,7 @@ class Slopes:
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanics:
+class NumericSystem:
     """A system with numbers: M x'' = -B f(d, v) + w."""
 
     system: System
@@ -206,7 +206,7 @@ class Mechanics:
         for group, values in zip(self.system.groups, self._values, strict=True):
             out[group.links] = group.force(d[group.links], v[group.links], *values)[0]
 
-    def slopes(self, d: Floats, v: Floats) -> Slopes:
+    def slopes(self, d: Floats, v: Floats) -> ForcePartials:
         """Partials at elongations and rates (..., L, K)."""
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))
@@ -225,7 +225,7 @@ class Mechanics:
             by_parameter[..., index, :] = factor * by_coefficient[..., row, :]
             for row, factor in rest:
                 by_parameter[..., index, :] += factor * by_coefficient[..., row, :]
-        return Slopes(by_d, by_v, by_parameter)
+        return ForcePartials(by_d, by_v, by_parameter)
 
 
 @lru_cache(maxsize=512)

@@ -10,7 +10,7 @@ import numpy as np
 
 from linkwise.atomic import RESULT, to_json, whole_folder
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import COVARIANCE, Knowledge, write_covariance
+from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import write_structure
 from linkwise.plot import force_figure, histories_figure, save
@@ -58,7 +58,7 @@ def write_links(
     for found in estimate.links:
         _write_force(estimate, found.link.name, folder / f"force_{found.link.name}.csv")
     if estimate.trusted and estimate.intervals:
-        write_covariance(Knowledge.of(estimate), folder / COVARIANCE)
+        write_covariance(Posterior.of(estimate), folder / COVARIANCE)
     save(histories_figure(estimate.record), folder / "histories")
     pictured = _pictured(estimate)
     for number, name in enumerate(pictured):

@@ -13,7 +13,7 @@ from plotly.io import to_html
 from plotly.offline import get_plotlyjs
 
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_estimate import CoefficientEstimate, Derived
+from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.plot.force import force_title
@@ -146,7 +146,7 @@ def _row(found: CoefficientEstimate, true: float | None) -> CoefficientRow:
     )
 
 
-def _derived(found: Derived) -> str:
+def _derived(found: DerivedQuantity) -> str:
     if found.interval is None:
         return f"{found.name}: {number(found.value)} {found.unit}"
     low, high = found.interval

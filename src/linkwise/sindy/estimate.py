@@ -27,7 +27,7 @@ _MOST = 0.1  # of the forces, root mean square: regressors with as much noise wo
 
 
 @dataclass(frozen=True)
-class Classical:
+class PhysicsInformedSindy:
     """How the paper's method is run: `derivative` "spline", "savgol" or "differences", then `regressor` "least-squares",
     "stlsq" or "l1". Raises IdentificationError for another regressor.
 
@@ -52,14 +52,14 @@ class Classical:
             )
 
 
-def classical_estimate(record: Record, structure: Structure, classical: Classical) -> Estimate:
+def sindy_estimate(record: Record, structure: Structure, options: PhysicsInformedSindy) -> Estimate:
     """The unknowns of `structure` from `record`.
 
     Raises RecordError where derivatives cannot be formed, IdentificationError where a law is not linear in an unknown.
     """
-    states = differentiate(record, classical.derivative)
+    states = differentiate(record, options.derivative)
     system = link_columns(states, structure)
-    fit = _REGRESSORS[classical.regressor]().fit(system)
+    fit = _REGRESSORS[options.regressor]().fit(system)
     values = fit.coefficients[:, 0]
     dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
     identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))

@@ -19,7 +19,7 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.sindy.monomials import Monomials, tags
-from linkwise.sindy.regression.regressor import Fit
+from linkwise.sindy.regression.regressor import RegressionFit
 
 Reading = Literal["coefficients", "ends", "displacements"]
 
@@ -28,7 +28,7 @@ READINGS: tuple[Reading, ...] = get_args(Reading)
 
 
 def monomial_force(
-    fit: Fit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
+    fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
 ) -> tuple[Floats, Floats]:
     """Elongations d (N,) in m of the named link in the clean simulated `record`, and the stiffness force (N,) in N that `fit`
     finds along them.
@@ -79,7 +79,7 @@ def monomial_force(
 
 
 def monomial_nmse(
-    fit: Fit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
+    fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
 ) -> float:
     """The paper's Eq. (8) in % for one link: the force that `monomial_force` finds against that of `structure`, the truth.
 
@@ -117,6 +117,6 @@ def _powers(link: Link) -> list[int]:
     return sorted(power for (power,) in found if power)
 
 
-def _order(fit: Fit, variable: str) -> int:
+def _order(fit: RegressionFit, variable: str) -> int:
     """The highest power of a variable in the fit's library."""
     return next(k for k in count(2) if f"{variable}**{k}" not in fit.names) - 1

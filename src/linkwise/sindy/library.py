@@ -17,7 +17,7 @@ from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory
 from linkwise.signals.states import States
 from linkwise.sindy.monomials import Monomials, tags
-from linkwise.sindy.regression.linear_system import Equations, Rows, StreamedEquations, fit_bytes
+from linkwise.sindy.regression.linear_system import DenseSystem, Rows, StreamedSystem, fit_bytes
 
 _MOST_BYTES = 2 * 2**30  # of stored link columns
 
@@ -29,7 +29,7 @@ def monomial_equations(
     mixing: int | None = None,
     columns_of: Sequence[str] | None = None,
     equations_of: Sequence[str] | None = None,
-) -> StreamedEquations:
+) -> StreamedSystem:
     """First-order equations of masses, x' = v and v' = a, in the monomials of states up to `order`.
 
     The variables are x1, v1, x2, v2, ... for masses m1, m2, ... (x_NAME, v_NAME where masses bear other names); the
@@ -57,12 +57,12 @@ def monomial_equations(
 
     primes = tuple(f"x{tagged[mass]}{prime}" for mass in outer for prime in ("'", "''"))
     columns = (*library.names, *names)
-    return StreamedEquations(compute, len(states), columns, ("",) * len(columns), primes)
+    return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes)
 
 
 def local_equations(
     states: States, structure: Structure, order: int, *, mixing: int | None = None
-) -> dict[str, StreamedEquations]:
+) -> dict[str, StreamedSystem]:
     """For each mass of `structure` its equations in monomials of its own states and of those of the masses that it is linked
     with: libraries that do not grow with the structure. Arguments and errors as in `monomial_equations`; RecordError for a
     mass of the structure without states.
@@ -76,7 +76,7 @@ def local_equations(
     return found
 
 
-def link_columns(states: States, structure: Structure) -> Equations:
+def link_columns(states: States, structure: Structure) -> DenseSystem:
     """The equations of motion of all masses with one column per unknown of the structure: m_i a_i + sum_l B_il f_l = w_i.
 
     Rows come mass after mass, N each. Both masses of a link share its coefficients, so each unknown is one column; known
@@ -120,7 +120,7 @@ def link_columns(states: States, structure: Structure) -> Equations:
         )
     rms = np.sqrt(np.mean((inertia * states.a[:, order]) ** 2, axis=0))
     weights = np.repeat(1.0 / np.where(rms > 0, rms, 1.0), samples)
-    return Equations(
+    return DenseSystem(
         matrix.reshape(count * samples, len(parameters)),
         target.reshape(count * samples),
         tuple(one.name for one in parameters),

@@ -13,7 +13,7 @@ from linkwise.identification.force_error import nmse
 from linkwise.identification.identify import identify
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
-from linkwise.sindy.estimate import Classical
+from linkwise.sindy.estimate import PhysicsInformedSindy
 from linkwise.study.subject import Subject
 
 
@@ -71,7 +71,9 @@ class PhysicsInformedMethod(StudyMethod):
     regressor: str = "stlsq"
 
     def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
-        return _identified(subject, clean, snr_db, seed, Classical(self.derivative, self.regressor))
+        return _identified(
+            subject, clean, snr_db, seed, PhysicsInformedSindy(self.derivative, self.regressor)
+        )
 
     def document(self) -> dict[str, Any]:
         return {
@@ -83,7 +85,11 @@ class PhysicsInformedMethod(StudyMethod):
 
 
 def _identified(
-    subject: Subject, clean: Record, snr_db: float, seed: int, how: Literal["ml", "weak"] | Classical
+    subject: Subject,
+    clean: Record,
+    snr_db: float,
+    seed: int,
+    how: Literal["ml", "weak"] | PhysicsInformedSindy,
 ) -> MethodResult:
     record = subject.seen(clean).with_noise(snr_db, seed=seed)
     estimate = identify(record, subject.unknown_structure, method=how)

@@ -21,8 +21,8 @@ from linkwise.sindy.monomials import tags
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
-from linkwise.sindy.regression.linear_system import StreamedEquations
-from linkwise.sindy.regression.regressor import Fit, Regressor
+from linkwise.sindy.regression.linear_system import StreamedSystem
+from linkwise.sindy.regression.regressor import RegressionFit, Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
 from linkwise.study.method import MethodResult, StudyMethod
 from linkwise.study.subject import Subject
@@ -84,7 +84,7 @@ class MonomialMethod(StudyMethod):
 @lru_cache(maxsize=1)
 def _gram(
     clean: Record, convention: Convention, snr_db: float, seed: int, order: int
-) -> tuple[StreamedEquations, Gram, float]:
+) -> tuple[StreamedSystem, Gram, float]:
     """The equations of a case, their Gram matrix and the seconds that it took; the last one is kept."""
     states = noisy_states(clean, convention, snr_db, seed=seed)
     started = perf_counter()
@@ -93,7 +93,7 @@ def _gram(
     return equations, gram, perf_counter() - started
 
 
-def _fit(equations: StreamedEquations, gram: Gram, structure: Structure, regressor: Regressor) -> Fit:
+def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor: Regressor) -> RegressionFit:
     """The equations of the masses that hold on to one link only. Standard errors, which nobody reads here, are NaN: the
     inverse of a matrix of 1771 columns takes longer than everything else.
     """
@@ -106,7 +106,7 @@ def _fit(equations: StreamedEquations, gram: Gram, structure: Structure, regress
     for place, column in enumerate(columns):
         scaled[:, place], setting[place], _ = regressor.solve(gram, column)
     norms = np.where(gram.norms[columns] > 0, gram.norms[columns], 1.0)
-    return Fit(
+    return RegressionFit(
         names=gram.names,
         units=equations.units,
         targets=targets,

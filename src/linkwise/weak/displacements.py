@@ -18,7 +18,7 @@ _QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when
 
 
 @dataclass(frozen=True, eq=False)
-class SeenMotion:
+class MeasuredDisplacements:
     """Displacements `ends` (n + 2, N) in m of what links hold on to: masses, the base and the ground, 0 where not seen.
 
     `variance` (n,) and `base_variance` are those of their noise in m^2, `power` (n + 2,) their mean squares where seen;
@@ -73,7 +73,7 @@ def differences(values: Floats, ends: Indices) -> Floats:
     return found
 
 
-def read_motion(record: Record, structure: Structure) -> SeenMotion:
+def read_displacements(record: Record, structure: Structure) -> MeasuredDisplacements:
     """The motion of the masses of `structure` in `record`; its noise as the record states it, else as found in it.
 
     Raises IdentificationError for a record without displacements.
@@ -103,7 +103,7 @@ def read_motion(record: Record, structure: Structure) -> SeenMotion:
     whole = np.maximum(len(record) - missing.sum(axis=1), 1) if gaps else len(record)
     variance = np.zeros(len(names))
     variance[there] = sigma**2
-    return SeenMotion(
+    return MeasuredDisplacements(
         ends=ends,
         base=ends[-2] if there[-1] else None,
         variance=variance[:-1],

@@ -16,9 +16,9 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.weak.displacements import SeenMotion, differences
-from linkwise.weak.layout import Plan, plan
-from linkwise.weak.patch import Patch, Scene
+from linkwise.weak.displacements import MeasuredDisplacements, differences
+from linkwise.weak.layout import StructureLayout, structure_layout
+from linkwise.weak.patch import Patch, PatchContext
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
 from linkwise.weak.window import Window
 
@@ -37,9 +37,9 @@ class WeakEquations:
     m/s2, `push` (R, n) in N (None: no force), `time` (R,) in s.
     """
 
-    plan: Plan
+    structure_layout: StructureLayout
     window: Window
-    motion: SeenMotion
+    motion: MeasuredDisplacements
     patches: tuple[Patch, ...]
     thin: int
     d: Floats
@@ -51,12 +51,12 @@ class WeakEquations:
     @property
     def parameters(self) -> tuple[str, ...]:
         """The names of the parameters."""
-        return self.plan.names
+        return self.structure_layout.names
 
     @property
     def ends(self) -> Indices:
         """(L, 2) mass indices of the ends of the links, -1 for the ground and -2 for the base."""
-        return self.plan.ends
+        return self.structure_layout.ends
 
     @property
     def windows(self) -> int:
@@ -77,7 +77,7 @@ class WeakEquations:
 def weak_equations(
     record: Record,
     structure: Structure,
-    motion: SeenMotion,
+    motion: MeasuredDisplacements,
     *,
     window: Window | None = None,
     values: dict[str, float] | None = None,
@@ -102,9 +102,10 @@ def weak_equations(
         if f"force:{name}" in record.channels
     }
     smooth = window.filter(motion.ends, window.kernels)
-    scene = Scene(
-        plan=plan(structure),
-        values=plan(structure).values(values or {}),
+    layout = structure_layout(structure)
+    context = PatchContext(
+        structure_layout=layout,
+        values=layout.values(values or {}),
         motion=motion,
         window=window,
         smooth=smooth,
@@ -116,15 +117,15 @@ def weak_equations(
     )
     area = window.kernels[PHI].sum()
     return WeakEquations(
-        plan=scene.plan,
+        structure_layout=layout,
         window=window,
         motion=motion,
-        patches=_patches(scene, pushes, together),
+        patches=_patches(context, pushes, together),
         thin=thin,
-        d=differences(_sharpened(smooth, window), scene.plan.ends),
-        v=differences(-smooth[PHI_1] / area, scene.plan.ends),
+        d=differences(_sharpened(smooth, window), layout.ends),
+        v=differences(-smooth[PHI_1] / area, layout.ends),
         acceleration=smooth[PHI_2, :-2] / area,
-        push=_placed(scene.pushes, area, structure.size, windows) if pushes else None,
+        push=_placed(context.pushes, area, structure.size, windows) if pushes else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
 
@@ -147,33 +148,33 @@ def _placed(pushes: Mapping[int, Floats], area: float, masses: int, windows: int
     return placed
 
 
-def _patches(scene: Scene, pushes: dict[int, Floats], together: int) -> tuple[Patch, ...]:
+def _patches(context: PatchContext, pushes: dict[int, Floats], together: int) -> tuple[Patch, ...]:
     """The masses whose equation can be written: their displacement and those of all their neighbours were seen.
 
     Masses in one patch miss the same windows, and either each of their equations holds a parameter or none does.
     """
-    plan = scene.plan
-    seen = [*scene.motion.seen.tolist(), scene.motion.base is not None, True]
-    whole = np.ones(scene.smooth.shape[2])
+    layout = context.structure_layout
+    seen = [*context.motion.seen.tolist(), context.motion.base is not None, True]
+    whole = np.ones(context.smooth.shape[2])
     alike: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-    for mass, around in enumerate(plan.around):
+    for mass, around in enumerate(layout.around):
         if all(seen[end] for end in around):
-            lost = _lost(scene.motion, [end for end in around if end >= 0], pushes.get(mass))
-            if mass in plan.rated:
-                lost = _without_rate(lost, scene)
-            valid = whole if lost is None else _valid(lost, scene.window)
-            key = (b"" if lost is None else valid.tobytes(), mass in plan.asking)
+            lost = _lost(context.motion, [end for end in around if end >= 0], pushes.get(mass))
+            if mass in layout.rated:
+                lost = _without_rate(lost, context)
+            valid = whole if lost is None else _valid(lost, context.window)
+            key = (b"" if lost is None else valid.tobytes(), mass in layout.asking)
             alike.setdefault(key, (valid, []))[1].append(mass)
     patches = [
-        scene.patch(masses[first : first + together], valid)
+        context.patch(masses[first : first + together], valid)
         for valid, masses in alike.values()
         for first in range(0, len(masses), together)
     ]
-    _require_whole_windows(patches, scene.window)
+    _require_whole_windows(patches, context.window)
     return tuple(patches)
 
 
-def _lost(motion: SeenMotion, masses: list[int], push: Floats | None) -> Bools | None:
+def _lost(motion: MeasuredDisplacements, masses: list[int], push: Floats | None) -> Bools | None:
     """(N,) where a sample of `masses` or of the force `push` (N,) is missing, or None where none is."""
     if motion.missing is None and push is None:
         return None
@@ -185,12 +186,12 @@ def _lost(motion: SeenMotion, masses: list[int], push: Floats | None) -> Bools |
     return lost if lost.any() else None
 
 
-def _without_rate(lost: Bools | None, scene: Scene) -> Bools:
+def _without_rate(lost: Bools | None, context: PatchContext) -> Bools:
     """(N,) where v cannot be told, since a window around the sample misses one or leaves the record."""
     if lost is None:
-        lost = np.zeros(scene.motion.ends.shape[1], dtype=bool)
+        lost = np.zeros(context.motion.ends.shape[1], dtype=bool)
     around = np.lib.stride_tricks.sliding_window_view(
-        np.pad(lost, scene.window.half, constant_values=True), scene.window.length
+        np.pad(lost, context.window.half, constant_values=True), context.window.length
     )
     return np.asarray(around.any(axis=1))
 

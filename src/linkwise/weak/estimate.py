@@ -16,7 +16,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
-from linkwise.weak.displacements import SeenMotion, differences, read_motion
+from linkwise.weak.displacements import MeasuredDisplacements, differences, read_displacements
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit
 from linkwise.weak.residual import weak_residual
@@ -33,7 +33,7 @@ _SMALL = 1e-3  # of a standard error: a step below it changes nothing that anybo
 def weak_estimate(record: Record, structure: Structure) -> Estimate:
     """The unknowns of `structure` from `record`; IdentificationError where the record cannot tell one at all."""
     with one_blas_thread():
-        motion = read_motion(record, structure)
+        motion = read_displacements(record, structure)
         equations, fit, settled = weak_search(record, structure, motion)
     verdict, message = _judged(record, equations, fit) if settled else (Verdict.NOT_CONVERGED, _UNSETTLED)
     return Estimate(
@@ -56,7 +56,10 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
 
 
 def weak_search(
-    record: Record, structure: Structure, motion: SeenMotion, given: Mapping[str, float] | None = None
+    record: Record,
+    structure: Structure,
+    motion: MeasuredDisplacements,
+    given: Mapping[str, float] | None = None,
 ) -> tuple[WeakEquations, WeakFit, bool]:
     """One regression; Gauss-Newton around it while coefficients enter a law nonlinearly. True where it settled.
 
@@ -160,7 +163,7 @@ def _moved(structure: Structure, equations: WeakEquations, values: Floats) -> Li
     )
 
 
-def _visited(motion: SeenMotion, equations: WeakEquations) -> Floats:
+def _visited(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
     """(L, 2) m, from the samples: windows would cut the peaks."""
     found = []
     for first in range(0, len(equations.ends), _LINKS_AT_ONCE):
@@ -173,7 +176,7 @@ def _visited(motion: SeenMotion, equations: WeakEquations) -> Floats:
     return np.concatenate(found)
 
 
-def _noise(structure: Structure, motion: SeenMotion) -> dict[str, NoiseEstimate]:
+def _noise(structure: Structure, motion: MeasuredDisplacements) -> dict[str, NoiseEstimate]:
     names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
     there = np.flatnonzero([*motion.seen, motion.base is not None]).tolist()
     return {

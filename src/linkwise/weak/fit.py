@@ -20,10 +20,10 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.weak.equations import WeakEquations
-from linkwise.weak.layout import Plan
+from linkwise.weak.layout import StructureLayout
 from linkwise.weak.patch import Patch
 from linkwise.weak.sandwich import sandwich
-from linkwise.weak.scatter import FLOOR, Slopes, residual_excess, score_blocks
+from linkwise.weak.scatter import FLOOR, SlopeStatistics, residual_excess, score_blocks
 
 _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of weighting the masses: the second changes weights by per cents, the third by next to nothing
@@ -58,11 +58,11 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     for _ in range(_ROUNDS):
         weights = after
         normal, right = normal_equations(patches, weights, len(lower))
-        values, free = _bounded(normal, right, lower, upper, system.parameters)
+        values, free = _solve_bounded(normal, right, lower, upper, system.parameters)
         after = [1.0 / residual_power(patch, values) for patch in patches]
-    noisy = [(patch, Slopes.along(patch, system, values)) for patch in patches]
+    noisy = [(patch, SlopeStatistics.along(patch, system, values)) for patch in patches]
     excess = residual_excess(noisy, values, system)
-    scatter = assembled(score_blocks(noisy, weights, system), len(values))
+    scatter = assemble_blocks(score_blocks(noisy, weights, system), len(values))
     covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system)
     return WeakFit(values, covariance, free, excess)
 
@@ -111,10 +111,10 @@ def normal_equations(
         asked, which = weighted[patch.layout.asked], patch.layout.parameter
         g -= np.bincount(which, asked @ patch.fixed, count)
         blocks.append((which, asked[:, patch.layout.asked]))
-    return assembled(blocks, count), g
+    return assemble_blocks(blocks, count), g
 
 
-def assembled(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | csc_array:
+def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | csc_array:
     """The sum of square blocks at their places in (count, count); a place may stand in one block twice."""
     parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
     places, data = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -123,7 +123,7 @@ def assembled(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | 
     return csc_array(coo_array((data, divmod(places, count)), shape=(count, count)))
 
 
-def _bounded(
+def _solve_bounded(
     h: Floats | csc_array, g: Floats, lower: Floats, upper: Floats, names: tuple[str, ...]
 ) -> tuple[Floats, Bools]:
     """The minimum within bounds: a parameter that leaves them is held at its bound and the others are solved again."""
@@ -161,18 +161,18 @@ def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Float
             "sqrt(abs(d))*sign(d), or cut the record with record.between (--from, --to)"
         )
     if np.any(diagonal <= 0.0):
-        _raise_together([names[i] for i in np.flatnonzero(diagonal <= 0.0)])
+        _raise_not_identifiable([names[i] for i in np.flatnonzero(diagonal <= 0.0)])
     scale = 1.0 / np.sqrt(diagonal)
     if isinstance(h, np.ndarray):
         scaled = h * np.outer(scale, scale)
         factor, failed = dpotrf(scaled)
         if failed or not np.min(factor.diagonal()) ** 2 >= _SINGULAR:
-            _raise_together(_null_names(scaled, names))
+            _raise_not_identifiable(_null_names(scaled, names))
         return lambda right: np.asarray((dpotrs(factor, (right.T * scale).T)[0].T * scale).T)
     sparse = splu(csc_array(h.multiply(scale[:, None]).multiply(scale[None, :])))
     pivots = np.abs(sparse.U.diagonal())
     if pivots.min() < _SINGULAR:
-        _raise_together([names[int(np.flatnonzero(sparse.perm_c == np.argmin(pivots))[0])]])
+        _raise_not_identifiable([names[int(np.flatnonzero(sparse.perm_c == np.argmin(pivots))[0])]])
     return lambda right: np.asarray(sparse.solve(right * scale) * scale)
 
 
@@ -182,7 +182,7 @@ def _null_names(scaled: Floats, names: list[str]) -> list[str]:
     return [name for name, share in zip(names, weight, strict=True) if share > 0.2 * weight.max()]
 
 
-def _raise_together(names: list[str]) -> NoReturn:
+def _raise_not_identifiable(names: list[str]) -> NoReturn:
     shown = ", ".join(names if len(names) <= _NAMED else [*names[:_NAMED], "..."])
     if len(names) == 1:
         raise IdentificationError(
@@ -211,15 +211,15 @@ def _covariance(
     if not len(at):
         return csc_array((count, count))
     place = np.cumsum(free) - 1
-    rows, columns = _within_links(system.plan, free)
+    rows, columns = _within_links(system.structure_layout, free)
     data = sandwich(inner, middle, place[rows], place[columns])
     return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
 
 
-def _within_links(plan: Plan, free: Bools) -> tuple[Indices, Indices]:
+def _within_links(structure_layout: StructureLayout, free: Bools) -> tuple[Indices, Indices]:
     """Pairs of free parameters of one link, or twice the same one."""
     members: dict[int, list[int]] = {}
-    for (index, _), number in plan.places.items():
+    for (index, _), number in structure_layout.places.items():
         if free[number]:
             members.setdefault(index, []).append(number)
     pairs = sorted({(one, two) for numbers in members.values() for one in numbers for two in numbers})

@@ -20,7 +20,7 @@ _GROUND, _BASE = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers:
+class TermCoefficients:
     """Numbers (m,): parameter number `parameter` (m,) or, where that is -1, `known` (m,)."""
 
     parameter: Indices
@@ -31,7 +31,7 @@ class Numbers:
         return np.where(self.parameter < 0, self.known, values[self.parameter]) if len(values) else self.known
 
     @classmethod
-    def joined(cls, parts: Iterable[Numbers]) -> Numbers:
+    def joined(cls, parts: Iterable[TermCoefficients]) -> TermCoefficients:
         """One after the other."""
         pairs = [(part.parameter, part.known) for part in parts]
         parameter, known = (np.concatenate(each) for each in zip(*pairs, strict=True))
@@ -39,7 +39,7 @@ class Numbers:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class WeakLawGroup:
     """Links, `at` (m,) of some that are looked at, that share a law and which of its nonlinear coefficients are to be found.
 
     `links` (m,) are their numbers in the structure.
@@ -48,11 +48,11 @@ class Group:
     weak: WeakLaw
     at: Indices
     links: Indices
-    coefficients: Mapping[str, Numbers]
+    coefficients: Mapping[str, TermCoefficients]
 
 
 @dataclass(frozen=True, eq=False)
-class Terms:
+class GroupTerms:
     """One `part` of the law of group number `group`, at all its links: the terms `at` of a layout."""
 
     part: WeakPart
@@ -61,9 +61,11 @@ class Terms:
 
 
 @dataclass(frozen=True, eq=False)
-class Ear:
-    """What the equation of one mass hears: terms with a parameter, at `terms` (s,) of `Layout.asked`, of `parameter` (s,) with
-    `sign` (s,), and over its links, at `links` (k,) of `Layout.links`, the `others` (k) at their other ends.
+class NoiseCoupling:
+    """How noise enters the equation of one mass.
+
+    Through its terms with a parameter, at `terms` (s,) of `PatchLayout.asked`, of `parameter` (s,) with `sign` (s,), and over
+    its links, at `links` (k,) of `PatchLayout.links`, from the masses `others` (k) at their other ends.
     """
 
     terms: Indices
@@ -74,7 +76,7 @@ class Ear:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class PatchLayout:
     """The q terms in the equations of `masses` (m,), which `links` (l,) hold: those of the laws, inertia, forces.
 
     The laws' are listed by `parts`; the masses in `forced` feel a force. A term has `signs` (m, q) in the equations, meets
@@ -87,12 +89,12 @@ class Layout:
     masses: Indices
     links: Indices
     forced: tuple[int, ...]
-    groups: tuple[Group, ...]
-    parts: tuple[Terms, ...]
-    inertia: Numbers
+    groups: tuple[WeakLawGroup, ...]
+    parts: tuple[GroupTerms, ...]
+    inertia: TermCoefficients
     kernel: Indices
     signs: Floats
-    numbers: Numbers
+    numbers: TermCoefficients
     increment: Bools
     nodes: Indices
     incidence: Floats
@@ -115,19 +117,21 @@ class Layout:
         return tuple(self.asked[self.kernel[self.asked] == kernel] for kernel in range(3))
 
     @cached_property
-    def ears(self) -> tuple[Ear, ...]:
+    def ears(self) -> tuple[NoiseCoupling, ...]:
         """One for each mass."""
         found = []
         for signs, holds, others in zip(self.signs[:, self.asked], self.holds, self.others, strict=True):
             terms, links = np.flatnonzero(signs), np.flatnonzero(holds)
             found.append(
-                Ear(terms, self.parameter[terms], signs[terms], links, tuple(others[links].tolist()))
+                NoiseCoupling(
+                    terms, self.parameter[terms], signs[terms], links, tuple(others[links].tolist())
+                )
             )
         return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class StructureLayout:
     """The parameters of `structure`, its masses and its links by number.
 
     `names` (p,) are the parameters, `places` the number of the parameter at a (link, or -1 - mass; coefficient) that has one.
@@ -139,7 +143,9 @@ class Plan:
     places: Mapping[tuple[int, str], int]
     ends: Indices
     links_at: tuple[tuple[int, ...], ...]
-    _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], Layout] = field(default_factory=dict, repr=False)
+    _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], PatchLayout] = field(
+        default_factory=dict, repr=False
+    )
 
     @cached_property
     def asking(self) -> frozenset[int]:
@@ -170,7 +176,7 @@ class Plan:
             for mass, links in enumerate(self.links_at)
         )
 
-    def groups(self, links: Sequence[int] | Indices) -> Iterator[Group]:
+    def groups(self, links: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
         """The `links` by their laws."""
         found: dict[tuple[Law, frozenset[str]], list[int]] = {}
         looked = np.array(links, dtype=np.intp)
@@ -183,33 +189,33 @@ class Plan:
             coefficients = {
                 name: self._numbers((index, name) for index in which) for name in law.coefficients
             }
-            yield Group(weak_law(law, free), np.array(places), looked[places], coefficients)
+            yield WeakLawGroup(weak_law(law, free), np.array(places), looked[places], coefficients)
 
-    def layout(self, masses: Iterable[int], forced: Iterable[int]) -> Layout:
+    def layout(self, masses: Iterable[int], forced: Iterable[int]) -> PatchLayout:
         """The layout of the equations of `masses`, of which those in `forced` feel a force."""
         key = (tuple(masses), tuple(forced))
         if key not in self._layouts:
             self._layouts[key] = self._layout(np.array(key[0]), key[1])
         return self._layouts[key]
 
-    def _layout(self, masses: Indices, forced: tuple[int, ...]) -> Layout:
+    def _layout(self, masses: Indices, forced: tuple[int, ...]) -> PatchLayout:
         links = np.unique([link for mass in masses for link in self.links_at[mass]])
         groups = tuple(self.groups(links))
         parts, numbers, stop = [], [], 0
         for index, group in enumerate(groups):
             for part in group.weak.parts:
                 start, stop = stop, stop + len(group.links)
-                parts.append(Terms(part, index, slice(start, stop)))
+                parts.append(GroupTerms(part, index, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
-        forces = Numbers(np.full(len(forced), -1), np.ones(len(forced)))
+        forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
         sizes = [*(each.at.stop - each.at.start for each in parts), len(masses), len(forced)]
         between = [*(self.ends[groups[each.group].links] for each in parts), *_nodes_of(masses, forced)]
         nodes, incidence = _incidence(np.concatenate([*between, self.ends[links]]))
         acting = incidence[:, np.searchsorted(nodes, masses)].T
         signs, holds = acting[:, : sum(sizes)].copy(), acting[:, sum(sizes) :]
         signs[:, sum(sizes) - len(forced) :] = masses[:, None] == np.array(forced, dtype=int)
-        return Layout(
+        return PatchLayout(
             masses=masses,
             links=links,
             forced=forced,
@@ -218,7 +224,7 @@ class Plan:
             inertia=inertia,
             kernel=np.repeat([*(each.part.kernel for each in parts), PHI_2, PHI], sizes),
             signs=signs,
-            numbers=Numbers.joined([*numbers, inertia, forces]),
+            numbers=TermCoefficients.joined([*numbers, inertia, forces]),
             increment=np.repeat([*(each.part.increment for each in parts), False, False], sizes),
             nodes=nodes,
             incidence=incidence[: sum(sizes)],
@@ -226,7 +232,7 @@ class Plan:
             others=np.where(holds == 0.0, _GROUND, self.ends[links].sum(axis=1) - masses[:, None]),
         )
 
-    def _numbers(self, where: Iterable[tuple[int, str]]) -> Numbers:
+    def _numbers(self, where: Iterable[tuple[int, str]]) -> TermCoefficients:
         """The coefficients at these places: parameters, or what the structure says."""
         places = list(where)
         links, masses = self.structure.links, self.structure.masses
@@ -235,12 +241,14 @@ class Plan:
             for index, name in places
         ]
         parameter = [self.places.get(place, -1) for place in places]
-        return Numbers(np.array(parameter), np.array([np.nan if each is None else each for each in known]))
+        return TermCoefficients(
+            np.array(parameter), np.array([np.nan if each is None else each for each in known])
+        )
 
 
 @lru_cache(maxsize=32)
-def plan(structure: Structure) -> Plan:
-    """The plan of a structure, the same one for equal structures."""
+def structure_layout(structure: Structure) -> StructureLayout:
+    """The layout of a structure, the same one for equal structures."""
     index = {name: i for i, name in enumerate(structure.mass_names)} | {GROUND: _GROUND, BASE: _BASE}
     ends = [[index[end] for end in link.between] for link in structure.links]
     links_at: list[list[int]] = [[] for _ in range(structure.size)]
@@ -249,7 +257,7 @@ def plan(structure: Structure) -> Plan:
             if end >= 0:
                 links_at[end].append(link)
     parameters = structure.parameters
-    return Plan(
+    return StructureLayout(
         structure=structure,
         names=tuple(parameter.name for parameter in parameters),
         places={place: number for number, each in enumerate(parameters) for place in each.members},
@@ -258,10 +266,10 @@ def plan(structure: Structure) -> Plan:
     )
 
 
-def _multipliers(group: Group, part: WeakPart) -> Numbers:
+def _multipliers(group: WeakLawGroup, part: WeakPart) -> TermCoefficients:
     """What multiplies the terms of a part at the links of its group."""
     if part.coefficient is None:
-        return Numbers(np.full(len(group.links), -1), np.ones(len(group.links)))
+        return TermCoefficients(np.full(len(group.links), -1), np.ones(len(group.links)))
     return group.coefficients[part.coefficient]
 
 

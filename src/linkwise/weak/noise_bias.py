@@ -18,13 +18,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.weak.layout import Layout
-from linkwise.weak.terms import Atoms
+from linkwise.weak.layout import PatchLayout
+from linkwise.weak.terms import LawTerms
 from linkwise.weak.window import Window
 
 
 def noise_bias(
-    layout: Layout, atoms: Sequence[Atoms], slope: Floats, noise: Floats, window: Window, valid: Floats
+    layout: PatchLayout,
+    atoms: Sequence[LawTerms],
+    slope: Floats,
+    noise: Floats,
+    window: Window,
+    valid: Floats,
 ) -> Floats:
     """(q, q): the bias of the products of all terms of `layout`, summed over windows, each weighted by `valid` (R,).
 
@@ -52,7 +57,7 @@ def noise_bias(
     return np.asarray(bias)
 
 
-def _product_bias(one: Atoms, two: Atoms, covariance: Floats, weight: Floats) -> Floats:
+def _product_bias(one: LawTerms, two: LawTerms, covariance: Floats, weight: Floats) -> Floats:
     """(m, m'): the bias of the products of two sets of curved functions, summed over samples with `weight` (N,)."""
     total, factor = np.zeros(covariance.shape), -1.0
     for order, (h, g) in enumerate(zip(one.chain[1:], two.chain[1:], strict=False), start=1):

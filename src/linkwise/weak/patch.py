@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.weak.displacements import SeenMotion, differences
-from linkwise.weak.layout import Layout, Plan
+from linkwise.weak.displacements import MeasuredDisplacements, differences
+from linkwise.weak.layout import PatchLayout, StructureLayout
 from linkwise.weak.noise_bias import noise_bias
-from linkwise.weak.terms import Atoms, link_atoms
+from linkwise.weak.terms import LawTerms, law_terms
 from linkwise.weak.weak_form import PHI_2
 from linkwise.weak.window import Window
 
@@ -33,10 +33,11 @@ class Patch:
 
     The number of a term is its parameter, if it has one, plus `fixed` (q,). `products` (q, q) are sums of the products of the
     rows, `moments` the same without the bias of noise. `valid` (R,) is 1 for windows without a missing sample; `rows` are
-    zero in others. `slopes` (q, K) are what the terms' functions have by d at the centre of every `Scene.every`-th window.
+    zero in others. `slopes` (q, K) are slopes by d of the terms' functions at the centre of every `PatchContext.every`-th
+    window.
     """
 
-    layout: Layout
+    layout: PatchLayout
     fixed: Floats
     rows: Floats
     products: Floats
@@ -73,7 +74,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class PatchContext:
     """What all patches are cut from.
 
     `smooth` (3, n + 2, R) are the displacements of the masses, the base and the ground under the kernels of `window`; `pushes`
@@ -81,9 +82,9 @@ class Scene:
     `every`-th window tells `Patch.slopes`.
     """
 
-    plan: Plan
+    structure_layout: StructureLayout
     values: Floats
-    motion: SeenMotion
+    motion: MeasuredDisplacements
     window: Window
     smooth: Floats
     pushes: Mapping[int, Floats]
@@ -91,10 +92,10 @@ class Scene:
 
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
         """The patch of `masses` (m,) in windows weighted by `valid` (R,)."""
-        layout = self.plan.layout(masses, (mass for mass in masses if mass in self.pushes))
-        ends, noise = self.plan.ends, self.motion.noise
-        atoms = link_atoms(
-            self.plan,
+        layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.pushes))
+        ends, noise = self.structure_layout.ends, self.motion.noise
+        atoms = law_terms(
+            self.structure_layout,
             layout,
             self.values,
             elongations=lambda links: differences(self.motion.ends, ends[links]),
@@ -126,13 +127,13 @@ class Scene:
         inner = single.filter(d, single.slope)[0]
         return np.pad(inner, ((0, 0), (self.window.half, self.window.half)), mode="edge")
 
-    def _rows(self, layout: Layout, atoms: Sequence[Atoms]) -> Floats:
+    def _rows(self, layout: PatchLayout, atoms: Sequence[LawTerms]) -> Floats:
         """(q, R): the terms in all windows."""
         rows = np.empty((len(layout.kernel), self.smooth.shape[2]))
         for each in atoms:
             kernel, sign, first = each.part.kernel, each.part.sign, each.chain[0]
             if each.part.plain:
-                ends = self.plan.ends[each.links]
+                ends = self.structure_layout.ends[each.links]
                 rows[each.at] = differences(self.smooth[kernel], ends if sign > 0.0 else ends[:, ::-1])
             elif isinstance(first, float):
                 rows[each.at] = sign * first * self.window.kernels[kernel].sum()
@@ -144,7 +145,7 @@ class Scene:
             rows[row] = self.pushes[mass]
         return rows
 
-    def _slopes(self, straight: Floats, curved: Sequence[Atoms]) -> Floats:
+    def _slopes(self, straight: Floats, curved: Sequence[LawTerms]) -> Floats:
         """(q, K): slopes of the terms' functions at the centres of every `every`-th window."""
         centres = self.window.half + np.arange(0, self.smooth.shape[2], self.every) * self.window.stride
         slopes = np.repeat(straight[:, None], len(centres), axis=1)
@@ -153,7 +154,7 @@ class Scene:
         return slopes
 
 
-def _straight_slopes(layout: Layout, atoms: Sequence[Atoms]) -> Floats:
+def _straight_slopes(layout: PatchLayout, atoms: Sequence[LawTerms]) -> Floats:
     """(q,) slopes of the terms by d where they are constant, 0 for others; that of inertia is by x."""
     slopes = np.zeros(len(layout.kernel))
     for each in atoms:

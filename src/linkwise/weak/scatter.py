@@ -32,7 +32,7 @@ _MEETING = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PH
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class SlopeStatistics:
     """Slopes of a patch's laws by d (N/m) and by v (N s/m), `mean` (2, l, P) and, summed over the links of a mass, `own`
     (2, m, P), at the windows `places` (P,) of `Window.places`, of which the first `inside` are those that were kept.
 
@@ -48,7 +48,7 @@ class Slopes:
     own: Floats
 
     @classmethod
-    def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> Slopes:
+    def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> SlopeStatistics:
         """Along the smoothed motion, at the parameters (p,)."""
         layout, places = patch.layout, system.places
         deviation = np.sqrt(0.5 * system.motion.doubt[system.ends[layout.links]].sum(axis=1))
@@ -77,7 +77,9 @@ def _slopes(law: Law) -> tuple[Program, bool]:
     return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES), constant
 
 
-def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, system: WeakEquations) -> float:
+def residual_excess(
+    noisy: Sequence[tuple[Patch, SlopeStatistics]], values: Floats, system: WeakEquations
+) -> float:
     """Power of the residuals at the parameters (p,) over the power that the noise gives them."""
     gram = system.window.kernels @ system.window.kernels.T
     by_slope, doubt = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.doubt
@@ -105,15 +107,15 @@ def residual_excess(noisy: Sequence[tuple[Patch, Slopes]], values: Floats, syste
 
 
 def score_blocks(
-    noisy: Sequence[tuple[Patch, Slopes]], weights: Sequence[Floats], system: WeakEquations
+    noisy: Sequence[tuple[Patch, SlopeStatistics]], weights: Sequence[Floats], system: WeakEquations
 ) -> Iterator[tuple[Indices, Floats]]:
     """The covariance of the sum that is solved, in blocks: parameters (s,), some perhaps twice, and their (s, s)."""
     doubt = system.motion.doubt
-    awaited = Counter(channel for patch, _ in noisy for channel in _channels(patch, system))
+    awaited = Counter(channel for patch, _ in noisy for channel in _coupled_channels(patch, system))
     heard: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in awaited}
     for (patch, here), weight in zip(noisy, weights, strict=True):
-        yield _twice_noisy(patch, here, weight, system)
-        for channel, part in _hearing(patch, here, weight, system):
+        yield _quadratic_noise(patch, here, weight, system)
+        for channel, part in _noise_contributions(patch, here, weight, system):
             heard[channel].append(part)
             awaited[channel] -= 1
             if not awaited[channel]:
@@ -123,17 +125,17 @@ def score_blocks(
                 yield which, doubt[channel] * np.outer(scale, scale) * (sums @ sums.T)
 
 
-def _channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
+def _coupled_channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
     """Whose noise the equations of a patch hear: of the masses, and over each link of what is at its other end."""
     for mass, ear in zip(patch.masses.tolist(), patch.layout.ears, strict=True):
         yield mass
         yield from (other for other in ear.others if system.motion.doubt[other] > 0.0)
 
 
-def _hearing(
-    patch: Patch, here: Slopes, weight: Floats, system: WeakEquations
+def _noise_contributions(
+    patch: Patch, here: SlopeStatistics, weight: Floats, system: WeakEquations
 ) -> Iterator[tuple[int, tuple[Indices, Floats, Floats]]]:
-    """For each of `_channels` that the equation of a mass hears: parameters (s,), and G (s, P), to be scaled by (s,)."""
+    """For each of `_coupled_channels`: parameters (s,), and G (s, P), to be scaled by (s,)."""
     spread = system.window.spread(patch.rows[patch.layout.asked], system.thin)
     doubt = system.motion.doubt
     for i, (mass, ear) in enumerate(zip(patch.masses.tolist(), patch.layout.ears, strict=True)):
@@ -148,7 +150,9 @@ def _hearing(
                 yield other, (ear.parameter, scale, far[link])
 
 
-def _twice_noisy(patch: Patch, here: Slopes, weight: Floats, system: WeakEquations) -> tuple[Indices, Floats]:
+def _quadratic_noise(
+    patch: Patch, here: SlopeStatistics, weight: Floats, system: WeakEquations
+) -> tuple[Indices, Floats]:
     """tr(Q Q) for the noise in each mass's own displacement, over all masses: parameters (s,) and (s, s).
 
     Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs.

@@ -9,8 +9,13 @@ import pytest
 
 import linkwise as lw
 from linkwise.likelihood.starts.coefficients import law_start
-from linkwise.likelihood.starts.drift_tracking import inverted
-from linkwise.likelihood.starts.inverse_dynamics import drifts, masses_from_links, seen_links, tells_links
+from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
+from linkwise.likelihood.starts.inverse_dynamics import (
+    determines_links,
+    link_signals,
+    masses_from_links,
+    needs_integration,
+)
 from linkwise.signals.channel_noise import channel_noise
 
 
@@ -35,7 +40,7 @@ def deviations(found: lw.Estimate, true: lw.Structure) -> np.ndarray:
 def test_elongations_follow_from_forces(n, kind):
     true = lw.bnes_chain(n)
     record = noisy(n, kind, 1000)
-    d, v = inverted(seen_links(record, true, channel_noise(record)), true.links)
+    d, v = elongations_from_forces(link_signals(record, true, channel_noise(record)), true.links)
     for found, exact in (
         (d, true.elongations(record.simulated.displacement).T),
         (v, true.elongations(record.simulated.velocity).T),
@@ -49,7 +54,7 @@ def test_a_wrong_law_is_no_inverse():
     true = lw.bnes_chain(2)
     wrong = true.unknown("nes1.alpha").with_values({"nes1.alpha": 100.0})
     record = noisy(2, "v", 1000)
-    d, _ = inverted(seen_links(record, wrong, channel_noise(record)), wrong.links)
+    d, _ = elongations_from_forces(link_signals(record, wrong, channel_noise(record)), wrong.links)
     exact = true.elongations(record.simulated.displacement).T
     assert np.sqrt(np.mean((d[1] - exact[1]) ** 2)) > 0.2 * exact[1].std()
 
@@ -57,7 +62,7 @@ def test_a_wrong_law_is_no_inverse():
 def test_integrated_velocities_alone_would_be_lost():
     true = lw.bnes_chain(2)
     record = noisy(2, "v", 1000)
-    seen = seen_links(record, true, channel_noise(record))
+    seen = link_signals(record, true, channel_noise(record))
     exact = true.elongations(record.simulated.displacement).T
     assert np.abs(seen.d - exact)[1].max() > 0.2 * exact[1].std()
 
@@ -98,13 +103,13 @@ def test_masses_follow_from_elongations():
 def test_what_tells_links():
     chain = lw.bnes_chain(2)
     record = noisy(2, "v", 1000)
-    assert tells_links(record, chain)
-    assert drifts(record, chain)
-    assert not tells_links(record.select(["v:m1"]), chain)
-    assert not tells_links(record, chain.unknown("mass:m2"))
+    assert determines_links(record, chain)
+    assert needs_integration(record, chain)
+    assert not determines_links(record.select(["v:m1"]), chain)
+    assert not determines_links(record, chain.unknown("mass:m2"))
     displaced = clean(2, "x")
-    assert tells_links(displaced, chain)
-    assert not drifts(displaced, chain)
+    assert determines_links(displaced, chain)
+    assert not needs_integration(displaced, chain)
 
 
 @pytest.mark.parametrize(

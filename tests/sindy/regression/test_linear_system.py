@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from linkwise.errors import IdentificationError
-from linkwise.sindy.regression.linear_system import Equations, StreamedEquations
+from linkwise.sindy.regression.linear_system import DenseSystem, StreamedSystem
 
 RANDOM = np.random.default_rng(0)
 MATRIX = RANDOM.normal(size=(50, 3))
@@ -21,7 +21,7 @@ def _spoilt(array: np.ndarray, place: int | tuple[int, int], value: float) -> np
 
 
 def test_a_single_target_becomes_a_column_and_units_default_to_none() -> None:
-    equations = Equations(MATRIX, TARGET, NAMES)
+    equations = DenseSystem(MATRIX, TARGET, NAMES)
     assert equations.target.shape == (50, 1)
     assert equations.units == ("", "", "")
     assert equations.rows == 50
@@ -29,7 +29,7 @@ def test_a_single_target_becomes_a_column_and_units_default_to_none() -> None:
 
 def test_blocks_are_the_weighted_rows_in_order() -> None:
     weights = RANDOM.uniform(1.0, 2.0, 50)
-    equations = Equations(MATRIX, TARGET, NAMES, weights=weights)
+    equations = DenseSystem(MATRIX, TARGET, NAMES, weights=weights)
     blocks = list(equations.blocks())
     np.testing.assert_array_equal(np.concatenate([rows for rows, _ in blocks]), MATRIX * weights[:, None])
     np.testing.assert_array_equal(np.concatenate([b for _, b in blocks])[:, 0], TARGET * weights)
@@ -37,14 +37,14 @@ def test_blocks_are_the_weighted_rows_in_order() -> None:
 
 def test_wide_equations_come_in_more_than_one_block_of_bounded_size() -> None:
     wide = np.ones((1000, 20000))
-    blocks = list(Equations(wide, np.ones(1000), tuple(map(str, range(20000)))).blocks())
+    blocks = list(DenseSystem(wide, np.ones(1000), tuple(map(str, range(20000)))).blocks())
     assert len(blocks) > 5
     assert sum(len(rows) for rows, _ in blocks) == 1000
     assert max(rows.nbytes for rows, _ in blocks) <= 64 * 20000 * 8
 
 
 def test_streamed_equations_are_the_stored_ones() -> None:
-    streamed = StreamedEquations(
+    streamed = StreamedSystem(
         lambda piece: (MATRIX[piece], TARGET[piece, None]), 50, NAMES, ("", "", ""), ("b",)
     )
     stored = streamed.stored()
@@ -54,7 +54,7 @@ def test_streamed_equations_are_the_stored_ones() -> None:
 
 
 def test_known_columns_move_to_the_target() -> None:
-    equations = Equations(MATRIX, TARGET, NAMES, units=("N/m", "kg", ""), weights=np.full(50, 2.0))
+    equations = DenseSystem(MATRIX, TARGET, NAMES, units=("N/m", "kg", ""), weights=np.full(50, 2.0))
     rest = equations.with_known({"b": -2.0})
     assert rest.names == ("a", "c")
     assert rest.units == ("N/m", "")
@@ -78,15 +78,15 @@ def test_equations_that_do_not_fit_together_are_refused(
     matrix: np.ndarray, target: np.ndarray, names: tuple[str, ...], message: str
 ) -> None:
     with pytest.raises(IdentificationError, match=message):
-        Equations(matrix, target, names)
+        DenseSystem(matrix, target, names)
 
 
 def test_weights_units_and_targets_must_match() -> None:
     with pytest.raises(IdentificationError, match=r"50 rows need 50 weights, got an array of shape \(3,\)"):
-        Equations(MATRIX, TARGET, NAMES, weights=np.ones(3))
+        DenseSystem(MATRIX, TARGET, NAMES, weights=np.ones(3))
     with pytest.raises(IdentificationError, match="3 columns need 3 units, got 1"):
-        Equations(MATRIX, TARGET, NAMES, units=("N",))
+        DenseSystem(MATRIX, TARGET, NAMES, units=("N",))
     with pytest.raises(IdentificationError, match="two targets are called 'b'"):
-        Equations(MATRIX, np.column_stack([TARGET, TARGET]), NAMES, targets=("b", "b"))
+        DenseSystem(MATRIX, np.column_stack([TARGET, TARGET]), NAMES, targets=("b", "b"))
     with pytest.raises(IdentificationError, match=r"row 2 .* weight"):
-        Equations(MATRIX, TARGET, NAMES, weights=_spoilt(np.ones(50), 2, np.nan))
+        DenseSystem(MATRIX, TARGET, NAMES, weights=_spoilt(np.ones(50), 2, np.nan))

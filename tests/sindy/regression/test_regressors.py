@@ -15,8 +15,8 @@ from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
-from linkwise.sindy.regression.linear_system import Equations, StreamedEquations
-from linkwise.sindy.regression.regressor import Fit, Regressor
+from linkwise.sindy.regression.linear_system import DenseSystem, StreamedSystem
+from linkwise.sindy.regression.regressor import RegressionFit, Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
 from linkwise.sindy.regression.sums import held_out
 
@@ -35,7 +35,7 @@ TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
 
 
 @pytest.fixture(scope="module")
-def chain() -> StreamedEquations:
+def chain() -> StreamedSystem:
     """All cubic monomials of the paper's 2-mass chain: 6 s at 1 kHz, no noise, x, v and a measured."""
     record = simulate(
         bnes_chain(2), release={"v:m1": 1.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
@@ -43,7 +43,9 @@ def chain() -> StreamedEquations:
     return monomial_equations(differentiate(record), 3)
 
 
-def _problem(noise: float, seed: int = 0, columns: int = 12, rows: int = 400) -> tuple[Equations, np.ndarray]:
+def _problem(
+    noise: float, seed: int = 0, columns: int = 12, rows: int = 400
+) -> tuple[DenseSystem, np.ndarray]:
     """Correlated columns of scales from 1e-6 to 1e6, two targets, four true terms each."""
     random = np.random.default_rng(seed)
     mixed = random.normal(size=(rows, columns)) @ (
@@ -56,10 +58,10 @@ def _problem(noise: float, seed: int = 0, columns: int = 12, rows: int = 400) ->
     matrix = mixed * scales
     target = matrix @ truth + noise * random.normal(size=(rows, 2))
     names = tuple(f"c{j}" for j in range(columns))
-    return Equations(matrix, target, names, targets=("p", "q")), truth
+    return DenseSystem(matrix, target, names, targets=("p", "q")), truth
 
 
-def test_the_default_finds_the_true_terms_of_the_chain_and_nothing_else(chain: StreamedEquations) -> None:
+def test_the_default_finds_the_true_terms_of_the_chain_and_nothing_else(chain: StreamedSystem) -> None:
     fit = Stlsq().fit(chain)
     for target, terms in TRUE.items():
         found = fit.terms(target)
@@ -71,10 +73,10 @@ def test_the_default_finds_the_true_terms_of_the_chain_and_nothing_else(chain: S
     fit.require_explained(1e-9)
 
 
-def test_a_library_without_the_cubic_terms_is_refused(chain: StreamedEquations) -> None:
+def test_a_library_without_the_cubic_terms_is_refused(chain: StreamedSystem) -> None:
     stored = chain.stored()
     low = [column for column, name in enumerate(stored.names) if name.count("*") < 2]
-    lacking = Equations(
+    lacking = DenseSystem(
         stored.matrix[:, low],
         stored.target,
         tuple(stored.names[column] for column in low),
@@ -88,10 +90,10 @@ def test_a_library_without_the_cubic_terms_is_refused(chain: StreamedEquations) 
         fit.require_explained(1e-3)
 
 
-def test_the_threshold_means_the_same_in_every_unit(chain: StreamedEquations) -> None:
+def test_the_threshold_means_the_same_in_every_unit(chain: StreamedSystem) -> None:
     stored = chain.stored()
     factors = np.logspace(-9, 9, len(stored.names))
-    scaled = Equations(stored.matrix * factors, 1e-6 * stored.target, stored.names, targets=stored.targets)
+    scaled = DenseSystem(stored.matrix * factors, 1e-6 * stored.target, stored.names, targets=stored.targets)
     for regressor in (Stlsq(), Stlsq(0.02)):
         one, other = regressor.fit(stored), regressor.fit(scaled)
         np.testing.assert_array_equal(one.support, other.support)
@@ -100,7 +102,7 @@ def test_the_threshold_means_the_same_in_every_unit(chain: StreamedEquations) ->
         np.testing.assert_allclose(changed, one.coefficients[shared], rtol=1e-9)
 
 
-def test_the_whole_path_of_thresholds_is_kept(chain: StreamedEquations) -> None:
+def test_the_whole_path_of_thresholds_is_kept(chain: StreamedSystem) -> None:
     fit = Stlsq().fit(chain)
     path = fit.paths[fit.targets.index("x1''")]
     terms = [one.terms for one in path]
@@ -109,7 +111,7 @@ def test_the_whole_path_of_thresholds_is_kept(chain: StreamedEquations) -> None:
     assert min(path, key=lambda one: one.bic).terms == 8
 
 
-def test_a_threshold_given_is_kept_by_every_term(chain: StreamedEquations) -> None:
+def test_a_threshold_given_is_kept_by_every_term(chain: StreamedSystem) -> None:
     fit = Stlsq(0.02).fit(chain)
     assert np.all(fit.contribution[fit.support] >= 0.02)
     assert fit.paths == ((), (), (), ())
@@ -170,7 +172,7 @@ def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
     matrix = np.linalg.qr(random.normal(size=(500, 8)))[0] @ np.diag(np.logspace(0, -7, 8))
     matrix = matrix @ np.linalg.qr(random.normal(size=(8, 8)))[0]
     truth = random.normal(size=8)
-    fit = LeastSquares().fit(Equations(matrix, matrix @ truth, tuple("abcdefgh")))
+    fit = LeastSquares().fit(DenseSystem(matrix, matrix @ truth, tuple("abcdefgh")))
     np.testing.assert_allclose(fit.coefficients[:, 0], truth, rtol=1e-7)
 
 
@@ -256,7 +258,7 @@ def test_the_choice_on_rows_held_out_beats_all_terms_on_noisy_states(
 def test_noise_alone_has_no_terms() -> None:
     random = np.random.default_rng(1000)
     matrix = random.normal(size=(2000, 30))
-    system = Equations(matrix, random.normal(size=2000), tuple(f"c{j}" for j in range(30)))
+    system = DenseSystem(matrix, random.normal(size=2000), tuple(f"c{j}" for j in range(30)))
     # Of 30 candidates the best is chosen by 1600 rows and judged by 400 others: a fluke must beat log(400) there.
     assert Stlsq().fit(system).support.sum() == 0
 
@@ -264,7 +266,7 @@ def test_noise_alone_has_no_terms() -> None:
 def test_weights_are_those_of_weighted_least_squares() -> None:
     equations, _ = _problem(0.5)
     weights = np.random.default_rng(2).uniform(0.1, 3.0, equations.rows)
-    weighted = Equations(
+    weighted = DenseSystem(
         equations.matrix, equations.target, equations.names, weights=weights, targets=("p", "q")
     )
     scale = np.linalg.norm(equations.matrix, axis=0)
@@ -276,7 +278,7 @@ def test_weights_are_those_of_weighted_least_squares() -> None:
 
 @pytest.mark.parametrize("penalty", [0.3, 0.1, 0.01, 1e-3, 1e-5])
 def test_the_l1_solution_satisfies_the_conditions_of_optimality(
-    chain: StreamedEquations, penalty: float
+    chain: StreamedSystem, penalty: float
 ) -> None:
     gram = Gram.of(chain)
     fit = L1(penalty, debias=False).fit_gram(gram, chain.units, chain.targets)
@@ -321,7 +323,7 @@ def test_l1_by_default_keeps_the_true_terms_and_debias_undoes_the_shrinkage() ->
 def test_two_columns_that_move_together_are_named() -> None:
     equations, _ = _problem(0.01)
     doubled = np.column_stack([equations.matrix, 3 * equations.matrix[:, 4]])
-    twins = Equations(doubled, equations.target, (*equations.names, "twin"), targets=("p", "q"))
+    twins = DenseSystem(doubled, equations.target, (*equations.names, "twin"), targets=("p", "q"))
     with pytest.raises(IdentificationError, match=r"the columns c4, twin move together .* only their sum"):
         LeastSquares().fit(twins)
     assert L1().fit(twins).support.sum() >= 8  # of two copies it takes one
@@ -329,7 +331,7 @@ def test_two_columns_that_move_together_are_named() -> None:
 
 def test_a_column_of_zeros_takes_no_part() -> None:
     equations, truth = _problem(0.0)
-    with_zero = Equations(
+    with_zero = DenseSystem(
         np.column_stack([np.zeros(400), equations.matrix]),
         equations.target,
         ("zero", *equations.names),
@@ -339,15 +341,15 @@ def test_a_column_of_zeros_takes_no_part() -> None:
     np.testing.assert_array_equal(fit.support[1:], truth != 0)
     assert not fit.support[0].any()
     with pytest.raises(IdentificationError, match="every column of the equations is zero throughout"):
-        LeastSquares().fit(Equations(np.zeros((9, 2)), np.ones(9), ("a", "b")))
+        LeastSquares().fit(DenseSystem(np.zeros((9, 2)), np.ones(9), ("a", "b")))
     with pytest.raises(IdentificationError, match="0 equations in 2 unknowns"):
-        LeastSquares().fit(Equations(np.zeros((0, 2)), np.ones(0), ("a", "b")))
+        LeastSquares().fit(DenseSystem(np.zeros((0, 2)), np.ones(0), ("a", "b")))
 
 
 @pytest.mark.parametrize("regressor", [LeastSquares(), Stlsq(), Stlsq(0.1), L1(), L1(0.1)])
 def test_a_target_of_zeros_has_no_terms(regressor: Regressor) -> None:
     equations, _ = _problem(0.0)
-    nothing = Equations(equations.matrix, np.zeros(400), equations.names)
+    nothing = DenseSystem(equations.matrix, np.zeros(400), equations.names)
     fit = regressor.fit(nothing)
     assert not fit.support.any()
     assert fit.text() == "b = 0"
@@ -357,10 +359,10 @@ def test_more_columns_than_rows_do_not_explain_by_number() -> None:
     random = np.random.default_rng(4)
     matrix = random.normal(size=(60, 100))
     target = 3 * matrix[:, 5] - 2 * matrix[:, 40] + 0.01 * random.normal(size=60)
-    fit = L1().fit(Equations(matrix, target, tuple(f"c{j}" for j in range(100))))
+    fit = L1().fit(DenseSystem(matrix, target, tuple(f"c{j}" for j in range(100))))
     assert {"c5", "c40"} <= set(fit.terms("b"))
     assert fit.support.sum() <= 30
-    system = Equations(matrix, target, tuple(f"c{j}" for j in range(100)))
+    system = DenseSystem(matrix, target, tuple(f"c{j}" for j in range(100)))
     assert set(Stlsq().fit(system).terms("b")) >= {"c5", "c40"}
     with pytest.raises(
         IdentificationError, match="100 terms cannot be told apart by 60 equations; take a longer"
@@ -375,7 +377,7 @@ def test_settings_outside_their_range_are_refused() -> None:
         L1(0.0)
 
 
-def test_the_equations_are_written_as_one_would_write_them(chain: StreamedEquations) -> None:
+def test_the_equations_are_written_as_one_would_write_them(chain: StreamedSystem) -> None:
     fit = Stlsq().fit(chain)
     lines = fit.text(4).splitlines()
     assert lines[0] == "x1' = 1*v1"
@@ -390,5 +392,7 @@ def test_the_equations_are_written_as_one_would_write_them(chain: StreamedEquati
 
 def test_a_constant_is_written_without_a_factor() -> None:
     matrix = np.column_stack([np.ones(50), np.linspace(-1, 1, 50)])
-    fit: Fit = LeastSquares().fit(Equations(matrix, matrix @ [-2.0, 0.5], ("1", "x1"), targets=("x1''",)))
+    fit: RegressionFit = LeastSquares().fit(
+        DenseSystem(matrix, matrix @ [-2.0, 0.5], ("1", "x1"), targets=("x1''",))
+    )
     assert fit.text(3) == "x1'' = -2 + 0.5*x1"

@@ -14,8 +14,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.starts.drift_windows import Windows, candidates
-from linkwise.likelihood.starts.inverse_dynamics import SeenLinks, highpassed, seen_links, window_half
+from linkwise.likelihood.starts.drift_windows import DriftWindows, drift_candidates
+from linkwise.likelihood.starts.inverse_dynamics import LinkSignals, highpassed, link_signals, window_half
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -27,7 +27,7 @@ _SETTLED = 1e-3  # of the cost
 
 
 def link_start(
-    seen: SeenLinks,
+    seen: LinkSignals,
     number: int,
     link: Link,
     values: Mapping[str, float],
@@ -35,7 +35,7 @@ def link_start(
 ) -> dict[str, float]:
     """The coefficients `free` (the law is jointly linear in them) of a link whose others are `values`."""
     half = window_half(seen, number, _PERIODS)
-    windows = Windows.of(seen, number, half=half, stride=half)
+    windows = DriftWindows.of(seen, number, half=half, stride=half)
     tried = []
     for cut in _CUTS:
         d, v = (highpassed(each[number], 1.0 / seen.step, cut) for each in (seen.d, seen.v))
@@ -69,12 +69,12 @@ def _least_squares(columns: Floats, right: Floats) -> Floats:
 
 
 def _improved(
-    windows: Windows, link: Link, values: dict[str, float], free: tuple[str, ...]
+    windows: DriftWindows, link: Link, values: dict[str, float], free: tuple[str, ...]
 ) -> tuple[float, dict[str, float]]:
     """Squared force error and coefficients after the rounds."""
     best, best_values = np.inf, values
     for _ in range(_ROUNDS):
-        lines = candidates(windows, link, values)
+        lines = drift_candidates(windows, link, values)
         pick = lines.cost.argmin(axis=0)
         line = lines.line[:, pick, np.arange(len(pick))]
         cost = float(lines.cost.min(axis=0).sum())
@@ -91,7 +91,7 @@ def _improved(
 
 
 def _projected_step(
-    windows: Windows,
+    windows: DriftWindows,
     link: Link,
     values: dict[str, float],
     free: tuple[str, ...],
@@ -116,7 +116,7 @@ def law_start(
     record: Record, structure: Structure, sigma: dict[str, float], given: Mapping[str, float]
 ) -> dict[str, float]:
     """Every parameter of a `structure` whose links the record tells; `given` are starts, needed for what is not linear."""
-    seen = seen_links(record, structure, sigma)
+    seen = link_signals(record, structure, sigma)
     found: dict[str, list[float]] = {parameter.name: [] for parameter in structure.parameters}
     names = {member: parameter.name for parameter in structure.parameters for member in parameter.members}
     for number, link in enumerate(structure.links):

@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.starts.drift_windows import Lines, Windows, candidates
-from linkwise.likelihood.starts.inverse_dynamics import SeenLinks, window_half
+from linkwise.likelihood.starts.drift_windows import DriftCandidates, DriftWindows, drift_candidates
+from linkwise.likelihood.starts.inverse_dynamics import LinkSignals, window_half
 from linkwise.model.link import Link
 
 _PERIODS = 0.8  # that a window spans: shorter ones have more candidates, longer ones bend with the drift
@@ -22,7 +22,7 @@ _DEAR = 30.0  # times the noise of a window: a candidate so bad is as bad as any
 _IMPASSABLE = 1e4
 
 
-def follow(windows: Windows, lines: Lines, seen: SeenLinks, link: int) -> Floats:
+def viterbi_path(windows: DriftWindows, lines: DriftCandidates, seen: LinkSignals, link: int) -> Floats:
     """(2, K) what to add to D and its rate at the centre of every window.
 
     It is the chain of candidates that explains the forces best while offset and slope drift no more than noise drives them.
@@ -56,7 +56,7 @@ def follow(windows: Windows, lines: Lines, seen: SeenLinks, link: int) -> Floats
     return np.stack([value[path, which], slope[path, which]])
 
 
-def inverted(seen: SeenLinks, links: tuple[Link, ...]) -> tuple[Floats, Floats]:
+def elongations_from_forces(seen: LinkSignals, links: tuple[Link, ...]) -> tuple[Floats, Floats]:
     """Elongations and rates (L, N) of links whose coefficients are all numbers."""
     d, v = seen.d.copy(), seen.v.copy()
     at = np.arange(seen.d.shape[1])
@@ -64,9 +64,9 @@ def inverted(seen: SeenLinks, links: tuple[Link, ...]) -> tuple[Floats, Floats]:
         if seen.lost[number] == 0:
             continue
         half = window_half(seen, number, _PERIODS)
-        windows = Windows.of(seen, number, half=half, stride=max(1, half // _OVERLAP))
-        lines = candidates(windows, link, link.values, rounds=_ROUNDS)
-        value, slope = follow(windows, lines, seen, number)
+        windows = DriftWindows.of(seen, number, half=half, stride=max(1, half // _OVERLAP))
+        lines = drift_candidates(windows, link, link.values, rounds=_ROUNDS)
+        value, slope = viterbi_path(windows, lines, seen, number)
         turned = np.interp(at, windows.center, slope)
         outside = (at - np.clip(at, windows.center[0], windows.center[-1])) * seen.step
         d[number] += np.interp(at, windows.center, value) + outside * turned

@@ -13,7 +13,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.starts.inverse_dynamics import SeenLinks
+from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
 from linkwise.model.link import Link
 
 _REACH = 3.0  # of the largest motion within a window: how far off its centre may be
@@ -26,7 +26,7 @@ _SAME = 1e-3  # of the largest offset: minima nearer than that are one
 
 
 @dataclass(frozen=True, eq=False)
-class Windows:
+class DriftWindows:
     """K windows of T samples of a link: `d`, `v` (K, T) without their polynomial, `force` (K, T), `at` (T,) s from the centre.
 
     `taken` (2, K) is the polynomial that was taken out, value and slope at the centre; `center` (K,) its sample; `lost` how
@@ -43,7 +43,7 @@ class Windows:
     step: float
 
     @classmethod
-    def of(cls, seen: SeenLinks, link: int, *, half: int, stride: int) -> Windows:
+    def of(cls, seen: LinkSignals, link: int, *, half: int, stride: int) -> DriftWindows:
         """Windows of 2 `half` + 1 samples, `stride` apart, of one of the links."""
         length = 2 * half + 1
         pieces = [sliding_window_view(each[link], length)[::stride] for each in (seen.d, seen.v, seen.force)]
@@ -73,7 +73,7 @@ class Windows:
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class DriftCandidates:
     """Candidates: `line` (2, C, K), squared force error `cost` (C, K), and `spread` (2, C, K) a unit of force error makes."""
 
     line: Floats
@@ -81,19 +81,21 @@ class Lines:
     spread: Floats
 
 
-def candidates(windows: Windows, link: Link, values: dict[str, float], *, rounds: int = 0) -> Lines:
+def drift_candidates(
+    windows: DriftWindows, link: Link, values: dict[str, float], *, rounds: int = 0
+) -> DriftCandidates:
     """The best lines of every window under the law with `values`: coarse grid, local minima, Levenberg-Marquardt.
 
     In each of so many `rounds` a window also tries what its neighbours found.
     """
     if windows.lost == 0:
         line = np.zeros((2, 1, len(windows.d)))
-        return Lines(line, _normal(windows, link, values, line)[0], np.zeros_like(line))
+        return DriftCandidates(line, _normal(windows, link, values, line)[0], np.zeros_like(line))
     lines = _distinct(_polished(windows, link, values, _minima(windows, link, values)))
     for _ in range(rounds):
         from_neighbours = _polished(windows, link, values, _passed_on(windows, lines.line))
         lines = _distinct(
-            Lines(
+            DriftCandidates(
                 np.concatenate([lines.line, from_neighbours.line], axis=1),
                 np.concatenate([lines.cost, from_neighbours.cost]),
                 np.concatenate([lines.spread, from_neighbours.spread], axis=1),
@@ -102,7 +104,7 @@ def candidates(windows: Windows, link: Link, values: dict[str, float], *, rounds
     return lines
 
 
-def _passed_on(windows: Windows, line: Floats) -> Floats:
+def _passed_on(windows: DriftWindows, line: Floats) -> Floats:
     """(2, 2 C, K) what the line of a window is in the windows after and before it; at the ends they keep their own."""
     drift = line - windows.taken[:, None]
     lag = np.diff(windows.center) * windows.step
@@ -114,7 +116,7 @@ def _passed_on(windows: Windows, line: Floats) -> Floats:
     return np.concatenate([after, before], axis=1) + windows.taken[:, None]
 
 
-def _distinct(lines: Lines) -> Lines:
+def _distinct(lines: DriftCandidates) -> DriftCandidates:
     """The `_KEPT` best lines of every window, of which no two are the same minimum."""
     order = np.argsort(lines.cost, axis=0)
     cost = np.take_along_axis(lines.cost, order, axis=0)
@@ -127,14 +129,14 @@ def _distinct(lines: Lines) -> Lines:
     )
     chosen = np.argsort(copies, axis=0, kind="stable")[:_KEPT]
     cost = np.where(copies, np.inf, cost)
-    return Lines(
+    return DriftCandidates(
         np.take_along_axis(line, chosen[None], axis=1),
         np.take_along_axis(cost, chosen, axis=0),
         np.take_along_axis(spread, chosen[None], axis=1),
     )
 
 
-def _polished(windows: Windows, link: Link, values: dict[str, float], line: Floats) -> Lines:
+def _polished(windows: DriftWindows, link: Link, values: dict[str, float], line: Floats) -> DriftCandidates:
     """Each line (2, C, K) moved to the minimum near it."""
     cost, gradient, h = _normal(windows, link, values, line)
     cost = np.nan_to_num(cost, nan=np.inf)
@@ -147,11 +149,11 @@ def _polished(windows: Windows, link: Link, values: dict[str, float], line: Floa
         gradient, h = np.where(better, steeper, gradient), np.where(better, bent, h)
         damping = np.where(better, 0.3 * damping, 10.0 * damping)
     inverse = _inverse(h, np.zeros_like(cost))
-    return Lines(line, cost, np.sqrt(np.maximum(np.stack([inverse[0, 0], inverse[1, 1]]), 0.0)))
+    return DriftCandidates(line, cost, np.sqrt(np.maximum(np.stack([inverse[0, 0], inverse[1, 1]]), 0.0)))
 
 
 def _normal(
-    windows: Windows, link: Link, values: dict[str, float], line: Floats
+    windows: DriftWindows, link: Link, values: dict[str, float], line: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Squared force error (C, K), its gradient (2, C, K) and matrix (2, 2, C, K) by offset and slope."""
     d, v = windows.motion(line)
@@ -178,7 +180,7 @@ def _inverse(h: Floats, damping: Floats) -> Floats:
     return np.asarray(inverse)
 
 
-def _minima(windows: Windows, link: Link, values: dict[str, float]) -> Floats:
+def _minima(windows: DriftWindows, link: Link, values: dict[str, float]) -> Floats:
     """(2, C, K) the lowest local minima on a grid of offsets and slopes."""
     thin = slice(None, None, max(1, len(windows.at) // _COARSE))
     d, v, force, at = (

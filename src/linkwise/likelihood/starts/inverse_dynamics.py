@@ -24,7 +24,7 @@ _SHORTEST = 6  # samples to each side that tell two unknowns from noise
 
 
 @dataclass(frozen=True, eq=False)
-class SeenLinks:
+class LinkSignals:
     """`d`, `v`, `force` (L, N) of the links in m, m/s, N; `step` in s.
 
     `lost` (L,) is how many integrations the elongation has behind it: it is known up to a polynomial with so many numbers.
@@ -40,7 +40,7 @@ class SeenLinks:
     step: float
 
 
-def tells_links(record: Record, structure: Structure) -> bool:
+def determines_links(record: Record, structure: Structure) -> bool:
     """Whether every mass has a sensor and a known size, and the links form a tree that hangs on the ground or the base."""
     if not all(any(f"{kind}:{name}" in record.channels for kind in "xva") for name in structure.mass_names):
         return False
@@ -52,14 +52,14 @@ def tells_links(record: Record, structure: Structure) -> bool:
     )
 
 
-def drifts(record: Record, structure: Structure) -> bool:
-    """Whether the record `tells_links` of the structure, and of the place of some mass by sums over time alone."""
+def needs_integration(record: Record, structure: Structure) -> bool:
+    """Whether the record `determines_links` of the structure, and of the place of some mass by sums over time alone."""
     placed = all(f"x:{name}" in record.channels for name in structure.mass_names)
-    return not placed and tells_links(record, structure)
+    return not placed and determines_links(record, structure)
 
 
-def seen_links(record: Record, structure: Structure, sigma: dict[str, float]) -> SeenLinks:
-    """The links of a `structure` that the record `tells_links` of, with `sigma` of the channels' noise."""
+def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) -> LinkSignals:
+    """The links of a `structure` that the record `determines_links` of, with `sigma` of the channels' noise."""
     motions, lost, noise = [], [], []
     for name in structure.mass_names:
         kind = next(kind for kind in "xva" if f"{kind}:{name}" in record.channels)
@@ -78,7 +78,7 @@ def seen_links(record: Record, structure: Structure, sigma: dict[str, float]) ->
     touched = incidence.T != 0.0
     most = np.where(touched, lost, 0).max(axis=1)
     driven = touched & (np.asarray(lost) == most[:, None])
-    return SeenLinks(
+    return LinkSignals(
         d=structure.elongations(x.T, base).T,
         v=structure.elongations(v.T, None if base is None else np.gradient(base, record.step)).T,
         force=np.linalg.solve(incidence, pushes - structure.mass_values[:, None] * a),
@@ -145,7 +145,7 @@ def highpassed(values: Floats, rate: float, cut: float) -> Floats:
     return np.asarray(np.fft.irfft(np.fft.rfft(mirrored) * kept, len(mirrored))[: len(values)])
 
 
-def window_half(seen: SeenLinks, link: int, periods: float) -> int:
+def window_half(seen: LinkSignals, link: int, periods: float) -> int:
     """Half the samples of a window that spans so many `periods` of a link's motion, by the zeros of what is not drift."""
     moving = highpassed(seen.d[link], 1.0 / seen.step, DRIFT)
     turns = int(np.count_nonzero(np.diff(np.signbit(moving))))

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.starts.drift_tracking import inverted
+from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
 from linkwise.likelihood.starts.inverse_dynamics import (
     DRIFT,
+    determines_links,
     highpassed,
+    link_signals,
     masses_from_links,
-    seen_links,
     smoothed,
     summed,
-    tells_links,
 )
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -29,7 +29,7 @@ _UNSEEN = 0.1  # of the motion of the seen masses: how far a node of a hidden ma
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class StartStates:
     """Displacements and velocities (n, N) of all masses, `sigma` (n,) of what their sensor makes of both, (2n,)."""
 
     x: Floats
@@ -37,7 +37,7 @@ class States:
     scale: Floats
 
 
-def start_states(record: Record, structure: Structure, sigma: dict[str, float], samples: int) -> States:
+def start_states(record: Record, structure: Structure, sigma: dict[str, float], samples: int) -> StartStates:
     """The motion as the sensors tell it. `samples` is the length of a segment, over which a velocity defect builds up.
 
     Where `structure` has all its numbers and every mass a sensor, what velocities and accelerations do not tell of the place
@@ -60,7 +60,7 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
     hidden = np.isnan(scale[0])
     for order, motion in enumerate((x, v)):
         scale[order, hidden] = _UNSEEN * np.sqrt(np.mean(motion[~hidden] ** 2))
-    return States(x, v, scale.ravel())
+    return StartStates(x, v, scale.ravel())
 
 
 def _told(
@@ -71,9 +71,9 @@ def _told(
 ) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N), zero for masses without a sensor."""
     lost = any(kinds[name][:1] in (["v"], ["a"]) for name in structure.mass_names)
-    if lost and tells_links(record, structure) and _numbered(structure):
-        seen = seen_links(record, structure, sigma)
-        return masses_from_links(record, structure, *inverted(seen, structure.links))
+    if lost and determines_links(record, structure) and _numbered(structure):
+        seen = link_signals(record, structure, sigma)
+        return masses_from_links(record, structure, *elongations_from_forces(seen, structure.links))
     x, v = (
         np.zeros((structure.size, len(record))),
         np.zeros((structure.size, len(record))),
@@ -104,7 +104,7 @@ def _numbered(structure: Structure) -> bool:
     )
 
 
-def nodes(states: Sequence[States], samples: int) -> Floats:
+def segment_nodes(states: Sequence[StartStates], samples: int) -> Floats:
     """(2, n, K) the states at the first sample of every segment, record after record."""
     return np.concatenate(
         [np.stack([each.x[:, ::samples], each.v[:, ::samples]]) for each in states],

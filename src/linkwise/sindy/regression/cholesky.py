@@ -7,22 +7,22 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from linkwise.arrays import Floats
 
-Factor = tuple[Floats, bool]  # as `cho_solve` wants it
+CholeskyFactor = tuple[Floats, bool]  # as `cho_solve` wants it
 
 _DEPENDENT = 3e-8  # a column whose part outside the span of the others is smaller is one of them, rounded
 _RIDGE = 1e-14  # added to the unit diagonal of dependent columns
 
 
-def cholesky(block: Floats) -> Factor | None:
+def cholesky(block: Floats) -> CholeskyFactor | None:
     """The factor of a Gram matrix of unit columns; None where its columns are dependent."""
     try:
-        factor: Factor = cho_factor(block, lower=True, check_finite=False)
+        factor: CholeskyFactor = cho_factor(block, lower=True, check_finite=False)
     except LinAlgError:
         return None
     return factor if np.min(np.diagonal(factor[0])) > _DEPENDENT else None
 
 
-def ridged(block: Floats) -> Factor:
+def ridged(block: Floats) -> CholeskyFactor:
     """The factor of a Gram matrix, with the smallest ridge that keeps dependent columns apart."""
     factor, ridge = cholesky(block), _RIDGE
     while factor is None:

@@ -18,9 +18,9 @@ from scipy.linalg.lapack import dpotri
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.sindy.regression.cholesky import Factor, cholesky, ridged, vanishing
+from linkwise.sindy.regression.cholesky import CholeskyFactor, cholesky, ridged, vanishing
 from linkwise.sindy.regression.linear_system import LinearSystem
-from linkwise.sindy.regression.sums import Remainder, held_out, mirror, products, remainders
+from linkwise.sindy.regression.sums import ResidualProducts, held_out, mirror, products, residual_products
 
 _PASSES = 3  # over the rows at most to refine the anchor; one does unless columns are all but dependent
 _ROUNDING = 1e-13  # a residual this far below its target cannot be refined
@@ -86,7 +86,7 @@ class Gram:
     alive: Bools
     anchor: Floats
     held: Sums | None
-    factor: Factor | None = None
+    factor: CholeskyFactor | None = None
 
     @classmethod
     def of(cls, system: LinearSystem) -> Gram:
@@ -331,14 +331,14 @@ class Gram:
 
 
 def _anchored(
-    system: LinearSystem, factor: Factor, moments: Floats, inverse: Floats, norms: Floats
-) -> tuple[Floats, Floats, list[Remainder]]:
+    system: LinearSystem, factor: CholeskyFactor, moments: Floats, inverse: Floats, norms: Floats
+) -> tuple[Floats, Floats, list[ResidualProducts]]:
     """An approximate solution (p, T), a last correction (p, T) to it, and what it leaves of the rows, in scaled columns."""
     anchor = np.asarray(cho_solve(factor, moments))
     for last in (*[False] * (_PASSES - 1), True):
         left = [
-            Remainder(one.squares, inverse[:, None] * one.slope)
-            for one in remainders(system, anchor * inverse[:, None])
+            ResidualProducts(one.squares, inverse[:, None] * one.slope)
+            for one in residual_products(system, anchor * inverse[:, None])
         ]
         squares = np.sum([one.squares for one in left], axis=0)
         slope = np.sum([one.slope for one in left], axis=0)

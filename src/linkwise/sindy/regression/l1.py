@@ -20,8 +20,8 @@ from linkwise.errors import IdentificationError
 from linkwise.runtime import one_blas_thread
 from linkwise.sindy.regression.cholesky import cholesky
 from linkwise.sindy.regression.gram import Gram
-from linkwise.sindy.regression.regressor import Candidate, Regressor
-from linkwise.sindy.regression.selection import best, candidate
+from linkwise.sindy.regression.regressor import Regressor, SupportCandidate
+from linkwise.sindy.regression.selection import best_support, score_support
 
 _SMALLEST = 1e-9  # penalty, in shares of the largest, at which the path ends
 _STEPS_PER_COLUMN = 8
@@ -50,8 +50,8 @@ class L1(Regressor):
                 "explain beyond the others to be let in, 0 < penalty <= 1"
             )
 
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
-        path: tuple[Candidate, ...] = ()
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
+        path: tuple[SupportCandidate, ...] = ()
         if self.penalty is None:
             training = gram.training
             with one_blas_thread():  # many small steps
@@ -65,16 +65,16 @@ class L1(Regressor):
         return scaled, setting, path
 
 
-def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
+def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
     """The kink of the path whose support has the smallest BIC, its penalty, and all supports that were compared."""
-    found: dict[bytes, tuple[Candidate, Floats]] = {}
+    found: dict[bytes, tuple[SupportCandidate, Floats]] = {}
     worse, lowest = 0, np.inf
     for penalty, scaled in _path(gram, target):
         support = scaled != 0
         key = support.tobytes()
         if key in found:
             continue
-        one = candidate(gram, target, *gram.project(support, target), penalty)
+        one = score_support(gram, target, *gram.project(support, target), penalty)
         worse = 0 if one.bic < lowest else worse + 1
         lowest = min(lowest, one.bic)
         found[key] = one, scaled
@@ -82,7 +82,7 @@ def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ..
             break
     if not found:
         return np.zeros(len(gram.names)), 1.0, ()
-    chosen = best(one for one, _ in found.values())
+    chosen = best_support(one for one, _ in found.values())
     return found[chosen.support.tobytes()][1], chosen.setting, tuple(one for one, _ in found.values())
 
 

@@ -6,12 +6,12 @@ from typing import final
 
 from linkwise.arrays import Floats
 from linkwise.sindy.regression.gram import Gram
-from linkwise.sindy.regression.regressor import Candidate, Regressor
+from linkwise.sindy.regression.regressor import Regressor, SupportCandidate
 
 
 @final
 class LeastSquares(Regressor):
     """Every column that is not zero throughout takes part."""
 
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
         return gram.solve(gram.alive, target), 0.0, ()

@@ -1,8 +1,8 @@
 """A c = b: the waist between every way to equations (derivatives, weak form) and every way to coefficients.
 
 Columns are named and carry the unit of their coefficient, rows carry weights, known terms are already in b. Several
-targets may share the columns. A regressor reads rows in blocks and never asks whether they are stored (`Equations`) or
-computed when asked for (`StreamedEquations`), so a library that does not fit in memory is no special case.
+targets may share the columns. A regressor reads rows in blocks and never asks whether they are stored (`DenseSystem`) or
+computed when asked for (`StreamedSystem`), so a library that does not fit in memory is no special case.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class LinearSystem(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Equations(LinearSystem):
+class DenseSystem(LinearSystem):
     """Stored equations: matrix (R, p), target (R,) or (R, T), weights (R,) that multiply whole rows (default 1).
 
     `names` and `units` name the p columns and the units of their coefficients, `targets` the T right-hand sides. A
@@ -105,7 +105,7 @@ class Equations(LinearSystem):
         weights = self.weights[piece, None]
         return matrix * weights, target * weights
 
-    def with_known(self, values: dict[str, float]) -> Equations:
+    def with_known(self, values: dict[str, float]) -> DenseSystem:
         """The same equations with the named columns moved to the right-hand side at these coefficients.
 
         Raises IdentificationError for a name that is no column.
@@ -118,7 +118,7 @@ class Equations(LinearSystem):
         known = [self.names.index(name) for name in values]
         left = [column for column, name in enumerate(self.names) if name not in values]
         moved = self.matrix[:, known] @ np.array(list(values.values()), dtype=np.float64)
-        return Equations(
+        return DenseSystem(
             self.matrix[:, left],
             self.target - moved[:, None],
             tuple(self.names[column] for column in left),
@@ -129,7 +129,7 @@ class Equations(LinearSystem):
 
 
 @dataclass(frozen=True, eq=False)
-class StreamedEquations(LinearSystem):
+class StreamedSystem(LinearSystem):
     """Equations whose rows are computed when they are read: `compute(piece)` gives A (B, p) and b (B, T), weights applied,
     for a slice or an array of row numbers.
 
@@ -152,10 +152,10 @@ class StreamedEquations(LinearSystem):
     def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
         return self.compute(piece)
 
-    def stored(self) -> Equations:
+    def stored(self) -> DenseSystem:
         """The same equations with all rows in memory."""
         matrix, target = self.compute(slice(0, self.count))
-        return Equations(matrix, target, self.names, units=self.units, targets=self.targets)
+        return DenseSystem(matrix, target, self.names, units=self.units, targets=self.targets)
 
 
 def _require_named(names: tuple[str, ...], units: tuple[str, ...], targets: tuple[str, ...]) -> None:

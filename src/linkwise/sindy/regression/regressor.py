@@ -14,7 +14,7 @@ from linkwise.sindy.regression.linear_system import LinearSystem
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class SupportCandidate:
     """One support (p,) on a regressor's path for one target.
 
     `setting` is the threshold or penalty that led to it, `terms` its number of columns, `residual` the norm of b - A c
@@ -31,7 +31,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class RegressionFit:
     """Coefficients of p columns for T targets.
 
     `coefficients` (p, T) in their own units, zero outside `support` (p, T); `standard_error` (p, T) from the residual,
@@ -49,7 +49,7 @@ class Fit:
     contribution: Floats
     residual: Floats
     setting: Floats
-    paths: tuple[tuple[Candidate, ...], ...]
+    paths: tuple[tuple[SupportCandidate, ...], ...]
 
     def terms(self, target: str) -> dict[str, float]:
         """The terms of one target by name. Raises IdentificationError for a name that is no target."""
@@ -98,11 +98,11 @@ class Fit:
 class Regressor(ABC):
     """A way from equations to coefficients. Concretes choose the supports; everything else is shared."""
 
-    def fit(self, system: LinearSystem) -> Fit:
+    def fit(self, system: LinearSystem) -> RegressionFit:
         """Fit all targets of `system` on one Gram matrix; raises IdentificationError where that is impossible."""
         return self.fit_gram(Gram.of(system), system.units, system.targets)
 
-    def fit_gram(self, gram: Gram, units: tuple[str, ...], targets: tuple[str, ...]) -> Fit:
+    def fit_gram(self, gram: Gram, units: tuple[str, ...], targets: tuple[str, ...]) -> RegressionFit:
         """The same from a Gram matrix that exists, so several regressors can share it."""
         scaled = np.zeros((len(gram.names), len(targets)))
         setting, paths = np.zeros(len(targets)), []
@@ -112,7 +112,7 @@ class Regressor(ABC):
         return _fit(gram, scaled, units, targets, setting, tuple(paths))
 
     @abstractmethod
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
         """Scaled coefficients (p,) of one target, the setting in force, and the candidates that were compared."""
 
 
@@ -122,15 +122,15 @@ def _fit(
     units: tuple[str, ...],
     targets: tuple[str, ...],
     setting: Floats,
-    paths: tuple[tuple[Candidate, ...], ...],
-) -> Fit:
+    paths: tuple[tuple[SupportCandidate, ...], ...],
+) -> RegressionFit:
     """Fill in what follows from the coefficients alone."""
     support = scaled != 0
     norms = np.where(gram.norms > 0, gram.norms, 1.0)
     squares = gram.sums.moved(scaled - gram.anchor).squares
     freedom = np.maximum(gram.rows - support.sum(axis=0), 1)
     variances = _variances(gram, support)
-    return Fit(
+    return RegressionFit(
         names=gram.names,
         units=units,
         targets=targets,

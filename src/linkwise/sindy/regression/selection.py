@@ -13,12 +13,14 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.sindy.regression.gram import Gram
-from linkwise.sindy.regression.regressor import Candidate
+from linkwise.sindy.regression.regressor import SupportCandidate
 
 EXACT = 1e-11  # a residual this far below its target is rounding: below it fewer terms always win
 
 
-def candidate(training: Gram, target: int, scaled: Floats, squares: float, setting: float) -> Candidate:
+def score_support(
+    training: Gram, target: int, scaled: Floats, squares: float, setting: float
+) -> SupportCandidate:
     """A least squares solution `scaled` (p,) on its support in the rows of `training`, which leaves `squares` there, judged by
     the rows held out.
 
@@ -36,7 +38,7 @@ def candidate(training: Gram, target: int, scaled: Floats, squares: float, setti
     bic = held.rows * np.log(max(missed, tiny) / held.rows) + terms * np.log(held.rows)
     if terms > training.rows / 2:
         bic = np.inf
-    return Candidate(
+    return SupportCandidate(
         support=support,
         setting=setting,
         terms=terms,
@@ -46,6 +48,6 @@ def candidate(training: Gram, target: int, scaled: Floats, squares: float, setti
     )
 
 
-def best(candidates: Iterable[Candidate]) -> Candidate:
+def best_support(candidates: Iterable[SupportCandidate]) -> SupportCandidate:
     """The candidate of smallest BIC; of equals the one with fewer terms."""
     return min(candidates, key=lambda one: (one.bic, one.terms))

@@ -12,8 +12,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.runtime import one_blas_thread
 from linkwise.sindy.regression.gram import Gram
-from linkwise.sindy.regression.regressor import Candidate, Regressor
-from linkwise.sindy.regression.selection import EXACT, best, candidate
+from linkwise.sindy.regression.regressor import Regressor, SupportCandidate
+from linkwise.sindy.regression.selection import EXACT, best_support, score_support
 
 _PASSES = 50  # supports only shrink; a loop this long means nothing is left to drop one by one
 _FEW, _FEWER = 64, 16  # terms from which the path goes down more gently, and one by one
@@ -42,14 +42,14 @@ class Stlsq(Regressor):
                 "term is dropped, 0 <= threshold < 1"
             )
 
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[Candidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
         if self.threshold is not None:
             scaled = gram.solve(gram.alive, target)
             return _shrink(gram, target, scaled, self.threshold), self.threshold, ()
         training = gram.training
         with one_blas_thread():  # many small steps
             path = tuple(_path(training, target))
-        chosen = best(path)
+        chosen = best_support(path)
         return gram.solve(chosen.support, target), chosen.setting, path
 
 
@@ -63,13 +63,13 @@ def _shrink(gram: Gram, target: int, scaled: Floats, threshold: float) -> Floats
     return scaled
 
 
-def _path(training: Gram, target: int) -> Iterator[Candidate]:
+def _path(training: Gram, target: int) -> Iterator[SupportCandidate]:
     """Supports of falling size, from all columns to none, as the threshold rises."""
     gram, places = training, np.arange(len(training.names))
     scaled, squares = gram.project(gram.alive, target)
     setting, norm = 0.0, float(gram.norms[target])
     while True:
-        judged = candidate(gram, target, scaled, squares, setting)
+        judged = score_support(gram, target, scaled, squares, setting)
         support = np.zeros(len(training.names), dtype=bool)
         support[places] = judged.support
         yield replace(judged, support=support)

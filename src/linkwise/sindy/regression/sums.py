@@ -29,7 +29,7 @@ class Products(NamedTuple):
     squares: Floats
 
 
-class Remainder(NamedTuple):
+class ResidualProducts(NamedTuple):
     """||b - A c||^2 (T,) and A'(b - A c) (p, T) over some rows."""
 
     squares: Floats
@@ -63,22 +63,22 @@ def products(system: LinearSystem) -> list[Products]:
             lower=1,
             overwrite_c=1,
         )
-        parts[part].moments[...] += times(rows, target, transposed=True)
+        parts[part].moments[...] += blas_product(rows, target, transposed=True)
         parts[part].squares[...] += np.sum(target**2, axis=0)
     for one in parts:
         mirror(one.matrix)
     return parts
 
 
-def remainders(system: LinearSystem, coefficients: Floats) -> list[Remainder]:
+def residual_products(system: LinearSystem, coefficients: Floats) -> list[ResidualProducts]:
     """Of coefficients c (p, T), from the rows themselves, in the parts of `products`."""
     parts = [
-        Remainder(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
+        ResidualProducts(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
         for _ in range(1 + bool(held_out(system.rows).any()))
     ]
     for part, rows, target in _blocks(system):
-        residual = target - times(rows, coefficients)
-        parts[part].slope[...] += times(rows, residual, transposed=True)
+        residual = target - blas_product(rows, coefficients)
+        parts[part].slope[...] += blas_product(rows, residual, transposed=True)
         parts[part].squares[...] += np.sum(residual**2, axis=0)
     return parts
 
@@ -94,7 +94,7 @@ def mirror(matrix: Floats) -> None:
         corner[...] = np.tril(corner) + np.tril(corner, -1).T
 
 
-def times(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
+def blas_product(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
     """rows @ right, or rows.T @ right, by SciPy's BLAS.
 
     NumPy brings a BLAS of its own; where each keeps threads, calling both in turn lets them spin in each other's way.
