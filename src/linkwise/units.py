@@ -40,7 +40,10 @@ def to_si(given: object, dimension: str) -> float:
     if not isinstance(given, str):
         if isinstance(given, bool) or not isinstance(given, Real):
             raise LinkwiseError(f"{_shown(given)} is no value: expected {expected}.")
-        return _finite(float(given), given)
+        try:
+            return _finite(float(given), given)
+        except OverflowError:  # of a whole number
+            return _finite(math.inf, given)
     quantity = _read(given, dimension, expected)
     if quantity.unitless and dimension not in _FREE:
         raise LinkwiseError(

@@ -48,11 +48,19 @@ def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
     """An expression of t, or samples: `FILE` with that channel, or `FILE:COLUMN`."""
     for end in [*(i for i, character in enumerate(text) if character == ":"), len(text)]:
         path = Path(text[:end])
-        if path.is_file():
+        if _is_file(path):
             column = text[end + 1 :]
             record = lw.read_record(path, channels={channel: column} if column else {})
             return lw.Sampled(record.start, record.rate, record.channel(channel))
     return lw.TimeFunction(text)
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; no text that is too long or too odd for a name is one."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 drive_options = grouped(

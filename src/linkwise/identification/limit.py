@@ -45,20 +45,22 @@ def limit(
     SI units by channel. `unknown` is what `Structure.unknown` takes ("all", "nes", "nes1.alpha", "mass:m2"); without it the
     unknowns of the structure, at their starts, or every coefficient of its links.
 
-    Raises IdentificationError for unknowns without a number, for noise that does not fit the sensors, and for segments too
-    short to tell anything; SimulationError as `simulate` does.
+    Raises IdentificationError for unknowns without a number, for noise that does not fit the sensors, and for a test or
+    segments too short to tell anything; SimulationError as `simulate` does.
     """
     true, asked = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     record = simulate(true, duration=duration, rate=rate, sensors=sensors, **excitation)
     sigma = _noise(record, noise)
-    samples = max(1, round(segment * rate))
+    samples = _samples(segment, record)
     states = 2 * true.size
     if samples * len(record.responses) <= states:
+        whole = samples == len(record)
+        piece = f"a test of {record.duration:g} s" if whole else f"a segment of {segment:g} s"
         raise IdentificationError(
-            f"a segment of {segment:g} s holds {samples * len(record.responses)} values of {len(record.responses)} channels, "
-            f"no more than the {states} states at its start: nothing would be left for the laws; sample faster or take "
-            "longer segments"
+            f"{piece} is too short: it holds {samples * len(record.responses)} values of {len(record.responses)} channels, "
+            f"no more than the {states} states at its start, and nothing would be left for the laws; sample faster or take "
+            f"{'a longer test' if whole else 'longer segments'}"
         )
     fineness = _fineness(record, true)
     fine = record
@@ -66,6 +68,11 @@ def limit(
         fine = simulate(true, duration=record.duration, rate=rate * fineness, sensors=sensors, **excitation)
     values = np.array([true.coefficient(parameter.name).value for parameter in asked.parameters], dtype=float)
     pieces = _pieces(_thinned(fine, fineness), excitation.get("impulses", ()))
+    if not pieces:
+        raise IdentificationError(
+            f"a test of {record.duration:g} s is too short: between two impulses, and from its start to its end, it needs "
+            f"{_SHORTEST / (rate * fineness):.2g} s at {rate:g} Hz"
+        )
     told = fisher_information(
         cut_segments(pieces, asked, System.of(asked), samples=samples * fineness, refine=1, offsets=()),
         Iterate(_nodes(pieces, samples * fineness), values, np.zeros(0)),
@@ -143,6 +150,13 @@ def _thinned(record: Record, fineness: int) -> Record:
     lost = np.arange(len(record)) % fineness != 0
     values[np.ix_(lost, responses)] = np.nan
     return Record(record.start, record.rate, record.channels, values, simulated=record.simulated)
+
+
+def _samples(segment: float, record: Record) -> int:
+    """Samples in a segment, no more than the record has."""
+    if not segment > 0.0:
+        raise IdentificationError(f"the length of a segment must be positive, got {segment:g} s")
+    return max(1, round(min(segment * record.rate, float(len(record)))))
 
 
 def _pieces(record: Record, impulses: Iterable[Impulse]) -> list[Record]:

@@ -15,6 +15,8 @@ from linkwise.model.structure import Structure
 SPRING_LAW = "k*d + c*v"
 SINK_LAW = "alpha*d + beta*d**3 + c*v"
 
+LARGEST = 100_000  # masses: what a structure file and a computer's memory still take without delay
+
 PerCell = float | Sequence[float]
 
 
@@ -33,10 +35,12 @@ def bnes_chain(
 
     Each parameter is a number for all cells or a sequence of n/2 numbers, one a cell, in kg, N/m, N s/m, N/m^3. Masses are m1
     (primary), m2 (its sink), m3, ...; links are spring1 (m1 to ground), nes1 (m2 to m1), spring2 (m3 to m1), nes2, ...
-    Raises StructureError for n that is odd or below 2 and for a sequence of another length.
+    Raises StructureError for n that is odd, below 2 or above `LARGEST`, and for a sequence of another length.
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer):
         raise StructureError(f"the number of masses must be a whole number, got {n!r}")
+    if n > LARGEST:
+        raise StructureError(f"a chain has at most {LARGEST} masses")
     if n < 2 or n % 2:
         raise StructureError(
             f"a chain of {n} masses cannot be: each cell has two, a primary mass and its sink, so n is even and at least 2"

@@ -82,6 +82,10 @@ def _number(given: object, field: str) -> float:
         number = float(given)  # type: ignore[arg-type]  # what is no number is refused below
     except (TypeError, ValueError):
         raise StructureError(f"the {field} of a coefficient must be a number, got {given!r}") from None
+    except OverflowError:
+        raise StructureError(
+            f"the {field} of a coefficient must be a finite number, got one too large"
+        ) from None
     if math.isnan(number):
         raise StructureError(f"the {field} of a coefficient is NaN (not a number); give a number")
     return number

@@ -200,7 +200,7 @@ def _coefficient(given: object, unit: str, source: str, path: str) -> Coefficien
 def _si(given: float | str, unit: str) -> float:
     """A number as it is, a text converted to `unit`."""
     if not isinstance(given, str):
-        return float(given)
+        return given
     try:
         return float(to_si(given, unit))
     except LinkwiseError as error:

@@ -220,10 +220,17 @@ class Record:
         )
 
     def between(self, earliest: float, latest: float) -> Record:
-        """The samples from `earliest` to `latest` in s, both included."""
+        """The samples from `earliest` to `latest` in s, both included; either may be infinite.
+
+        Raises RecordError where there is no sample between them, and for a time that is no number.
+        """
+        if np.isnan(earliest) or np.isnan(latest):
+            raise RecordError(f"a record is cut between two times, got {earliest:g} and {latest:g} s")
         edge = 1e-6  # of a step: a bound that was typed in decimals is meant to hit the sample
-        first = max(0, int(np.ceil((earliest - self.start) * self.rate - edge)))
-        last = min(len(self), int(np.floor((latest - self.start) * self.rate + edge)) + 1)
+        ends = np.array([earliest - self.start, latest - self.start]) * self.rate
+        ends = np.clip(ends, -1.0, len(self))
+        first = max(0, int(np.ceil(ends[0] - edge)))
+        last = min(len(self), int(np.floor(ends[1] + edge)) + 1)
         if last <= first:
             end = self.start + self.duration
             raise RecordError(

@@ -13,6 +13,7 @@ from linkwise.errors import RecordError
 from linkwise.records.timeline import FEWEST, refuse_disorder
 
 ORDER = 5
+FINEST = 100.0  # samples made of each at most: more hold nothing that is not in these
 WIDEST = 3.0  # typical steps: across a longer gap a spline invents motion
 
 
@@ -27,8 +28,8 @@ def resample_evenly(
     """Start in s and each column (N,) at start + k/`rate`, within the span of `time` (N,).
 
     Missing samples are left out of the spline; across more than `WIDEST` typical steps without one, samples stay missing.
-    Raises RecordError for a time that is not in order, and for a rate below the mean rate of the samples, which would fold
-    high frequencies into low ones.
+    Raises RecordError for a time that is not in order, for a rate below the mean rate of the samples, which would fold high
+    frequencies into low ones, and for one above `FINEST` times as much.
     """
     moments = np.asarray(time, dtype=np.float64)
     refuse_disorder(moments, file, lines)
@@ -40,6 +41,12 @@ def resample_evenly(
             f"resampling to {rate:g} Hz folds what is above {rate / 2:g} Hz into what is below, since the record has "
             f"{mean:.6g} Hz "
             f"on average; resample to at least that and decimate the record afterwards",
+            file,
+        )
+    if rate > FINEST * mean:
+        raise RecordError(
+            f"resampling to {rate:g} Hz makes more than {FINEST:g} samples of each, since the record has {mean:.6g} Hz on "
+            f"average; resample to {FINEST * mean:.6g} Hz at most",
             file,
         )
     step = float(np.median(np.diff(moments)))

@@ -1,0 +1,119 @@
+"""Options that are numbers and yet cannot be, and what is too large: refused in words, by the command and by Python alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+
+SHOWN = 4000  # characters that a screen shows
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with chain.toml, unknown.toml and one second of its motion, run.csv."""
+    folder = tmp_path_factory.mktemp("files")
+    chain = lw.bnes_chain(2)
+    lw.write_structure(chain, folder / "chain.toml")
+    lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+    lw.write_record(record, folder / "run.csv")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def record(files: Path) -> lw.Record:
+    return lw.read_record(files / "run.csv")
+
+
+IDENTIFY = ["identify", "run.csv", "unknown.toml", "--method", "weak"]
+LIMIT = ["limit", "chain.toml", "--release", "v:m1=1", "--noise", "20"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        ([*IDENTIFY, "--from", "nan"], 2, "nan"),
+        ([*IDENTIFY, "--to", "nan"], 2, "nan"),
+        ([*IDENTIFY, "--from", "inf"], 2, "no sample between inf and"),
+        ([*IDENTIFY, "--resample", "1e9"], 2, "resampl"),
+        ([*IDENTIFY, "--resample", "inf"], 2, "rate"),
+        ([*IDENTIFY, "--rate", "nan"], 2, "rate"),
+        ([*IDENTIFY, "--rate", "1e999"], 2, "rate"),
+        ([*IDENTIFY, "--noise-of", "x:m1=nan"], 2, "x:m1"),
+        ([*LIMIT, "--duration", "0.001", "--rate", "1000"], 1, "too short"),
+        ([*LIMIT, "--duration", "0.001", "--rate", "2000"], 1, "too short"),
+        ([*LIMIT, "--duration", "1", "--rate", "500", "--segment", "1e-9"], 1, "too short"),
+        ([*LIMIT, "--duration", "nan", "--rate", "1000"], 2, "duration"),
+        ([*LIMIT, "--duration", "1", "--rate", "500", "--segment", "nan"], 1, "segment"),
+        (["structure", "bnes", "--dof", "1000000000"], 2, "at most 100000 masses"),
+        (["structure", "bnes", "--dof", "1" + "0" * 400], 2, "at most 100000 masses"),
+    ],
+)
+def test_option_that_cannot_be(
+    arguments: list[str],
+    code: int,
+    said: str,
+    files: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(files)
+    assert run(arguments) == code
+    error = capsys.readouterr().err
+    assert said in error and "fault of linkwise" not in error and len(error) < SHOWN
+
+
+def test_a_record_runs_to_infinity_and_from_there(record: lw.Record) -> None:
+    np.testing.assert_array_equal(record.between(-np.inf, np.inf).values, record.values)
+    assert record.between(0.5, np.inf).start == 0.5
+
+
+def test_a_segment_longer_than_the_test_is_the_whole_test() -> None:
+    """Identity: there is one segment, however much longer it might be."""
+    test = {"duration": 0.5, "rate": 500.0, "noise": 20.0, "release": {"v:m1": 1.0}}
+    near, far = (lw.limit(lw.bnes_chain(2), segment=segment, **test) for segment in (0.6, 1e9))
+    assert near.to_dict()["coefficients"] == far.to_dict()["coefficients"]
+
+
+def test_a_force_may_be_a_long_expression(
+    files: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Longer than the name of a file can be, with a colon in no place where a file could be meant."""
+    monkeypatch.chdir(files)
+    force = " + ".join(f"{k}*sin({k}*t)" for k in range(1, 100))
+    asked = ["simulate", "chain.toml", "--duration", "0.5", "--rate", "100", "-o", str(tmp_path / "o.csv")]
+    assert run([*asked, "--force", f"m1={force}"]) == 0
+    assert lw.read_record(tmp_path / "o.csv").inputs == ("force:m1",)
+
+
+@pytest.mark.parametrize("force", ["\0", "x" * 300 + ":f", ":" * 300])
+def test_a_force_that_is_neither_file_nor_expression_is_refused(
+    force: str, files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(files)
+    asked = ["simulate", "chain.toml", "--duration", "0.1", "--rate", "100", "-o", "o.csv"]
+    assert run([*asked, "--force", f"m1={force}"]) == 2
+    assert "fault of linkwise" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("digits", ["9" * 400, f'"{"9" * 400} kg"', f"{{ start = {'9' * 400} }}", "1e400"])
+def test_a_number_of_400_digits_is_no_finite_one(digits: str) -> None:
+    for key in ("mass", "k"):
+        text = lw.format_structure(lw.bnes_chain(2))
+        old = "mass = 1.0" if key == "mass" else "k = 30000.0"
+        assert old in text
+        with pytest.raises(lw.StructureError) as error:
+            lw.parse_structure(text.replace(old, f"{key} = {digits}", 1))
+        assert len(str(error.value)) < 600
+
+
+def test_a_coefficient_of_400_digits_is_no_finite_one() -> None:
+    with pytest.raises(lw.StructureError, match="finite"):
+        lw.Coefficient.number(10**400)
+    with pytest.raises(lw.LinkwiseError, match="finite"):
+        lw.to_si(10**400, "kg")
