@@ -40,7 +40,7 @@ coefficients = { alpha = "=nes1.alpha", beta = 8e5, c = 0.03 }
 """
 
 
-def oscillator(law, *, mass=1.0, to="ground", **values):
+def oscillator(law: str, *, mass: float = 1.0, to: str = "ground", **values: float) -> lw.Structure:
     """One mass on one link."""
     coefficients = {name: lw.Coefficient.number(value) for name, value in values.items()}
     link = lw.Link("link", ("m1", to), Law.parse(law), coefficients)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -231,7 +232,7 @@ def test_decay_between_samples() -> None:
         ({"release": {"v:m7": 1.0}}, lw.SimulationError, r"there is no mass 'm7' that could be released"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_asked(changes: dict[str, object], error: type[Exception], message: str) -> None:
+def test_what_cannot_be_asked(changes: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         lw.absorb(lw.bnes_chain(2), **{"duration": 1.0, "release": RELEASE, **changes})
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import pytest
 import linkwise as lw
 from linkwise.cli import run
 
-TRIAL = {"duration": 1.0, "rate": 500.0, "release": {"v:m1": 1.0}}
+TRIAL: dict[str, Any] = {"duration": 1.0, "rate": 500.0, "release": {"v:m1": 1.0}}
 
 
 def known(covariance: list[list[float]], *names: str, lower: float = -np.inf) -> lw.Posterior:

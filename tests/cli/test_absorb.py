@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,12 +34,13 @@ def folder(chain: Path) -> Path:
     return chain.parent / "out"
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
     """What --json prints, and nothing else."""
     assert run(["absorb", *arguments, "--json"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    return json.loads(out)
+    found: dict[str, Any] = json.loads(out)
+    return found
 
 
 def test_json_is_the_answer_of_the_library(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,15 +39,16 @@ def arguments(files: Path, *options: str, masses: list[str] = MASSES) -> list[st
     return ["discover", str(files / "run.csv"), *masses, *options]
 
 
-def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, object]:
+def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
     """What --json prints, and nothing else."""
     assert run([*arguments, "--json"]) == code
     out, err = capsys.readouterr()
     assert err == ""
-    return json.loads(out)
+    found: dict[str, Any] = json.loads(out)
+    return found
 
 
-def kept(result: dict[str, object]) -> set[str]:
+def kept(result: dict[str, Any]) -> set[str]:
     return {term["name"] for term in result["terms"] if term["kept"]}  # type: ignore[attr-defined]
 
 
@@ -143,7 +145,7 @@ def test_an_answer_not_to_be_trusted_has_exit_code_3(
 ) -> None:
     real = lw.discover
 
-    def unsettled(*nouns: object, **named: object) -> lw.Discovery:
+    def unsettled(*nouns: object, **named: Any) -> lw.Discovery:
         found = real(*nouns, **named)
         return replace(found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED))
 
@@ -173,7 +175,7 @@ def test_ctrl_c_ends_with_the_best_so_far(
 def test_ctrl_c_before_there_is_anything_leaves_nothing(
     files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*nouns: object, **named: object) -> None:
+    def interrupted(*nouns: object, **named: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(lw, "discover", interrupted)

@@ -10,6 +10,7 @@ from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,20 +45,21 @@ def arguments(files: Path, *options: str, record: str = "run.csv") -> list[str]:
     return ["identify", str(files / record), str(files / "unknown.toml"), *options]
 
 
-def answer(files: Path, *options: str, record: str = "run.csv", code: int = 0) -> dict[str, object]:
+def answer(files: Path, *options: str, record: str = "run.csv", code: int = 0) -> dict[str, Any]:
     """What --json prints."""
     out = io.StringIO()
     with redirect_stdout(out):
         assert run(arguments(files, *options, "--json", record=record)) == code
-    return json.loads(out.getvalue())
+    found: dict[str, Any] = json.loads(out.getvalue())
+    return found
 
 
-def alpha(result: dict[str, object]) -> dict[str, float]:
+def alpha(result: dict[str, Any]) -> dict[str, float]:
     sink = next(link for link in result["links"] if link["name"] == "nes1")
     return sink["coefficients"]["alpha"]
 
 
-def library(files: Path, *records: str, **keywords: object) -> float:
+def library(files: Path, *records: str, **keywords: Any) -> float:
     """The same coefficient from the library."""
     found = lw.identify(
         [lw.read_record(files / name) for name in records],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,12 +21,13 @@ def chain(tmp_path: Path) -> Path:
     return path
 
 
-def told(chain: Path, *options: str, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+def told(chain: Path, *options: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     """What --json prints."""
     assert run(["limit", str(chain), *PLAN, *options, "--json"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    return json.loads(out)
+    found: dict[str, Any] = json.loads(out)
+    return found
 
 
 def test_json_is_the_bound_of_the_library(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:

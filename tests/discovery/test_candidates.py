@@ -47,7 +47,7 @@ def stated(links: str = STATED) -> Candidates:
     return candidates(given.masses, TERMS, stated=given.links)
 
 
-def test_every_pair_and_every_mass_with_the_ground():
+def test_every_pair_and_every_mass_with_the_ground() -> None:
     found = candidates(masses("a", "b", "c"), TERMS)
     assert [pair.between for pair in found.pairs] == [
         ("a", "ground"), ("b", "ground"), ("b", "a"), ("c", "ground"), ("c", "a"), ("c", "b"),
@@ -62,7 +62,7 @@ def test_every_pair_and_every_mass_with_the_ground():
 
 
 @pytest.mark.parametrize("n", [2, 5, 10])
-def test_a_base_that_moves_is_one_more_end(n: int):
+def test_a_base_that_moves_is_one_more_end(n: int) -> None:
     names = [f"m{i}" for i in range(n)]
     at_rest, moved = (candidates(masses(*names), TERMS, base=base) for base in (False, True))
     assert len(at_rest.pairs) == n * (n + 1) // 2
@@ -72,12 +72,12 @@ def test_a_base_that_moves_is_one_more_end(n: int):
     assert len(moved.pairs) == len(at_rest.pairs) + n
 
 
-def test_dampers_are_told_from_springs():
+def test_dampers_are_told_from_springs() -> None:
     found = candidates(masses("a"), parse_terms("v, d, v*abs(v)"))
     assert [entry.is_damper for entry in found.entries] == [True, False, False]
 
 
-def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first():
+def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first() -> None:
     found = candidates(masses("a", "b"), TERMS).structure(["b-a.c", "a-ground.k", "b-a.k3"])
     assert [(link.name, link.between, link.law.text) for link in found.links] == [
         ("a-ground", ("a", "ground"), "k*d"),
@@ -86,27 +86,27 @@ def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first():
     assert [parameter.name for parameter in found.parameters] == ["a-ground.k", "b-a.k3", "b-a.c"]
 
 
-def test_the_terms_of_a_link_are_told_from_one_of_them():
+def test_the_terms_of_a_link_are_told_from_one_of_them() -> None:
     found = stated()
     assert found.sharing(["frame.k3", "c-a.c"]) == {"frame.k3", "c-a.c", "c-a.k", "c-a.k3"}
     assert found.sharing(["frame.k"]) == frozenset()  # stated, and no candidate
 
 
-def test_a_link_has_one_set_of_coefficients_that_both_ends_feel():
+def test_a_link_has_one_set_of_coefficients_that_both_ends_feel() -> None:
     found = candidates(masses("a", "b"), TERMS)
     assert not {entry.name for entry in found.entries} & {"a-b.k", "a-b.c", "a-b.k3"}
     place = [link.name for link in found.everything.links].index("b-a")
     assert found.everything.incidence.toarray()[:, place].tolist() == [-1.0, 1.0]
 
 
-def test_a_mass_in_the_air_is_refused_with_what_to_do():
+def test_a_mass_in_the_air_is_refused_with_what_to_do() -> None:
     with pytest.raises(
         lw.IdentificationError, match=r"what holds b, c: no term .* above .*Hit it .* offer more terms;"
     ):
         candidates(masses("a", "b", "c"), TERMS).structure(["a-ground.k"])
 
 
-def test_what_is_stated_stays_and_the_rest_may_join_it():
+def test_what_is_stated_stays_and_the_rest_may_join_it() -> None:
     found = stated()
     assert [entry.name for entry in found.entries if entry.name.startswith("frame")] == ["frame.k3"]
     held = found.structure([])
@@ -117,19 +117,19 @@ def test_what_is_stated_stays_and_the_rest_may_join_it():
     assert joined.coefficient("frame.k").known and not joined.coefficient("frame.k3").known
 
 
-def test_a_link_without_a_law_is_known_not_to_be():
+def test_a_link_without_a_law_is_known_not_to_be() -> None:
     found = stated()
     assert not any(set(pair.between) == {"a", "b"} for pair in found.pairs)
     assert "none" not in [link.name for link in found.everything.links]
 
 
-def test_a_coefficient_of_zero_is_a_term_known_not_to_be():
+def test_a_coefficient_of_zero_is_a_term_known_not_to_be() -> None:
     """k9*d in the sink is the term d under another name; its damper takes a name that the sink does not use."""
     assert [entry.name for entry in stated().entries if entry.name.startswith("sink")] == ["sink.c_added"]
     assert stated().structure(["sink.c_added"]).links[1].law.text == "c*v**3 + k9*d + c_added*v"
 
 
-def test_two_stated_links_of_one_pair_are_one_pair():
+def test_two_stated_links_of_one_pair_are_one_pair() -> None:
     pairs = [pair for pair in stated().pairs if set(pair.between) == {"b", "c"}]
     assert [[link.name for link in pair.stated] for pair in pairs] == [["sink", "second"]]
 
@@ -146,6 +146,6 @@ def test_two_stated_links_of_one_pair_are_one_pair():
     ],
     ids=["a stated link", "hyphens"],
 )
-def test_names_do_not_clash(found: Candidates):
+def test_names_do_not_clash(found: Candidates) -> None:
     assert len(found.by_name) == len(found.entries)
     assert len(found.everything.links) == len(found.pairs)

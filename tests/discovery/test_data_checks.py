@@ -37,11 +37,11 @@ def quieted(record: lw.Record, **share: float) -> lw.Record:
     return replace(record, values=record.values * factors + noise, noise=stated, simulated=None)
 
 
-def test_a_good_record_needs_no_warning(record, chain):
+def test_a_good_record_needs_no_warning(record: lw.Record, chain: lw.Structure) -> None:
     assert lw.foreseen(record, masses(chain)) == ()
 
 
-def test_a_mass_without_a_sensor_is_refused_by_name(record, chain):
+def test_a_mass_without_a_sensor_is_refused_by_name(record: lw.Record, chain: lw.Structure) -> None:
     seen = record.select(("x:m1", "x:m3"))
     with pytest.raises(
         lw.IdentificationError, match=r"no sensor shows m2 and m4: .* channel x:m2, map .* or identify"
@@ -53,14 +53,16 @@ def test_a_mass_without_a_sensor_is_refused_by_name(record, chain):
         lw.foreseen([record, record.select(("x:m1", "x:m3", "x:m4"))], masses(chain))  # in one of two records
 
 
-def test_any_kind_of_sensor_shows_a_mass(chain):
+def test_any_kind_of_sensor_shows_a_mass(chain: lw.Structure) -> None:
     every = lw.simulate(chain, release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
     mixed = every.with_noise(20.0, seed=1000).select(("x:m1", "v:m2", "a:m3", "x:m4"))
     assert lw.foreseen(mixed, masses(chain)) == ()
 
 
 @pytest.mark.parametrize("kind", ["v", "a"])
-def test_a_base_whose_displacement_is_not_there_is_refused(record, chain, kind: str):
+def test_a_base_whose_displacement_is_not_there_is_refused(
+    record: lw.Record, chain: lw.Structure, kind: str
+) -> None:
     """It would be left out without a word, and its links found elsewhere."""
     moved = np.column_stack([record.values, np.sin(150.0 * np.arange(len(record)) / record.rate)])
     based = replace(record, channels=(*record.channels, "x:base"), values=moved, simulated=None)
@@ -72,7 +74,7 @@ def test_a_base_whose_displacement_is_not_there_is_refused(record, chain, kind: 
         lw.foreseen(lost, masses(chain))
 
 
-def test_motion_that_is_none_is_refused(record, chain):
+def test_motion_that_is_none_is_refused(record: lw.Record, chain: lw.Structure) -> None:
     still = quieted(record, m1=0.0, m2=0.0, m3=0.0, m4=0.0)
     with pytest.raises(
         lw.IdentificationError, match="no motion above the noise in any channel, so no structure"
@@ -83,7 +85,7 @@ def test_motion_that_is_none_is_refused(record, chain):
         lw.foreseen(offset, masses(chain))
 
 
-def test_masses_at_rest_are_named(record, chain):
+def test_masses_at_rest_are_named(record: lw.Record, chain: lw.Structure) -> None:
     (one,) = lw.foreseen(quieted(record, m4=0.0), masses(chain))
     assert one.startswith("m4 did not move above the noise and is left out") and one.endswith(
         "Hit nearer to it."
@@ -96,7 +98,7 @@ def test_masses_at_rest_are_named(record, chain):
     assert lw.foreseen([quieted(record, m4=0.0), quieted(record)], masses(chain)) == ()
 
 
-def test_masses_that_hardly_move_are_named(record, chain):
+def test_masses_that_hardly_move_are_named(record: lw.Record, chain: lw.Structure) -> None:
     rms = float(np.std(record.channel("x:m2")))
     faint = quieted(record, m2=NOISE / rms)  # 0 dB
     assert lw.foreseen(faint, masses(chain)) == (
@@ -104,7 +106,9 @@ def test_masses_that_hardly_move_are_named(record, chain):
     )
 
 
-def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(record, chain):
+def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
+    record: lw.Record, chain: lw.Structure
+) -> None:
     """40 candidates, four samples each over four masses: 40 samples are the least."""
     with pytest.raises(
         lw.IdentificationError, match=r"156 samples over 4 masses for 40 candidates.*record 40 samples"
@@ -117,13 +121,13 @@ def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(re
     assert lw.foreseen(record[:300], masses(chain)) == ()
 
 
-def test_two_short_records_count_together(record, chain):
+def test_two_short_records_count_together(record: lw.Record, chain: lw.Structure) -> None:
     half = record[:120]
     assert any("are few" in each for each in lw.foreseen(half, masses(chain)))
     assert not any("are few" in each for each in lw.foreseen([half, half], masses(chain)))
 
 
-def test_masses_that_move_alike_are_named(clean, chain):
+def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure) -> None:
     """A mass that copies another: a link to the one looks like a link to the other."""
     assert lw.foreseen(quieted(clean), masses(chain)) == ()
     values = clean.values.copy()
@@ -141,7 +145,7 @@ def test_masses_that_move_alike_are_named(clean, chain):
     assert "m3 and m4 moved alike, with differences down to 6 dB above the noise: " in told
 
 
-def test_what_was_foreseen_stands_with_the_answer(chain):
+def test_what_was_foreseen_stands_with_the_answer(chain: lw.Structure) -> None:
     two = lw.bnes_chain(2)
     clean = lw.simulate(two, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
     record = clean.with_noise(5.0, seed=1000)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ DURATION, RATE = 6.0, 1000.0
 SINE = "60*sin(150*t) + 40*sin(190*t)"
 
 
-def chain_record(n: int, **more) -> lw.Record:
+def chain_record(n: int, **more: Any) -> lw.Record:
     """The paper's chain, hit at its first mass, displacements of all, without noise."""
     release = {"v:m1": 1.0 if n == 2 else 3.0}
     return lw.simulate(lw.bnes_chain(n), **({"release": release, "duration": DURATION, "rate": RATE} | more))
@@ -37,7 +39,7 @@ def two() -> tuple[lw.Record, lw.Discovery]:
         (2, 30.0, 1000), (4, 40.0, 1000), (6, 30.0, 1000),
     ],
 )  # fmt: skip
-def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int):
+def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int) -> None:
     chain = lw.bnes_chain(n)
     found = lw.discover(chain_record(n).with_noise(decibel, seed=seed), masses(chain))
     assert found.trusted
@@ -45,7 +47,7 @@ def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int):
     assert all(term.certain for term in found.kept)
 
 
-def test_what_is_found_lies_in_its_intervals(two):
+def test_what_is_found_lies_in_its_intervals(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Within four standard errors each (6e-5 of chance)."""
     _, found = two
     chain = lw.bnes_chain(2)
@@ -65,7 +67,7 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
     return found.structure if found.trusted else None
 
 
-def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted():
+def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
     chain = lw.bnes_chain(2)
     found = lw.discover(chain_record(2).with_noise(5.0, seed=1000), masses(chain))
@@ -76,7 +78,7 @@ def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted():
     assert trusted(chain_record(2).with_noise(-8.0, seed=1000), chain) is None
 
 
-def test_one_link_has_one_set_of_coefficients(two):
+def test_one_link_has_one_set_of_coefficients(two: tuple[lw.Record, lw.Discovery]) -> None:
     _, found = two
     links = [link for link in found.structure.links if set(link.between) == {"m1", "m2"}]
     assert len(links) == 1
@@ -85,7 +87,7 @@ def test_one_link_has_one_set_of_coefficients(two):
     assert not [name for name in names if name.startswith("m1-m2")]
 
 
-def test_the_same_record_gives_the_same_answer_to_the_last_digit(two):
+def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.Record, lw.Discovery]) -> None:
     record, found = two
     again = lw.discover(record, masses(lw.bnes_chain(2)))
     assert again.estimate.values.tolist() == found.estimate.values.tolist()
@@ -96,7 +98,7 @@ def test_the_same_record_gives_the_same_answer_to_the_last_digit(two):
     assert other.estimate.values.tolist() != found.estimate.values.tolist()
 
 
-def test_the_answer_is_the_input_of_what_comes_next(two):
+def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Written, read, simulated, and identified again with all its coefficients unknown: the same numbers."""
     record, found = two
     structure = lw.parse_structure(lw.format_structure(found.structure))
@@ -124,7 +126,7 @@ def linear(n: int) -> lw.Structure:
 
 @pytest.mark.parametrize("n", [2, 4])
 @pytest.mark.parametrize("seed", [1000, 1001])
-def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int):
+def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int) -> None:
     true = linear(n)
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=DURATION, rate=RATE).with_noise(
         20.0, seed=seed
@@ -158,7 +160,7 @@ def apart() -> lw.Structure:
 
 
 @pytest.mark.parametrize("seed", [1000, 1001])
-def test_structures_that_do_not_touch_have_no_link_between_them(seed: int):
+def test_structures_that_do_not_touch_have_no_link_between_them(seed: int) -> None:
     true = apart()
     record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
     found = lw.discover(record.with_noise(20.0, seed=seed), masses(true))
@@ -166,7 +168,7 @@ def test_structures_that_do_not_touch_have_no_link_between_them(seed: int):
     assert terms(found.structure) == terms(true)
 
 
-def test_where_they_do_touch_the_link_is_found():
+def test_where_they_do_touch_the_link_is_found() -> None:
     """A tenth of the weaker spring's stiffness between the two frames, and no damper with it."""
     true = apart()
     weak = lw.Link("touch", ("m3", "m1"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(3000.0)})
@@ -178,7 +180,7 @@ def test_where_they_do_touch_the_link_is_found():
 
 @pytest.mark.parametrize("n", [2, 4])
 @pytest.mark.parametrize("stated", [False, True])
-def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: bool):
+def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: bool) -> None:
     clean = chain_record(n)
     values = 1e-3 * np.random.default_rng(1000).normal(size=clean.values.shape)
     noise = dict.fromkeys(clean.channels, 1e-3) if stated else {}
@@ -194,7 +196,7 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
     )  # the longer chain was hit harder
 
 
-def test_a_displacement_whose_zero_is_off_is_not_trusted(two):
+def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Its links would bend about another place; the answer says where to look."""
     record, _ = two
     shifted = record.values + np.array([0.0, 0.02])
@@ -203,7 +205,7 @@ def test_a_displacement_whose_zero_is_off_is_not_trusted(two):
     assert found.remarks[0].endswith("check the units and the zeros of the channels, and the masses.")
 
 
-def test_coloured_noise_gives_nothing_to_be_trusted():
+def test_coloured_noise_gives_nothing_to_be_trusted() -> None:
     """A random walk in every channel is no noise that a sensor makes, and no motion of a structure either."""
     clean = chain_record(2)
     walk = 1e-4 * np.cumsum(np.random.default_rng(1000).normal(size=clean.values.shape), axis=0)
@@ -216,7 +218,7 @@ def four() -> lw.Record:
     return chain_record(4).with_noise(20.0, seed=1000)
 
 
-def test_a_stated_structure_is_kept_and_nothing_joins_it(four: lw.Record):
+def test_a_stated_structure_is_kept_and_nothing_joins_it(four: lw.Record) -> None:
     stated = lw.bnes_chain(4).unknown("all")
     found = lw.discover(four, stated)
     assert [link.name for link in found.structure.links] == [link.name for link in stated.links]
@@ -224,7 +226,7 @@ def test_a_stated_structure_is_kept_and_nothing_joins_it(four: lw.Record):
     assert not found.kept and found.trusted
 
 
-def test_what_a_stated_structure_lacks_joins_it(four: lw.Record):
+def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
     """The sinks are stated without their cubic springs, the second frame without its damper."""
     chain, unknown = lw.bnes_chain(4), lw.Coefficient.unknown()
     less = {"nes1": "alpha*d + c*v", "nes2": "alpha*d + c*v", "spring2": "k*d"}
@@ -248,7 +250,7 @@ def known_not_to_be(masses_: tuple[lw.Mass, ...], *pairs: tuple[str, str]) -> lw
     return lw.Structure("links that are none", masses_, tuple(none))
 
 
-def test_a_link_that_is_known_not_to_be_is_not_found(four: lw.Record):
+def test_a_link_that_is_known_not_to_be_is_not_found(four: lw.Record) -> None:
     chain = lw.bnes_chain(4)
     pairs = [("m2", "ground"), ("m4", "m1"), ("m3", "ground")]
     found = lw.discover(four, known_not_to_be(chain.masses, *pairs))
@@ -257,7 +259,9 @@ def test_a_link_that_is_known_not_to_be_is_not_found(four: lw.Record):
     assert not {frozenset(pair) for pair in pairs} & {frozenset(term.between) for term in found.terms}
 
 
-def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(two):
+def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
+    two: tuple[lw.Record, lw.Discovery],
+) -> None:
     """Without the sink's link to its frame the record cannot be explained."""
     record, _ = two
     found = lw.discover(record, known_not_to_be(lw.bnes_chain(2).masses, ("m2", "m1")))
@@ -265,7 +269,7 @@ def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(tw
     assert not found.trusted
 
 
-def test_terms_that_are_not_there_cost_nothing(four: lw.Record):
+def test_terms_that_are_not_there_cost_nothing(four: lw.Record) -> None:
     found = lw.discover(four, masses(lw.bnes_chain(4)), terms="quintic, friction(0.01)")
     assert terms(found.structure) == terms(lw.bnes_chain(4))
 
@@ -276,7 +280,7 @@ def test_terms_that_are_not_there_cost_nothing(four: lw.Record):
 )  # fmt: skip
 def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(
     end: str, drives: dict, seen: str
-):
+) -> None:
     chain = lw.bnes_chain(4)
     frame, *others = chain.links
     chain = replace(chain, links=(replace(frame, between=("m1", end)), *others))
@@ -286,7 +290,7 @@ def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(
     assert terms(found.structure) == terms(chain)
 
 
-def test_two_records_of_one_structure_tell_together(four: lw.Record):
+def test_two_records_of_one_structure_tell_together(four: lw.Record) -> None:
     chain = lw.bnes_chain(4)
     records = [
         chain_record(4, duration=3.0, release=release).with_noise(20.0, seed=seed)
@@ -296,7 +300,7 @@ def test_two_records_of_one_structure_tell_together(four: lw.Record):
 
 
 @pytest.mark.parametrize("sensor", ["v", "a"])
-def test_what_was_summed_up_is_not_trusted_even_where_it_is_right(sensor: str):
+def test_what_was_summed_up_is_not_trusted_even_where_it_is_right(sensor: str) -> None:
     """Neither velocity nor acceleration says where its mass is: the two-mass chain is found, longer ones often are not."""
     chain = lw.bnes_chain(2)
     record = chain_record(2, sensors=(sensor,)).with_noise(30.0, seed=1000)
@@ -307,7 +311,7 @@ def test_what_was_summed_up_is_not_trusted_even_where_it_is_right(sensor: str):
     assert not any(term.certain for term in found.terms)
 
 
-def test_a_mass_at_rest_is_left_out_and_the_rest_is_found():
+def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
     """The second of two chains is never hit; its sensors show noise."""
     true = apart()
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=DURATION, rate=RATE)
@@ -320,7 +324,7 @@ def test_a_mass_at_rest_is_left_out_and_the_rest_is_found():
         assert found.remarks[0].startswith("m3 and m4 did not move above the noise and are left out")
 
 
-def test_links_that_are_known_need_not_hold_all_masses(tmp_path, four: lw.Record):
+def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.Record) -> None:
     """A file that states one spring, and nothing of the rest."""
     text = lw.format_structure(lw.bnes_chain(4))
     whole = "".join(
@@ -341,13 +345,15 @@ def test_links_that_are_known_need_not_hold_all_masses(tmp_path, four: lw.Record
 
 
 @pytest.mark.parametrize("seed", [1000, 1001])
-def test_random_structures_are_found(seed: int):
+def test_random_structures_are_found(seed: int) -> None:
     case = random_case(seed)
     found = lw.discover(case.record.with_noise(30.0, seed=seed), masses(case.structure))
     assert graph(found.structure) == graph(case.structure)
 
 
-def test_candidates_that_were_never_tested_are_counted(four: lw.Record, monkeypatch: pytest.MonkeyPatch):
+def test_candidates_that_were_never_tested_are_counted(
+    four: lw.Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Beyond some masses each is screened by itself before; here beyond one."""
     monkeypatch.setattr(screen, "_TOGETHER", 1)
     found = lw.discover(four, masses(lw.bnes_chain(4)))
@@ -360,7 +366,7 @@ def test_candidates_that_were_never_tested_are_counted(four: lw.Record, monkeypa
     )
 
 
-def test_progress_goes_one_way_and_names_its_stages(four: lw.Record):
+def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
     told: list[tuple[float, str]] = []
     lw.discover(four, masses(lw.bnes_chain(4)), progress=lambda fraction, now: told.append((fraction, now)))
     assert told[0] == (0.0, "screening 40 candidates")
@@ -376,17 +382,17 @@ def test_progress_goes_one_way_and_names_its_stages(four: lw.Record):
         ({"m1": 1.0, "m2": float("nan")}, 'mass "m2": nan is no finite value'),
     ],
 )
-def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict, told: str):
+def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict, told: str) -> None:
     with pytest.raises(lw.LinkwiseError, match=told):
         lw.discover(four, masses_)
 
 
-def test_no_record_is_refused():
+def test_no_record_is_refused() -> None:
     with pytest.raises(lw.IdentificationError, match="there is no record to discover from"):
         lw.discover([], {"m1": 1.0})
 
 
-def test_links_of_masses_that_move_alike_are_in_doubt_from_the_first_line_on():
+def test_links_of_masses_that_move_alike_are_in_doubt_from_the_first_line_on() -> None:
     """Two masses all but rigidly joined on a soft spring to the ground: on which of them it sits cannot be told."""
     number = lw.Coefficient.number
     true = lw.Structure(

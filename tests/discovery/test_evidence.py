@@ -60,12 +60,12 @@ def answer(case: Case) -> float:
     return case.refitted()[0]
 
 
-def test_a_weak_term_is_found_and_the_least_certain(case: Case):
+def test_a_weak_term_is_found_and_the_least_certain(case: Case) -> None:
     assert terms(case.found.structure) == terms(case.truth)
     assert [term.name for term in case.found.terms if term.kept][-1] == "m2-m1.k2"
 
 
-def test_every_candidate_is_told_once_the_kept_first(case: Case):
+def test_every_candidate_is_told_once_the_kept_first(case: Case) -> None:
     told = case.found.terms
     assert len({term.name for term in told}) == len(told) == 12
     assert [term.kept for term in told] == [True] * 6 + [False] * 6
@@ -76,7 +76,7 @@ def test_every_candidate_is_told_once_the_kept_first(case: Case):
     assert all(term.certain == (term.margin > CERTAIN) for term in told)
 
 
-def test_values_are_those_of_the_fit(case: Case):
+def test_values_are_those_of_the_fit(case: Case) -> None:
     for term in case.found.kept:
         estimate = case.found.estimate.coefficient(term.name)
         assert abs(term.value - estimate.value) < np.sqrt(WITHIN) * estimate.standard_error
@@ -85,14 +85,14 @@ def test_values_are_those_of_the_fit(case: Case):
         assert term.z == pytest.approx(term.value / term.standard_error)
 
 
-def test_the_margin_of_a_term_that_was_kept_is_what_its_absence_costs(case: Case, answer: float):
+def test_the_margin_of_a_term_that_was_kept_is_what_its_absence_costs(case: Case, answer: float) -> None:
     """The weakest one; the parabola is a cubic's tangent ten deviations away, so that 3 % of the cost is its own error."""
     weakest = case.found.kept[-1]
     cost, _ = case.refitted(drop=weakest.name)
     assert weakest.margin == pytest.approx(cost - answer - weakest.penalty, rel=0.03)
 
 
-def test_the_margin_of_a_term_that_was_dropped_is_what_it_would_not_earn(case: Case, answer: float):
+def test_the_margin_of_a_term_that_was_dropped_is_what_it_would_not_earn(case: Case, answer: float) -> None:
     """Those of links that stand pay for the term; those of links that do not, for the link too."""
     dropped = [term for term in case.found.terms if not term.kept]
     assert {term.link for term in dropped} == {"m1-ground", "m2-ground"}
@@ -105,7 +105,7 @@ def test_the_margin_of_a_term_that_was_dropped_is_what_it_would_not_earn(case: C
     assert prices["m2-ground"] - prices["m1-ground"] == pytest.approx(np.log(samples) + 2.0 * np.log(pairs))
 
 
-def test_the_path_is_lowest_at_the_choice(case: Case):
+def test_the_path_is_lowest_at_the_choice(case: Case) -> None:
     path = case.found.path
     assert [point.terms for point in path] == list(range(path[0].terms, path[0].terms + len(path)))
     costs = np.array([point.cost for point in path])
@@ -116,7 +116,7 @@ def test_the_path_is_lowest_at_the_choice(case: Case):
     assert all(point.criterion > 0.0 for point in path if not point.chosen)
 
 
-def test_the_neighbours_on_the_path_are_the_margins(case: Case):
+def test_the_neighbours_on_the_path_are_the_margins(case: Case) -> None:
     """One term less is the weakest without its margin, one more the best of those that were dropped, if z ranks as margins."""
     path = {point.terms: point for point in case.found.path}
     rounding = 1e-9 * path[min(path)].cost  # the path takes differences of whole costs
@@ -127,7 +127,7 @@ def test_the_neighbours_on_the_path_are_the_margins(case: Case):
     assert abs(path[7].criterion - added[path[7].step].margin) < rounding
 
 
-def test_runners_up_are_one_step_away_best_first(case: Case):
+def test_runners_up_are_one_step_away_best_first(case: Case) -> None:
     near = case.found.runners_up
     margins = [each.margin for each in near]
     assert margins == sorted(margins) and margins[0] > 0.0
@@ -150,7 +150,7 @@ def select_structure(h: np.ndarray, g: np.ndarray) -> Selection:
     return Selection(frozenset(names[:2]), structure, None, QuadraticModel(names, h, g), penalty, True, 1)  # type: ignore[arg-type]
 
 
-def test_what_this_record_hardly_tells_apart_is_said():
+def test_what_this_record_hardly_tells_apart_is_said() -> None:
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.99], [0.0, 0.99, 1.0]])
     (told,) = exchange_remarks(select_structure(h, np.array([100.0, 50.0, 49.95])))
     assert told == (
@@ -159,7 +159,7 @@ def test_what_this_record_hardly_tells_apart_is_said():
 
 
 @pytest.mark.parametrize(("lean", "certain"), [(0.999, {"m1-ground.k"}), (0.0, {"m1-ground.k", "m2-m1.k"})])
-def test_what_another_term_could_replace_is_not_certain(lean: float, certain: set[str]):
+def test_what_another_term_could_replace_is_not_certain(lean: float, certain: set[str]) -> None:
     """However much would be lost without it and without the other."""
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, lean], [0.0, lean, 1.0]])
     made = select_structure(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
@@ -175,5 +175,5 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
     assert not any(term.certain for term in evidence(made, pool, trusted=False))
 
 
-def test_what_it_tells_apart_is_not():
+def test_what_it_tells_apart_is_not() -> None:
     assert exchange_remarks(select_structure(np.eye(3), np.array([100.0, 50.0, 1.0]))) == ()

@@ -19,7 +19,7 @@ CHOICES = [[0], [2, 5], [0, 1, 3, 6], [0, 1, 2, 3, 4, 5, 6]]
 
 
 @pytest.mark.parametrize("chosen", CHOICES, ids=str)
-def test_a_choice_is_its_least_squares(chosen: list[int]):
+def test_a_choice_is_its_least_squares(chosen: list[int]) -> None:
     regression = Regression.drawn(1)
     values, z, cost = regression.least_squares(chosen)
     solved = regression.quadratic.solve(chosen)
@@ -29,7 +29,7 @@ def test_a_choice_is_its_least_squares(chosen: list[int]):
 
 
 @pytest.mark.parametrize("chosen", [[], *CHOICES[:-1]], ids=str)
-def test_what_is_outside_is_tried_one_by_one(chosen: list[int]):
+def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
     regression = Regression.drawn(2)
     numbers, values, z, part = regression.quadratic.outside(chosen)
     assert numbers.tolist() == [number for number in range(7) if number not in chosen]
@@ -42,7 +42,7 @@ def test_what_is_outside_is_tried_one_by_one(chosen: list[int]):
         assert stands == pytest.approx(np.sum((column - lean) ** 2) / np.sum(column**2), rel=SAME)
 
 
-def test_z_squared_is_what_a_coefficient_takes_off_the_cost():
+def test_z_squared_is_what_a_coefficient_takes_off_the_cost() -> None:
     quadratic = Regression.drawn(3).quadratic
     numbers, _, z, _ = quadratic.outside([1, 4])
     for number, each in zip(numbers, z, strict=True):
@@ -50,7 +50,7 @@ def test_z_squared_is_what_a_coefficient_takes_off_the_cost():
         assert each**2 == pytest.approx(gain, rel=SAME)
 
 
-def test_another_scatter_gives_the_sandwich():
+def test_another_scatter_gives_the_sandwich() -> None:
     """Noisy columns: g scatters by something else than H."""
     regression, random = Regression.drawn(4), np.random.default_rng(4)
     h, g = regression.quadratic.h, regression.quadratic.g
@@ -69,7 +69,7 @@ def test_another_scatter_gives_the_sandwich():
         )
 
 
-def test_a_column_that_is_another_one_cannot_be_told():
+def test_a_column_that_is_another_one_cannot_be_told() -> None:
     regression = Regression.drawn(5, size=3)
     doubled = Regression(np.column_stack([regression.columns, 2.0 * regression.columns[:, 1]]), regression.y)
     numbers, values, z, part = doubled.quadratic.outside([0, 1])
@@ -78,7 +78,7 @@ def test_a_column_that_is_another_one_cannot_be_told():
     assert np.isnan(values[1]) and z[1] == 0.0 and abs(part[1]) < 1e-9
 
 
-def test_columns_that_move_together_have_no_solution():
+def test_columns_that_move_together_have_no_solution() -> None:
     columns = np.random.default_rng(6).normal(size=(50, 2))
     together = Regression(np.column_stack([columns, columns[:, 0]]), columns[:, 1])
     with pytest.raises(np.linalg.LinAlgError):
@@ -94,7 +94,7 @@ POOL = candidates(
 NAMES = tuple(POOL.by_name)  # of a-ground, b-ground, b-a, c-ground, c-a and c-b
 
 
-def test_a_model_pays_for_its_terms_and_for_its_links():
+def test_a_model_pays_for_its_terms_and_for_its_links() -> None:
     penalty = Penalty.of(POOL, NAMES, 1000)
     naming = np.log(1000.0)
     assert penalty.term == pytest.approx(naming + 2.0 * np.log(3))
@@ -105,7 +105,7 @@ def test_a_model_pays_for_its_terms_and_for_its_links():
     assert penalty.total([0, 3]) == 2.0 * penalty.term + 2.0 * penalty.link  # the first of another
 
 
-def test_what_is_stated_costs_nothing():
+def test_what_is_stated_costs_nothing() -> None:
     held = lw.parse_structure(
         '[[mass]]\nname = "a"\nmass = 1.0\n[[link]]\nname = "frame"\nbetween = ["a", "ground"]\nlaw = "k*d"\n'
         'coefficients = { k = "unknown" }\n'
@@ -117,5 +117,5 @@ def test_what_is_stated_costs_nothing():
     assert penalty.total([0, 1]) == penalty.term  # the link is there anyhow
 
 
-def test_a_longer_record_asks_for_more_evidence():
+def test_a_longer_record_asks_for_more_evidence() -> None:
     assert Penalty.of(POOL, NAMES, 10_000).term > Penalty.of(POOL, NAMES, 1000).term

@@ -36,20 +36,20 @@ def elastic(names: frozenset[str], pool: Candidates) -> set[str]:
 
 
 @pytest.mark.parametrize(("decibel", "seed"), [(40.0, 1000), (30.0, 1001), (20.0, 1002)])
-def test_every_spring_and_cubic_term_of_the_chain_stands(decibel: float, seed: int):
+def test_every_spring_and_cubic_term_of_the_chain_stands(decibel: float, seed: int) -> None:
     found, pool = run(chain_record(decibel, seed), lw.bnes_chain(4))
     assert elastic(found.kept, pool) == ELASTIC
     assert found.tested == frozenset(pool.by_name)
 
 
-def test_where_a_spring_stands_its_damper_goes_along():
+def test_where_a_spring_stands_its_damper_goes_along() -> None:
     """The weak form can hardly see dampers, so every link that stands takes one to the likelihood."""
     found, pool = run(chain_record(20.0, 1000), lw.bnes_chain(4))
     for name in elastic(found.kept, pool):
         assert f"{name.split('.')[0]}.c" in found.kept
 
 
-def test_a_linear_chain_shows_no_cubic_term():
+def test_a_linear_chain_shows_no_cubic_term() -> None:
     chain = lw.bnes_chain(4)
     law, number = lw.Law.parse("k*d + c*v"), lw.Coefficient.number
     links = [
@@ -64,7 +64,7 @@ def test_a_linear_chain_shows_no_cubic_term():
     assert elastic(found.kept, pool) == {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m4-m3.k"}
 
 
-def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch):
+def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     """For many masses a first sieve looks at one equation at a time."""
     record = chain_record(30.0, 1000)
     together, pool = run(record, lw.bnes_chain(4))
@@ -75,13 +75,13 @@ def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch):
     assert elastic(found.kept, pool) == elastic(together.kept, pool)
 
 
-def test_measured_displacements_stay_as_they_are():
+def test_measured_displacements_stay_as_they_are() -> None:
     record = chain_record(30.0, 1000)
     assert with_displacements(record, lw.bnes_chain(4).masses) is record
 
 
 @pytest.mark.parametrize("kind", ["v", "a"])
-def test_displacements_are_summed_up_where_none_was_measured(kind: str):
+def test_displacements_are_summed_up_where_none_was_measured(kind: str) -> None:
     """What swings is found to a few parts in a hundred; where the mass stands is not."""
     chain = lw.bnes_chain(2)
     whole = lw.simulate(

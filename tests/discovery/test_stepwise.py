@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from itertools import combinations
 
@@ -40,7 +41,7 @@ def least(seed: int) -> float:
 
 
 @pytest.mark.parametrize("swaps", [False, True])
-def test_a_move_gains_what_it_says(swaps: bool):
+def test_a_move_gains_what_it_says(swaps: bool) -> None:
     quadratic, penalty = problem(1)
     chosen = [0, 3, 5]
     found = ranked_moves(quadratic, penalty, chosen, swaps=swaps)
@@ -55,7 +56,9 @@ def test_a_move_gains_what_it_says(swaps: bool):
 
 @pytest.mark.parametrize("search", [local_search, best])
 @pytest.mark.parametrize("start", [[], list(range(SIZE)), [1, 6]], ids=str)
-def test_a_search_ends_where_no_single_move_gains_and_never_above_its_start(search, start: list[int]):
+def test_a_search_ends_where_no_single_move_gains_and_never_above_its_start(
+    search: Callable[..., list[int]], start: list[int]
+) -> None:
     for seed in DRAWS:
         quadratic, penalty = problem(seed)
         end = search(quadratic, penalty, start)
@@ -64,7 +67,7 @@ def test_a_search_ends_where_no_single_move_gains_and_never_above_its_start(sear
 
 
 @pytest.mark.parametrize("start", [[], list(range(SIZE)), [1, 6]], ids=str)
-def test_the_best_of_all_choices_is_found_in_nine_of_ten(start: list[int]):
+def test_the_best_of_all_choices_is_found_in_nine_of_ten(start: list[int]) -> None:
     found = []
     for seed in DRAWS:
         quadratic, penalty = problem(seed)
@@ -74,7 +77,7 @@ def test_the_best_of_all_choices_is_found_in_nine_of_ten(start: list[int]):
     assert np.mean(found) >= 0.9
 
 
-def test_one_search_alone_is_caught_more_often():
+def test_one_search_alone_is_caught_more_often() -> None:
     """Three starts are there for a reason: on the same draws the first alone misses more."""
     missed = {local_search: 0, best: 0}
     for seed in DRAWS:
@@ -86,7 +89,7 @@ def test_one_search_alone_is_caught_more_often():
     assert missed[best] < missed[local_search]
 
 
-def test_what_has_no_price_is_never_taken_away_or_added():
+def test_what_has_no_price_is_never_taken_away_or_added() -> None:
     quadratic, penalty = problem(2)
     free = Penalty(
         penalty.term, penalty.link, np.where(np.arange(SIZE) == 3, -1, penalty.pair), penalty.stated
@@ -96,7 +99,7 @@ def test_what_has_no_price_is_never_taken_away_or_added():
     assert not [move for move in ranked_moves(quadratic, free, [0, 5], swaps=True) if move.in_ == 3]
 
 
-def test_a_term_on_a_link_that_stands_is_taken_before_one_on_a_new_link():
+def test_a_term_on_a_link_that_stands_is_taken_before_one_on_a_new_link() -> None:
     """One may stand for the other: the damper belongs where a spring is, even where it fits a little less well."""
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.98], [0.0, 0.98, 1.0]])
     g = np.array([100.0, 4.0, 4.2])
@@ -106,7 +109,7 @@ def test_a_term_on_a_link_that_stands_is_taken_before_one_on_a_new_link():
     assert best(quadratic, penalty, [0, 2]) == [0, 1]
 
 
-def test_a_pair_that_is_stated_has_its_link_for_nothing():
+def test_a_pair_that_is_stated_has_its_link_for_nothing() -> None:
     h, g = np.eye(2), np.array([3.0, 3.0])
     pair = np.array([0, 1])
     quadratic = QuadraticModel(("on a stated link", "on another"), h, g)
@@ -114,7 +117,7 @@ def test_a_pair_that_is_stated_has_its_link_for_nothing():
     assert best(quadratic, Penalty(6.0, 7.0, pair, frozenset()), []) == []
 
 
-def test_pruned_keeps_what_stands_above_the_limit_and_what_must_stay():
+def test_pruned_keeps_what_stands_above_the_limit_and_what_must_stay() -> None:
     for seed in DRAWS:
         quadratic, _ = problem(seed)
         left = backward_elimination(quadratic, list(range(SIZE)), frozenset({2}), 3.0)
@@ -125,7 +128,7 @@ def test_pruned_keeps_what_stands_above_the_limit_and_what_must_stay():
     assert backward_elimination(quadratic, list(range(SIZE)), frozenset(), np.inf) == []
 
 
-def test_pruned_goes_gently():
+def test_pruned_goes_gently() -> None:
     """Two columns that are nearly one hide each other; once the weaker is gone the other stands."""
     random = np.random.default_rng(3)
     column = random.normal(size=500)
@@ -136,7 +139,7 @@ def test_pruned_goes_gently():
     assert len(backward_elimination(quadratic, [0, 1, 2], frozenset(), 3.0)) == 1
 
 
-def test_columns_that_are_one_and_the_same_do_not_stop_the_search():
+def test_columns_that_are_one_and_the_same_do_not_stop_the_search() -> None:
     regression = Regression.drawn(7, size=3)
     doubled = Regression(np.column_stack([regression.columns, regression.columns[:, 1]]), regression.y)
     penalty = Penalty(6.0, 7.0, np.array([0, 1, 2, 3]), frozenset())

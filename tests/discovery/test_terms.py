@@ -19,7 +19,7 @@ def names(text: str) -> list[str]:
     return [term.coefficient for term in parse_terms(text)]
 
 
-def test_the_default_is_the_cubic_family():
+def test_the_default_is_the_cubic_family() -> None:
     assert texts(DEFAULT) == ["v", "d", "d**2", "d**3"] == texts("cubic")
     assert names(DEFAULT) == ["c", "k", "k2", "k3"]
     assert [term.unit for term in parse_terms(DEFAULT)] == ["N s/m", "N/m", "N/m^2", "N/m^3"]
@@ -42,16 +42,16 @@ def test_the_default_is_the_cubic_family():
         ("d**3, d*d*d", ["d**3"]),  # the same function twice is one term
     ],
 )
-def test_families_and_terms_may_be_mixed(text: str, expected: list[str]):
+def test_families_and_terms_may_be_mixed(text: str, expected: list[str]) -> None:
     assert texts(text) == expected
 
 
-def test_a_list_reads_as_a_text_does():
+def test_a_list_reads_as_a_text_does() -> None:
     assert parse_terms(["linear", "max(d - 0.1, 0)"]) == parse_terms("linear, max(d - 0.1, 0)")
 
 
 @pytest.mark.parametrize("family", sorted(FAMILIES))
-def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str):
+def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str) -> None:
     number = "(0.01)" if "{}" in FAMILIES[family] else ""
     for term in parse_terms(family + number):
         law = Law.parse(term.written)
@@ -60,13 +60,13 @@ def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str):
         assert float(law.force(0.0, 0.0, {term.coefficient: 1.0})) == 0.0
 
 
-def test_a_sum_is_multiplied_as_a_whole():
+def test_a_sum_is_multiplied_as_a_whole() -> None:
     (term,) = parse_terms("gap(0.5)")
     assert term.written == "kc*(max(d - 0.5, 0) + min(d + 0.5, 0))"
     assert float(Law.parse(term.written).force(2.0, 0.0, {"kc": 3.0})) == 4.5
 
 
-def test_names_that_two_terms_would_share_are_numbered():
+def test_names_that_two_terms_would_share_are_numbered() -> None:
     assert names("friction(0.1), d, friction(0.01)") == ["F_1", "k", "F_3"]
     assert len(set(names("v**2, quadratic-damping, contact(1e-3), gap(2e-3), d*sin(d), sin(d)"))) == 7
     assert names("contact(1e-3)") == ["kc", "kn"]
@@ -95,7 +95,7 @@ def test_names_that_two_terms_would_share_are_numbered():
         ("3.0", "the term '3.0' depends neither on d nor on v: a constant force is no link"),
     ],
 )  # fmt: skip
-def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str):
+def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str) -> None:
     with pytest.raises(lw.IdentificationError, match=re.escape(told)):
         parse_terms(text)
 
@@ -103,19 +103,19 @@ def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str):
 @pytest.mark.parametrize(
     ("text", "told"), [("d**", "Something is missing after"), ("d/v", "Division by zero at rest")]
 )
-def test_what_no_law_can_be_is_refused_at_its_place(text: str, told: str):
+def test_what_no_law_can_be_is_refused_at_its_place(text: str, told: str) -> None:
     with pytest.raises(lw.LawError, match=told) as error:
         parse_terms(f"linear, {text}")
     assert f"  {text}\n" in str(error.value)
 
 
 @pytest.mark.parametrize("text", ["d, 2*d", "cubic, d + d**3", "max(d, 0), min(d, 0), d"])
-def test_a_term_that_others_make_up_is_refused(text: str):
+def test_a_term_that_others_make_up_is_refused(text: str) -> None:
     last = text.split(", ")[-1]
     with pytest.raises(lw.IdentificationError, match=re.escape(f"the term {last!r} says nothing beside ")):
         parse_terms(text)
 
 
-def test_terms_that_are_nearly_alike_are_taken():
+def test_terms_that_are_nearly_alike_are_taken() -> None:
     assert len(parse_terms("d, sin(d), tanh(d), friction(1), friction(1.001), v")) == 6
     assert len(parse_terms("linear, sign(d)*sqrt(abs(d)), exp(d) - 1, exp(900*d) - 1")) == 5

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.atomic import to_json
@@ -49,7 +50,7 @@ def fit(record: lw.Record, chain: lw.Structure) -> lw.Estimate:
 
 @pytest.fixture(scope="module")
 def refused(record: lw.Record, chain: lw.Structure) -> lw.Estimate:
-    stated = {name: sigma / 4 for name, sigma in record.simulated.noise.items()}
+    stated = {name: sigma / 4 for name, sigma in present(record.simulated).noise.items()}
     return lw.identify(replace(record, noise=stated), chain.unknown("nes", "mass:m2"), method="weak")
 
 
@@ -181,8 +182,8 @@ def test_a_refused_answer_keeps_its_values_and_gives_no_interval(refused: lw.Est
 
 def test_the_range_is_what_was_visited(fit: lw.Estimate, record: lw.Record) -> None:
     """To the noise, which would stretch it: three of its deviations."""
-    d = record.simulated.displacement[:, 1] - record.simulated.displacement[:, 0]
-    sigma = np.hypot(*record.simulated.noise.values())
+    d = present(record.simulated).displacement[:, 1] - present(record.simulated).displacement[:, 0]
+    sigma = np.hypot(*present(record.simulated).noise.values())
     assert fit.link("nes1").d_range == pytest.approx((d.min(), d.max()), abs=3 * sigma)
 
 

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.files import read_record, write_record
 from linkwise.records.record import Record
 
+Reader = Callable[..., Record]
 N = 60
 T = np.arange(N) / 100.0
 X = np.round(np.sin(20.0 * T), 6)
 F = np.round(np.cos(9.0 * T), 6)
 
 
-def body(*, delimiter=",", comma=False, rows=None):
+def body(*, delimiter: str = ",", comma: bool = False, rows: dict[int, str] | None = None) -> list[str]:
     """Lines of `time, x, f`; with `rows` some of them replaced."""
     lines = [delimiter.join(f"{value:.6f}" for value in row) for row in zip(T, X, F, strict=True)]
     if comma:
@@ -30,10 +35,10 @@ def body(*, delimiter=",", comma=False, rows=None):
 
 
 @pytest.fixture
-def read(tmp_path):
+def read(tmp_path: Path) -> Reader:
     """Write the text (or bytes) to a file and read it."""
 
-    def write_and_read(content, name="run.csv", **options):
+    def write_and_read(content: str | bytes, name: str = "run.csv", **options: Any) -> Record:
         path = tmp_path / name
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
         return read_record(path, **options)
@@ -41,11 +46,11 @@ def read(tmp_path):
     return write_and_read
 
 
-def text(header, lines, end="\n"):
+def text(header: str, lines: list[str], end: str = "\n") -> str:
     return end.join([header, *lines]) + end
 
 
-def check(record):
+def check(record: Record) -> None:
     assert record.channels == ("x:m1", "force:m1")
     assert record.rate == 100.0
     assert record.start == 0.0
@@ -96,18 +101,18 @@ HEADER = "time,x:m1,force:m1"
         (text(HEADER, body()).encode("utf-32"), ()),
     ],
 )
-def test_the_same_record_in_many_hands(read, content, notes):
+def test_the_same_record_in_many_hands(read: Reader, content: str | bytes, notes: tuple[str, ...]) -> None:
     record = read(content)
     check(record)
     assert record.notes == notes
 
 
-def test_quoted_decimal_commas_between_commas(read):
+def test_quoted_decimal_commas_between_commas(read: Reader) -> None:
     lines = [",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in body()]
     check(read(text(HEADER, lines)))
 
 
-def test_units_in_headers(read):
+def test_units_in_headers(read: Reader) -> None:
     rows = [
         f"{1000 * t:.10g},{1000 * x:.10g},{f:.10g},{f:.10g},{x:.10g}" for t, x, f in zip(T, X, F, strict=True)
     ]
@@ -121,20 +126,20 @@ def test_units_in_headers(read):
     assert record.channel("force:m1") == pytest.approx(1000.0 * X, rel=1e-12)
 
 
-def test_a_micro_sign_of_an_old_instrument(read):
+def test_a_micro_sign_of_an_old_instrument(read: Reader) -> None:
     content = text("time,x:m1[\u00b5m],force:m1", body()).encode("cp1252")
     assert read(content).channel("x:m1") == pytest.approx(1e-6 * X, rel=1e-12)
 
 
 @pytest.mark.parametrize("cell", ["", "  ", "NaN", "nan", "NA", "n/a", "#N/A", "null", "-"])
-def test_a_missing_sample_is_missing(read, cell):
+def test_a_missing_sample_is_missing(read: Reader, cell: str) -> None:
     record = read(text(HEADER, body(rows={7: f"0.07,{cell},{F[7]}"})))
     assert np.argwhere(record.missing).tolist() == [[7, 0]]
     assert record.notes == ("x:m1: 1 of 60 samples are missing.",)
     assert np.array_equal(record.channel("force:m1"), F)
 
 
-def test_gaps_in_time_become_missing_samples(read):
+def test_gaps_in_time_become_missing_samples(read: Reader) -> None:
     lines = body()
     del lines[20:23]
     record = read(text(HEADER, lines))
@@ -143,7 +148,7 @@ def test_gaps_in_time_become_missing_samples(read):
     assert record.notes == ("Gaps in time: 1, the first after 0.19 s; 3 rows were added as missing samples.",)
 
 
-def test_times_rounded_in_printing_are_even(read):
+def test_times_rounded_in_printing_are_even(read: Reader) -> None:
     n, rate = 5000, 610.3515625
     t = np.arange(n) / rate
     record = read(text("time,x:m1", [f"{a:.4f},{np.sin(9 * a):.9f}" for a in t]))
@@ -156,21 +161,21 @@ def test_times_rounded_in_printing_are_even(read):
     )
 
 
-def test_milliseconds_without_a_unit_are_asked_about(read):
+def test_milliseconds_without_a_unit_are_asked_about(read: Reader) -> None:
     lines = [f"{i},{x}" for i, x in enumerate(X)]
     assert read(text("time,x:m1", lines)).notes == (
         "The samples are 1 s apart: is the time in ms? Then its header is time[ms].",
     )
 
 
-def test_columns_that_are_no_channels_are_ignored(read):
+def test_columns_that_are_no_channels_are_ignored(read: Reader) -> None:
     lines = [f"{line},{i},mon" for i, line in enumerate(body())]
     record = read(text(HEADER + ",count,day", lines))
     check(record)
     assert record.notes == ("Columns that are no channels were ignored: count, day.",)
 
 
-def test_columns_are_mapped_by_name_and_number(read):
+def test_columns_are_mapped_by_name_and_number(read: Reader) -> None:
     content = text("Clock [ms];LVDT 3;Load cell (kN)", body(delimiter=";"))
     record = read(content, channels={"time[s]": "Clock", "x:m1[mm]": "LVDT 3", "force:m1": 3})
     assert np.array_equal(record.time, T)
@@ -178,19 +183,19 @@ def test_columns_are_mapped_by_name_and_number(read):
     assert record.channel("force:m1") == pytest.approx(1e3 * F, rel=1e-15)
 
 
-def test_a_mapped_channel_wins_over_a_header(read):
+def test_a_mapped_channel_wins_over_a_header(read: Reader) -> None:
     record = read(text(HEADER, body()), channels={"x:m1": "force:m1"})
     assert record.channels == ("x:m1",)
     assert np.array_equal(record.channel("x:m1"), F)
     assert record.notes == ("Columns that are no channels were ignored: x:m1.",)
 
 
-def test_no_header_is_no_obstacle_when_columns_are_mapped(read):
+def test_no_header_is_no_obstacle_when_columns_are_mapped(read: Reader) -> None:
     record = read("\n".join(body()), channels={"time": "1", "x:m1": 2, "force:m1": 3})
     check(record)
 
 
-def test_the_rate_stands_in_for_a_time_column(read):
+def test_the_rate_stands_in_for_a_time_column(read: Reader) -> None:
     lines = [line.partition(",")[2] for line in body()]
     check(read(text("x:m1,force:m1", lines), rate=100.0))
     single = read(text("x:m1", [str(x) for x in X]), rate=100.0)
@@ -295,7 +300,7 @@ def test_the_rate_stands_in_for_a_time_column(read):
         ),
     ],
 )
-def test_what_cannot_be_read_is_one_clear_error(read, content, message):
+def test_what_cannot_be_read_is_one_clear_error(read: Reader, content: str | bytes, message: str) -> None:
     with pytest.raises(RecordError) as caught:
         read(content)
     said = str(caught.value)
@@ -326,19 +331,19 @@ def test_what_cannot_be_read_is_one_clear_error(read, content, message):
         ({"known_masses": ["m2", "n1"]}, "channel x:m1: the structure has no mass 'm1'; did you mean "),
     ],
 )
-def test_options_that_do_not_fit_are_refused(read, options, message):
+def test_options_that_do_not_fit_are_refused(read: Reader, options: dict[str, Any], message: str) -> None:
     with pytest.raises(RecordError) as caught:
         read(text(HEADER, body()), **options)
     assert message in str(caught.value)
 
 
-def test_a_name_that_two_columns_bear_needs_a_number(read):
+def test_a_name_that_two_columns_bear_needs_a_number(read: Reader) -> None:
     with pytest.raises(RecordError, match="2 columns are called that; use a number"):
         read(text("time,probe,probe", body()), channels={"x:m1": "probe"})
     assert np.array_equal(read(text("time,probe,probe", body()), channels={"x:m1": 3}).channel("x:m1"), F)
 
 
-def test_known_masses_let_their_channels_and_the_base_pass(read):
+def test_known_masses_let_their_channels_and_the_base_pass(read: Reader) -> None:
     record = read(text("time,x:m1,x:base", body()), known_masses=["m1"])
     assert record.channels == ("x:m1", "x:base")
 
@@ -346,12 +351,12 @@ def test_known_masses_let_their_channels_and_the_base_pass(read):
 # Resampling ----------------------------------------------------------------------------------------------------
 
 
-def uneven(n=400, seed=0):
+def uneven(n: int = 400, seed: int = 0) -> Floats:
     rng = np.random.default_rng(seed)
     return np.cumsum(rng.uniform(0.7e-3, 1.3e-3, n))
 
 
-def test_an_uneven_time_is_resampled(read):
+def test_an_uneven_time_is_resampled(read: Reader) -> None:
     t = uneven()
     record = read(
         text("time,x:m1", [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, t)]), resample=2000.0
@@ -367,7 +372,7 @@ def test_an_uneven_time_is_resampled(read):
     )
 
 
-def test_resampling_leaves_gaps_open(read):
+def test_resampling_leaves_gaps_open(read: Reader) -> None:
     t = np.delete(uneven(), np.arange(100, 130))
     record = read(
         text("time,x:m1", [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, t)]), resample=1000.0
@@ -380,7 +385,7 @@ def test_resampling_leaves_gaps_open(read):
 # Writing, speed, real files ------------------------------------------------------------------------------------
 
 
-def test_a_million_cells_a_second_and_more(tmp_path):
+def test_a_million_cells_a_second_and_more(tmp_path: Path) -> None:
     n = 65_000
     record = Record(0.0, 1000.0, ("x:m1", "x:m2"), np.random.default_rng(1).standard_normal((n, 2)))
     write_record(record, tmp_path / "r.csv")
@@ -391,7 +396,7 @@ def test_a_million_cells_a_second_and_more(tmp_path):
     assert np.array_equal(again.values, record.values)
 
 
-def test_the_measured_records_are_read(shared_data):
+def test_the_measured_records_are_read(shared_data: Path) -> None:
     beam = read_record(shared_data / "magnet_beam_decay.csv")
     assert (beam.channels, beam.rate, len(beam), beam.notes) == (("x:m1",), 1000.0, 3000, ())
     silver = read_record(shared_data / "silverbox_multisine.csv")
@@ -399,7 +404,7 @@ def test_the_measured_records_are_read(shared_data):
     assert silver.inputs == ("force:m1",)
 
 
-def test_the_reference_orbits_are_read(shared_reference):
+def test_the_reference_orbits_are_read(shared_reference: Path) -> None:
     record = read_record(shared_reference / "bnes_2.csv")
     assert record.channels == ("x:m1", "x:m2")
     assert record.start == 0.0
@@ -409,7 +414,9 @@ def test_the_reference_orbits_are_read(shared_reference):
     strategies.text(alphabet="time,x:m1[]() ;\t\n\r0.5-e+#\"'_naif\u00b5", max_size=300),
     strategies.booleans(),
 )
-def test_whatever_is_in_a_file_it_is_a_record_or_an_error(tmp_path_factory, junk, headed):
+def test_whatever_is_in_a_file_it_is_a_record_or_an_error(
+    tmp_path_factory: pytest.TempPathFactory, junk: str, headed: bool
+) -> None:
     path = tmp_path_factory.getbasetemp() / "junk.csv"
     path.write_bytes((text(HEADER, body()) + junk if headed else junk).encode())
     try:

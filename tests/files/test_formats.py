@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
+from typing import Any
 
 import h5py
 import nptdms
@@ -28,7 +30,7 @@ KEEPING = WRITTEN[1:]  # the formats that keep noise, source and notes
 
 
 @pytest.fixture
-def record():
+def record() -> Record:
     values = np.random.default_rng(0).standard_normal((N, 4)) * [1.0, 1e-9, 1e12, 1.0]
     values[7, 1] = np.nan
     values[50:60] = np.nan
@@ -42,7 +44,7 @@ def record():
 
 
 @pytest.mark.parametrize("suffix", WRITTEN)
-def test_there_and_back_nothing_changes(record, tmp_path, suffix):
+def test_there_and_back_nothing_changes(record: Record, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     write_record(record, path)
     again = read_record(path)
@@ -58,7 +60,7 @@ def test_there_and_back_nothing_changes(record, tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", KEEPING)
-def test_noise_source_and_notes_are_kept(record, tmp_path, suffix):
+def test_noise_source_and_notes_are_kept(record: Record, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     write_record(record, path)
     again = read_record(path)
@@ -69,7 +71,7 @@ def test_noise_source_and_notes_are_kept(record, tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", WRITTEN)
-def test_one_channel_and_nothing_else(tmp_path, suffix):
+def test_one_channel_and_nothing_else(tmp_path: Path, suffix: str) -> None:
     record = Record(0.0, RATE, ("x:m1",), X[:, np.newaxis])
     write_record(record, tmp_path / f"run{suffix}")
     again = read_record(tmp_path / f"run{suffix}")
@@ -82,7 +84,7 @@ def test_one_channel_and_nothing_else(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet", ".uff", ".tdms"])
-def test_a_damaged_file_is_one_clear_error(tmp_path, suffix):
+def test_a_damaged_file_is_one_clear_error(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     path.write_bytes(b"this is not what the suffix says, " * 20)
     with pytest.raises(RecordError) as caught:
@@ -97,7 +99,7 @@ def test_a_damaged_file_is_one_clear_error(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet"])
-def test_half_a_file_is_one_clear_error(record, tmp_path, suffix):
+def test_half_a_file_is_one_clear_error(record: Record, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     write_record(record, path)
     path.write_bytes(path.read_bytes()[:3000])
@@ -119,7 +121,7 @@ def test_half_a_file_is_one_clear_error(record, tmp_path, suffix):
         ("nowhere/run.csv", "there is no folder"),
     ],
 )
-def test_a_path_that_leads_nowhere(tmp_path, name, message):
+def test_a_path_that_leads_nowhere(tmp_path: Path, name: str, message: str) -> None:
     for there in ("run.xyz", "run", "run.mat"):
         (tmp_path / there).write_text("x")
     (tmp_path / "folder.csv").mkdir()
@@ -132,7 +134,9 @@ def test_a_path_that_leads_nowhere(tmp_path, name, message):
     ("suffix", "library", "module"),
     [(".parquet", "pyarrow", "parquet"), (".uff", "pyuff", "uff"), (".tdms", "nptdms", "tdms")],
 )
-def test_a_library_that_is_missing_is_named_with_its_extra(tmp_path, monkeypatch, suffix, library, module):
+def test_a_library_that_is_missing_is_named_with_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, library: str, module: str
+) -> None:
     (tmp_path / f"run{suffix}").write_text("x")
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.delitem(sys.modules, f"linkwise.files.{module}", raising=False)
@@ -142,7 +146,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(tmp_path, monkeypatch
     assert "pip install 'linkwise[files]'" in str(caught.value)
 
 
-def test_writing_refuses_what_it_cannot_write(record, tmp_path):
+def test_writing_refuses_what_it_cannot_write(record: Record, tmp_path: Path) -> None:
     with pytest.raises(
         RecordError, match=r"a record is not written as .tdms; use one of .csv, .mat, .h5, .hdf5, .parquet"
     ):
@@ -152,12 +156,14 @@ def test_writing_refuses_what_it_cannot_write(record, tmp_path):
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
-def test_a_write_that_fails_leaves_the_old_file(record, tmp_path, monkeypatch, error):
+def test_a_write_that_fails_leaves_the_old_file(
+    record: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
     path = tmp_path / "run.mat"
     write_record(record, path)
     before = path.read_bytes()
 
-    def broken(_record, part):
+    def broken(_record: Record, part: Path) -> None:
         part.write_bytes(before[:100])
         raise error
 
@@ -171,7 +177,7 @@ def test_a_write_that_fails_leaves_the_old_file(record, tmp_path, monkeypatch, e
 # MATLAB --------------------------------------------------------------------------------------------------------
 
 
-def check(record, channels=("x:m1", "a:m2", "force:m1")):
+def check(record: Record, channels: tuple[str, ...] = ("x:m1", "a:m2", "force:m1")) -> None:
     assert record.channels == channels
     assert record.rate == RATE
     for name, expected in (("x:m1", X), ("a:m2", A), ("force:m1", F)):
@@ -179,20 +185,20 @@ def check(record, channels=("x:m1", "a:m2", "force:m1")):
             assert np.array_equal(record.channel(name), expected)
 
 
-def test_mat_v5_from_matlab(tmp_path):
+def test_mat_v5_from_matlab(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"time": T, "x_m1": X, "a_m2": A[:, np.newaxis], "force_m1": F, "comment": "as measured"})
     check(read_record(path))
 
 
-def test_mat_v5_structs_matrices_and_rates(tmp_path):
+def test_mat_v5_structs_matrices_and_rates(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"run": {"x_m1": X, "rest": np.column_stack([A, F])}, "fs": RATE})
     record = read_record(path, channels={"a:m2": "run/rest(:,1)", "force:m1": "rest(:,2)"})
     check(record, ("a:m2", "force:m1", "x:m1"))
 
 
-def test_mat_names_that_name_no_mass_are_not_guessed(tmp_path):
+def test_mat_names_that_name_no_mass_are_not_guessed(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"time": T, "x_m1": X, "a_1": A, "v_max": F})
     record = read_record(path, known_masses=["m1", "m2"])
@@ -200,10 +206,10 @@ def test_mat_names_that_name_no_mass_are_not_guessed(tmp_path):
     assert record.notes == ("Columns that are no channels were ignored: a_1, v_max.",)
 
 
-def matlab_v73(path, variables):
+def matlab_v73(path: Path, variables: dict[str, Any]) -> None:
     """A file as MATLAB's `save -v7.3` lays it out: 512 bytes of header, arrays transposed, text as numbers."""
 
-    def put(group, name, value):
+    def put(group: h5py.Group, name: str, value: Any) -> None:
         if isinstance(value, dict):
             struct = group.create_group(name)
             struct.attrs["MATLAB_class"] = np.bytes_("struct")
@@ -234,7 +240,7 @@ def matlab_v73(path, variables):
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
 
 
-def test_mat_v73(tmp_path):
+def test_mat_v73(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     matlab_v73(
         path,
@@ -251,7 +257,7 @@ def test_mat_v73(tmp_path):
     assert record.notes == ("Columns that are no channels were ignored: data(:,2).",)
 
 
-def test_mat_v73_with_our_own_names(tmp_path):
+def test_mat_v73_with_our_own_names(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     names = ["x:m1", "a:m2", "force:m1"]
     matlab_v73(
@@ -275,21 +281,21 @@ def test_mat_v73_with_our_own_names(tmp_path):
     assert np.array_equal(record.channel("a:m2"), A)
 
 
-def test_mat_columns_of_unequal_length(tmp_path):
+def test_mat_columns_of_unequal_length(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"time": T, "x_m1": X[:-1]})
     with pytest.raises(RecordError, match=r"channel x:m1: has the shape \(199,\), the time \(200,\)"):
         read_record(path)
 
 
-def test_mat_complex_values_are_refused(tmp_path):
+def test_mat_complex_values_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"time": T, "x_m1": X + 1j})
     with pytest.raises(RecordError, match=r"channel x:m1: .* is no number"):
         read_record(path)
 
 
-def test_mat_names_stay_apart_and_within_matlabs_length():
+def test_mat_names_stay_apart_and_within_matlabs_length() -> None:
     names = (*(f"x:{'m' * 70}{i}" for i in range(3)), "a:m-1", "a:m 1")
     variables = mat._identifiers(names)
     assert len(set(variables)) == len(names)
@@ -299,7 +305,7 @@ def test_mat_names_stay_apart_and_within_matlabs_length():
 # HDF5 ----------------------------------------------------------------------------------------------------------
 
 
-def test_hdf5_flat_data_sets_with_units(tmp_path):
+def test_hdf5_flat_data_sets_with_units(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as file:
         file["t"] = T
@@ -315,7 +321,7 @@ def test_hdf5_flat_data_sets_with_units(tmp_path):
     assert np.array_equal(record.channel("a:m2"), A)
 
 
-def test_hdf5_groups_and_a_rate_at_the_root(tmp_path):
+def test_hdf5_groups_and_a_rate_at_the_root(tmp_path: Path) -> None:
     path = tmp_path / "run.hdf5"
     with h5py.File(path, "w") as file:
         file["day 1/rig/x:m1"] = X
@@ -325,7 +331,7 @@ def test_hdf5_groups_and_a_rate_at_the_root(tmp_path):
     check(record, ("force:m1", "x:m1"))
 
 
-def test_hdf5_of_a_later_layout_is_refused(record, tmp_path):
+def test_hdf5_of_a_later_layout_is_refused(record: Record, tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     write_record(record, path)
     with h5py.File(path, "a") as file:
@@ -334,7 +340,7 @@ def test_hdf5_of_a_later_layout_is_refused(record, tmp_path):
         read_record(path)
 
 
-def test_a_stated_rate_that_contradicts_the_time_gives_way(tmp_path):
+def test_a_stated_rate_that_contradicts_the_time_gives_way(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as file:
         file["time"] = T
@@ -346,7 +352,7 @@ def test_a_stated_rate_that_contradicts_the_time_gives_way(tmp_path):
 # Parquet, UFF, TDMS --------------------------------------------------------------------------------------------
 
 
-def test_parquet_with_nulls_integers_and_text(tmp_path):
+def test_parquet_with_nulls_integers_and_text(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     steps = [None if i == 5 else i % 7 for i in range(N)]
     table = pyarrow.table({"time": T, "x:m1[mm]": X, "x:m2": steps, "day": ["mon"] * N, "v:m1": ["fast"] * N})
@@ -361,7 +367,7 @@ def test_parquet_with_nulls_integers_and_text(tmp_path):
 _AXES = ("abscissa", "ordinate", "orddenom", "z_axis")
 
 
-def universal(path, sets):
+def universal(path: Path, sets: list[tuple[Any, ...]]) -> None:
     """A universal file of type-58 sets: (id line, values, quantity code, node, unit, even step or None for T)."""
     for i, (label, values, quantity, node, unit, step) in enumerate(sets):
         none = {
@@ -403,7 +409,7 @@ def universal(path, sets):
         pyuff.UFF(str(path)).write_sets(data, "overwrite" if i == 0 else "add")
 
 
-def test_uff_58_by_name_by_node_and_by_mapping(tmp_path):
+def test_uff_58_by_name_by_node_and_by_mapping(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
     universal(
         path,
@@ -421,13 +427,13 @@ def test_uff_58_by_name_by_node_and_by_mapping(tmp_path):
         assert record.channel(name) == pytest.approx(expected, rel=1e-11, abs=1e-15)
 
 
-def test_uff_58_rate_from_six_digits_of_the_step(tmp_path):
+def test_uff_58_rate_from_six_digits_of_the_step(tmp_path: Path) -> None:
     path = tmp_path / "run.unv"
     universal(path, [("x:m1", X, 8, 1, "m", 1.0 / 48000.0)])
     assert read_record(path).rate == 48000.0
 
 
-def test_uff_58_uneven_abscissa_is_a_time_column(tmp_path):
+def test_uff_58_uneven_abscissa_is_a_time_column(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
     universal(path, [("x:m1", X, 8, 1, "m", None)])
     check_time = read_record(path)
@@ -435,14 +441,14 @@ def test_uff_58_uneven_abscissa_is_a_time_column(tmp_path):
     assert check_time.channel("x:m1") == pytest.approx(X, rel=1e-11, abs=1e-15)
 
 
-def test_uff_58_sets_on_different_clocks(tmp_path):
+def test_uff_58_sets_on_different_clocks(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
     universal(path, [("x:m1", X, 8, 1, "m", 1.0 / RATE), ("x:m2", A, 8, 2, "m", 0.5 / RATE)])
     with pytest.raises(RecordError, match=r"channel x:m2\[m\]: has another time axis than x:m1\[m\]"):
         read_record(path)
 
 
-def lab_view(path, channels, **properties):
+def lab_view(path: Path, channels: dict[str, tuple[Any, str]], **properties: Any) -> None:
     """A TDMS file of one group `rig`: name -> (values, unit)."""
     with nptdms.TdmsWriter(str(path)) as writer:
         writer.write_segment(
@@ -455,7 +461,7 @@ def lab_view(path, channels, **properties):
         )
 
 
-def test_tdms_with_a_waveform_step(tmp_path):
+def test_tdms_with_a_waveform_step(tmp_path: Path) -> None:
     path = tmp_path / "run.tdms"
     lab_view(
         path,
@@ -468,7 +474,7 @@ def test_tdms_with_a_waveform_step(tmp_path):
     assert record.start == 0.5
 
 
-def test_tdms_with_a_time_channel(tmp_path):
+def test_tdms_with_a_time_channel(tmp_path: Path) -> None:
     path = tmp_path / "run.tdms"
     lab_view(path, {"time": (1000.0 * T, "ms"), "x:m1": (X, "")})
     check(read_record(path), ("x:m1",))

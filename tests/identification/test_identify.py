@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import doctest
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.sindy import estimate as classical
 
 UNKNOWN = lw.Coefficient.unknown
-SAMPLING = {"duration": 4.0, "rate": 1000.0}
+SAMPLING: dict[str, Any] = {"duration": 4.0, "rate": 1000.0}
 
 
 def link(name: str, between: tuple[str, str], law: str, **values: float | lw.Coefficient) -> lw.Link:
@@ -179,10 +181,10 @@ def test_a_missing_link_is_refused(pair: lw.Structure) -> None:
 def test_noise_that_is_stated_wrong_is_refused(
     record: lw.Record, chain: lw.Structure, factor: float, told: str
 ) -> None:
-    stated = {name: factor * sigma for name, sigma in record.simulated.noise.items()}
+    stated = {name: factor * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
     assert not fit.trusted and told in fit.message
-    assert weak(replace(record, noise=record.simulated.noise), chain.unknown("nes")).trusted
+    assert weak(replace(record, noise=present(record.simulated).noise), chain.unknown("nes")).trusted
 
 
 def test_a_force_that_is_not_in_the_record_is_seen(pair: lw.Structure) -> None:
@@ -194,7 +196,7 @@ def test_a_force_that_is_not_in_the_record_is_seen(pair: lw.Structure) -> None:
 
 def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.Structure) -> None:
     """Residuals between 1.3 and 1.7 times the noise in power keep their intervals, and that is said."""
-    stated = {name: 0.82 * sigma for name, sigma in record.simulated.noise.items()}
+    stated = {name: 0.82 * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
     assert fit.trusted and 1.3 < fit.chi_square_per_sample < 1.7
     assert any("larger than the noise explains: something small is missing" in each for each in fit.findings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,12 @@ import linkwise as lw
 from linkwise.atomic import to_json
 
 RELEASE = {"v:m1": 1.0}
-SHORT = {"duration": 0.1, "rate": 500.0, "segment": 0.05, "release": RELEASE}  # two segments of 25 samples
+SHORT: dict[str, Any] = {
+    "duration": 0.1,
+    "rate": 500.0,
+    "segment": 0.05,
+    "release": RELEASE,
+}  # two segments of 25 samples
 
 
 def two_springs() -> lw.Structure:
@@ -94,7 +100,7 @@ def test_equals_the_dense_fisher_matrix(chain: lw.Structure, kind: str) -> None:
 
 
 def test_scales_with_the_noise_and_with_the_samples(chain: lw.Structure) -> None:
-    plan = {"duration": 1.0, "release": RELEASE, "segment": 0.25}
+    plan: dict[str, Any] = {"duration": 1.0, "release": RELEASE, "segment": 0.25}
     one = lw.limit(chain, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-3}, **plan)
     louder = lw.limit(chain, rate=1000.0, noise={"x:m1": 2e-4, "x:m2": 2e-3}, **plan)
     np.testing.assert_allclose(louder.covariance, 4.0 * one.covariance, rtol=1e-8)  # same numerics
@@ -127,7 +133,7 @@ def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> Non
 def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
     """A blow at the start is a release: the same motion, the same bound."""
     blow = (lw.Impulse("m1", 1.0, 0.0),)
-    plan = {"duration": 1.0, "rate": 1000.0, "noise": {"x:m1": 1e-4, "x:m2": 1e-3}}
+    plan: dict[str, Any] = {"duration": 1.0, "rate": 1000.0, "noise": {"x:m1": 1e-4, "x:m2": 1e-3}}
     struck = lw.limit(chain, impulses=blow, **plan)
     released = lw.limit(chain, release=RELEASE, **plan)
     np.testing.assert_allclose(
@@ -149,7 +155,7 @@ def test_forces_and_the_base_drive_it() -> None:
         ),
     )
     mounted = lw.Structure("mounted", (lw.Mass("m1", lw.Coefficient.number(1.0)),), links)
-    plan = {"duration": 2.0, "rate": 200.0, "noise": {"x:m1": 1e-4}}
+    plan: dict[str, Any] = {"duration": 2.0, "rate": 200.0, "noise": {"x:m1": 1e-4}}
     small = lw.limit(mounted, base="0.001*sin(15*t)", **plan)
     large = lw.limit(mounted, base="0.002*sin(15*t)", **plan)
     # twice the motion of a linear structure, twice the slopes: same numerics but single precision
@@ -224,10 +230,8 @@ def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure
         ({"segment": 0.002}, "no more than the 4 states at its start"),
     ],
 )
-def test_refuses_what_cannot_be_planned(
-    chain: lw.Structure, changes: dict[str, object], message: str
-) -> None:
-    plan = {"duration": 0.5, "rate": 1000.0, "noise": 20.0, "release": RELEASE}
+def test_refuses_what_cannot_be_planned(chain: lw.Structure, changes: dict[str, Any], message: str) -> None:
+    plan: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "noise": 20.0, "release": RELEASE}
     with pytest.raises(lw.IdentificationError, match=message):
         lw.limit(chain, **{**plan, **changes})
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 
@@ -77,7 +78,7 @@ def test_the_true_structure_leaves_the_noise(duffing: lw.Structure, forced: lw.R
     """
     part = forced.with_noise(40.0, seed=1)[217:]
     run = lw.free_run(duffing, part)
-    assert run.rmse["x:m1"] == pytest.approx(part.simulated.noise["x:m1"], rel=0.06)
+    assert run.rmse["x:m1"] == pytest.approx(present(part.simulated).noise["x:m1"], rel=0.06)
     assert run.motion.start == part.start and len(run.motion) == len(run.residual) == len(part)
     assert run.residual.channel("x:m1") == pytest.approx(part.channel("x:m1") - run.motion.channel("x:m1"))
     assert run.horizon is None
@@ -86,7 +87,7 @@ def test_the_true_structure_leaves_the_noise(duffing: lw.Structure, forced: lw.R
 def test_a_wrong_structure_leaves_more(duffing: lw.Structure, forced: lw.Record) -> None:
     stiff = one_mass("k*d + k3*d**3 + c*v", k=990.0, k3=2e6, c=2.0)
     part = forced.with_noise(40.0, seed=1)[217:]
-    assert lw.free_run(stiff, part).rmse["x:m1"] > 10 * part.simulated.noise["x:m1"]
+    assert lw.free_run(stiff, part).rmse["x:m1"] > 10 * present(part.simulated).noise["x:m1"]
 
 
 def test_without_noise_the_run_is_the_record(duffing: lw.Structure) -> None:

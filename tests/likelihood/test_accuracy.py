@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.identification.limit import limit
@@ -61,7 +62,7 @@ def identified(n: int, decibel: float, seeds: int, sensors: str = "x") -> Runs:
 
 
 @pytest.mark.parametrize(("n", "seeds"), [(2, 20), (4, 20), (6, 12), (8, 8), (10, 16)])
-def test_at_20_db_every_sink_is_found_to_a_few_millionths(n, seeds):
+def test_at_20_db_every_sink_is_found_to_a_few_millionths(n: int, seeds: int) -> None:
     runs = identified(n, 20.0, seeds)
     assert np.median(runs.nmse) <= 8e-4
     assert runs.nmse.max() <= 1e-2
@@ -74,12 +75,12 @@ def test_at_20_db_every_sink_is_found_to_a_few_millionths(n, seeds):
 
 
 @pytest.mark.parametrize(("n", "seeds"), [(2, 10), (10, 4)])
-def test_at_40_db_a_hundred_times_better(n, seeds):
+def test_at_40_db_a_hundred_times_better(n: int, seeds: int) -> None:
     assert np.median(identified(n, 40.0, seeds).nmse) <= 1.5e-5
 
 
 @pytest.mark.parametrize("n", [2, 4])
-def test_velocities_alone_are_enough(n):
+def test_velocities_alone_are_enough(n: int) -> None:
     runs = identified(n, 30.0, 20, "v")
     inside = np.mean(np.abs(runs.z) < 1.96)
     # 100 and 200 intervals, of which half are taken as independent: three deviations of the share
@@ -92,14 +93,14 @@ def many() -> Runs:
     return identified(2, 20.0, 400)  # over 400, 92 to 98 % is 95 % and nearly three deviations
 
 
-def test_standard_errors_are_what_the_errors_are(many):
+def test_standard_errors_are_what_the_errors_are(many: Runs) -> None:
     z = np.sqrt(np.mean(many.z**2, axis=0))
     assert 0.9 < np.sqrt(np.mean(many.z**2)) < 1.1
     assert (z > 0.85).all() and (z < 1.15).all(), dict(zip(many.names, z, strict=True))  # 3 of 1/sqrt(400)
     assert np.abs(many.z.mean(axis=0)).max() < 3.3 / np.sqrt(len(many.fits))  # no bias
 
 
-def test_intervals_cover_as_often_as_they_say(many):
+def test_intervals_cover_as_often_as_they_say(many: Runs) -> None:
     for number, name in enumerate(many.names):
         inside = [
             fit.coefficient(name).interval[0] < many.true[number] < fit.coefficient(name).interval[1]
@@ -108,7 +109,7 @@ def test_intervals_cover_as_often_as_they_say(many):
         assert 0.92 <= np.mean(inside) <= 0.98, name
 
 
-def test_the_force_band_covers_at_every_elongation(many):
+def test_the_force_band_covers_at_every_elongation(many: Runs) -> None:
     link, d = lw.bnes_chain(2).link("nes1"), np.linspace(-0.03, 0.03, 13)
     inside = []
     for fit in many.fits:
@@ -119,7 +120,7 @@ def test_the_force_band_covers_at_every_elongation(many):
     assert (share >= 0.92).all() and (share <= 0.98).all()
 
 
-def test_errors_are_as_small_as_information_allows(many):
+def test_errors_are_as_small_as_information_allows(many: Runs) -> None:
     """Mean squared errors of alpha and beta against the bound of segments of 0.25 s with free states."""
     bound = limit(
         lw.bnes_chain(2), unknown=("all",), duration=6.0, rate=1000.0, noise=20.0, segment=0.25,
@@ -131,11 +132,11 @@ def test_errors_are_as_small_as_information_allows(many):
         assert error < 1.25 * bound.coefficient(name).standard_error ** 2
 
 
-def test_a_wrong_noise_model_is_caught_each_time():
+def test_a_wrong_noise_model_is_caught_each_time() -> None:
     asked = lw.bnes_chain(2).unknown("all")
     for seed in range(FIRST, FIRST + 5):
         record = clean(2, "x").with_noise(20.0, seed=seed)
-        half = {name: 0.5 * sigma for name, sigma in record.simulated.noise.items()}
+        half = {name: 0.5 * sigma for name, sigma in present(record.simulated).noise.items()}
         fit = lw.identify(lw.Record(0.0, 1000.0, record.channels, record.values, half), asked)
         assert fit.status == "chi-square off"
         assert all(each.interval is None for link in fit.links for each in link.coefficients)

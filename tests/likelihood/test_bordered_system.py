@@ -33,7 +33,7 @@ def dense(equations: BorderedSystem) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.fixture(params=[1, 2, 7], ids="{} nodes".format)
-def equations(request) -> BorderedSystem:
+def equations(request: pytest.FixtureRequest) -> BorderedSystem:
     """Normal equations J'J of a Jacobian whose rows touch two neighbouring nodes and the border."""
     random, nodes = np.random.default_rng(5), request.param
     size = nodes * M
@@ -56,7 +56,7 @@ def equations(request) -> BorderedSystem:
     )
 
 
-def test_solves_as_a_dense_matrix_does(equations):
+def test_solves_as_a_dense_matrix_does(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
     nodes, border = equations.factor().solve(np.ones(P, bool))
     expected = np.linalg.solve(matrix, gradient)
@@ -65,7 +65,7 @@ def test_solves_as_a_dense_matrix_does(equations):
     assert equations.drop(nodes, border) == pytest.approx(gradient @ expected, rel=1e-8)
 
 
-def test_damping_stands_on_the_diagonal(equations):
+def test_damping_stands_on_the_diagonal(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
     random = np.random.default_rng(6)
     added = random.uniform(1.0, 2.0, len(gradient))
@@ -75,7 +75,7 @@ def test_damping_stands_on_the_diagonal(equations):
     assert np.concatenate([nodes.ravel(), border]) == pytest.approx(expected, rel=1e-8, abs=1e-10)
 
 
-def test_what_is_held_does_not_move(equations):
+def test_what_is_held_does_not_move(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
     free = np.array([True, False, True])
     nodes, border = equations.factor().solve(free)
@@ -89,7 +89,7 @@ def test_what_is_held_does_not_move(equations):
     assert nodes.ravel() == pytest.approx(np.linalg.solve(matrix[:-P, :-P], gradient[:-P]), rel=1e-8)
 
 
-def test_covariance_is_the_corner_of_the_inverse(equations):
+def test_covariance_is_the_corner_of_the_inverse(equations: BorderedSystem) -> None:
     matrix, _ = dense(equations)
     unit = np.array([30.0, 1e6, 0.02])
     scales = Scales(np.ones(1), np.ones(M), unit)
@@ -101,7 +101,7 @@ def test_covariance_is_the_corner_of_the_inverse(equations):
     assert not held[2].any() and not held[:, 2].any()
 
 
-def test_log_determinant_is_that_of_the_whole(equations):
+def test_log_determinant_is_that_of_the_whole(equations: BorderedSystem) -> None:
     matrix, _ = dense(equations)
     factor = equations.factor()
     assert factor.log_determinant(np.ones(P, bool)) == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
@@ -111,7 +111,7 @@ def test_log_determinant_is_that_of_the_whole(equations):
     assert factor.log_determinant(free) == pytest.approx(expected, rel=1e-10)
 
 
-def test_what_is_not_positive_has_no_factor(equations):
+def test_what_is_not_positive_has_no_factor(equations: BorderedSystem) -> None:
     negative = equations.diagonal.copy()
     negative[-1] -= 1e3 * np.eye(M)
     bad = replace(equations, diagonal=negative)
@@ -121,14 +121,14 @@ def test_what_is_not_positive_has_no_factor(equations):
     assert bad.factor(enough) is not None
 
 
-def test_a_border_that_the_nodes_explain_has_no_solution(equations):
+def test_a_border_that_the_nodes_explain_has_no_solution(equations: BorderedSystem) -> None:
     # the corner less what the nodes take from it is negative: nothing determines the border
     bad = replace(equations, corner=equations.corner - 1e4 * np.eye(P))
     assert bad.factor().solve(np.ones(P, bool)) is None
     assert bad.factor().solve(np.zeros(P, bool)) is not None
 
 
-def test_a_border_that_ran_away_has_no_factor(equations):
+def test_a_border_that_ran_away_has_no_factor(equations: BorderedSystem) -> None:
     corner = equations.corner.copy()
     corner[0, 0] = np.inf
     assert replace(equations, corner=corner).factor() is None

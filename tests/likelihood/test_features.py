@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.likelihood.loss import Huber, Student
@@ -46,7 +48,14 @@ def starting(structure: lw.Structure, **starts: float) -> lw.Structure:
     return lw.parse_structure(text)
 
 
-def shaken(structure: lw.Structure, *, sensors=("x",), duration=2.0, rate=1000.0, **drives) -> lw.Record:
+def shaken(
+    structure: lw.Structure,
+    *,
+    sensors: tuple[str, ...] = ("x",),
+    duration: float = 2.0,
+    rate: float = 1000.0,
+    **drives: Any,
+) -> lw.Record:
     return lw.simulate(
         structure,
         duration=duration,
@@ -80,7 +89,7 @@ def chain() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def clean(chain) -> lw.Record:
+def clean(chain: lw.Structure) -> lw.Record:
     return lw.simulate(
         chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a")
     )  # one second of jumps between the wells
@@ -89,7 +98,7 @@ def clean(chain) -> lw.Record:
 # --- laws ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_gap_is_found_with_its_stiffness():
+def test_a_gap_is_found_with_its_stiffness() -> None:
     true = two("k*d + c*v + s*max(d - g, 0)", "k = 500.0, c = 0.5, s = 8000.0, g = 0.004")
     asked = starting(true, k=600.0, c=0.3, s=5000.0, g=0.005)
     fit = lw.identify(shaken(true).with_noise(40.0, seed=1), asked)
@@ -98,7 +107,7 @@ def test_a_gap_is_found_with_its_stiffness():
     assert gap.standard_error < 2e-5  # 20 um in 4 mm
 
 
-def test_friction_is_found_with_the_width_of_its_step():
+def test_friction_is_found_with_the_width_of_its_step() -> None:
     true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
     asked = starting(true, k=600.0, F=2.0, s=0.2)
     fit = lw.identify(shaken(true).with_noise(40.0, seed=2), asked)
@@ -106,7 +115,7 @@ def test_friction_is_found_with_the_width_of_its_step():
     assert fit.coefficient("link.s").standard_error < 0.02
 
 
-def test_a_shared_coefficient_is_one_unknown():
+def test_a_shared_coefficient_is_one_unknown() -> None:
     true = lw.bnes_chain(4)
     text = lw.format_structure(true.unknown("nes"))
     first, second = 'alpha = "unknown"', 'alpha = "=nes1.alpha"'
@@ -122,7 +131,7 @@ def test_a_shared_coefficient_is_one_unknown():
     )  # two sinks tell more of it than the better one
 
 
-def test_a_bound_that_stops_a_coefficient_is_said(chain, clean):
+def test_a_bound_that_stops_a_coefficient_is_said(chain: lw.Structure, clean: lw.Record) -> None:
     text = lw.format_structure(chain.unknown("nes"))
     bounded = lw.parse_structure(
         text.replace('alpha = "unknown"', "alpha = { start = -80.0, lower = -90.0, upper = 0.0 }")
@@ -138,7 +147,7 @@ def test_a_bound_that_stops_a_coefficient_is_said(chain, clean):
     assert np.abs(errors(free, chain)).max() < WITHIN and not free.findings
 
 
-def test_a_mass_is_found_where_a_force_sets_the_scale():
+def test_a_mass_is_found_where_a_force_sets_the_scale() -> None:
     true = two("k*d + c*v", "k = 500.0, c = 0.5")
     record = shaken(true).with_noise(40.0, seed=5)
     assert "force:m1" in record.channels
@@ -150,7 +159,7 @@ def test_a_mass_is_found_where_a_force_sets_the_scale():
 # --- inputs ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_structure_on_a_moving_base():
+def test_a_structure_on_a_moving_base() -> None:
     true = two("k*d + c*v + b*d**3", "k = 500.0, c = 0.5, b = 1e6", ground="base")
     record = shaken(true, base="0.002*sin(55*t) + 0.001*sin(83*t)").with_noise(40.0, seed=6)
     assert record.inputs == ("x:base",)
@@ -164,7 +173,7 @@ def test_a_structure_on_a_moving_base():
 # --- records ---------------------------------------------------------------------------------------------------------
 
 
-def test_gaps_and_single_losses_carry_no_weight(chain, clean):
+def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=7)
     values = record.values.copy()
     values[500:560] = np.nan  # 60 ms of both, five periods of the frame in all
@@ -178,7 +187,7 @@ def test_gaps_and_single_losses_carry_no_weight(chain, clean):
     assert (ratio > 1.0).all() and (ratio < 1.5).all()
 
 
-def test_two_records_tell_more_than_either(chain):
+def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     first = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.5, rate=1000.0).with_noise(30.0, seed=8)
     second = lw.simulate(chain, release={"v:m2": -3.0}, duration=0.8, rate=1500.0).with_noise(30.0, seed=9)
     asked = chain.unknown("all")
@@ -196,7 +205,7 @@ def test_two_records_tell_more_than_either(chain):
 # --- sensors ---------------------------------------------------------------------------------------------------------
 
 
-def test_an_offset_of_a_channel_is_found(chain, clean):
+def test_an_offset_of_a_channel_is_found(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=10)
     values = record.values.copy()
     values[:, 1] += 0.002  # a fifth of the distance to the well
@@ -219,7 +228,9 @@ def test_an_offset_of_a_channel_is_found(chain, clean):
     ],
     ids=" ".join,
 )
-def test_mixed_sensors(chain, clean, channels):
+def test_mixed_sensors(
+    chain: lw.Structure, clean: lw.Record, channels: tuple[str, ...] | tuple[str, str]
+) -> None:
     record = clean.select(channels).with_noise(40.0, seed=11)
     asked = chain.unknown("all")
     starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
@@ -227,10 +238,12 @@ def test_mixed_sensors(chain, clean, channels):
     assert np.abs(errors(fit, chain)).max() < WITHIN
     assert set(fit.noise) == set(channels)
     for name, found in fit.noise.items():
-        assert found.sigma == pytest.approx(record.simulated.noise[name], rel=0.1)  # 5 / sqrt(2 2001)
+        assert found.sigma == pytest.approx(
+            present(record.simulated).noise[name], rel=0.1
+        )  # 5 / sqrt(2 2001)
 
 
-def test_a_second_sensor_on_a_mass_sharpens(chain, clean):
+def test_a_second_sensor_on_a_mass_sharpens(chain: lw.Structure, clean: lw.Record) -> None:
     starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
     one, more = (
         lw.identify(clean.select(names).with_noise(40.0, seed=12), chain.unknown("all"), starts=starts)
@@ -244,14 +257,16 @@ def test_a_second_sensor_on_a_mass_sharpens(chain, clean):
 
 
 @pytest.mark.parametrize("loss", [Huber(), Student()], ids=["Huber", "Student"])
-def test_outliers_bend_the_gaussian_and_not_the_robust(chain, clean, loss):
+def test_outliers_bend_the_gaussian_and_not_the_robust(
+    chain: lw.Structure, clean: lw.Record, loss: Huber | Student
+) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(40.0, seed=13)
     random = np.random.default_rng(2)
     values = record.values.copy()
     bad = random.random(values.shape) < 0.03
-    sigma = np.array([record.simulated.noise[name] for name in record.channels])
+    sigma = np.array([present(record.simulated).noise[name] for name in record.channels])
     values[bad] += (random.uniform(20.0, 60.0, values.shape) * sigma)[bad]  # all to one side
-    spoiled = replace(record, values=values, noise=dict(record.simulated.noise))
+    spoiled = replace(record, values=values, noise=dict(present(record.simulated).noise))
     asked = chain.unknown("all")
     plain, robust = lw.identify(spoiled, asked), lw.identify(spoiled, asked, loss=loss)
     assert not plain.trusted
@@ -263,18 +278,18 @@ def test_outliers_bend_the_gaussian_and_not_the_robust(chain, clean, loss):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_noise_stated_wrong_is_caught(chain, clean, factor):
+def test_noise_stated_wrong_is_caught(chain: lw.Structure, clean: lw.Record, factor: float) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=14)
-    stated = {name: factor * sigma for name, sigma in record.simulated.noise.items()}
+    stated = {name: factor * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = lw.identify(replace(record, noise=stated), chain.unknown("all"))
     assert fit.status == "chi-square off" and "no interval is given" in fit.message
     assert fit.chi_square_per_sample == pytest.approx(1.0 / factor**2, rel=0.1)
     assert fit.coefficient("nes1.alpha").interval is None
-    told = lw.identify(replace(record, noise=dict(record.simulated.noise)), chain.unknown("all"))
+    told = lw.identify(replace(record, noise=dict(present(record.simulated).noise)), chain.unknown("all"))
     assert told.trusted and told.coefficient("nes1.alpha").interval is not None
 
 
-def test_a_wrong_law_is_not_trusted(chain, clean):
+def test_a_wrong_law_is_not_trusted(chain: lw.Structure, clean: lw.Record) -> None:
     straight = lw.parse_structure(
         lw.format_structure(chain).replace("alpha*d + beta*d**3 + c*v", "k*d + c*v").replace(
             "{ alpha = -100.0, beta = 1000000.0, c = 0.02 }", '{ k = "unknown", c = "unknown" }'
@@ -286,7 +301,7 @@ def test_a_wrong_law_is_not_trusted(chain, clean):
     assert "missing" in fit.message
 
 
-def test_a_law_that_is_a_little_wrong_is_trusted_with_wider_intervals():
+def test_a_law_that_is_a_little_wrong_is_trusted_with_wider_intervals() -> None:
     """The true law has a small quintic term more; the intervals count it in and cover the best cubic law."""
     law = "k*d + b*d**3 + c*v"
     true = two(f"{law} + z*d**5", "k = 500.0, b = 1e6, c = 0.5, z = 4e8")
@@ -316,7 +331,9 @@ def test_a_law_that_is_a_little_wrong_is_trusted_with_wider_intervals():
 # --- the search ------------------------------------------------------------------------------------------------------
 
 
-def test_two_runs_are_equal_to_the_last_bit(chain, clean, monkeypatch):
+def test_two_runs_are_equal_to_the_last_bit(
+    chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=16)
     first, second = (lw.identify(record, chain.unknown("all")) for _ in range(2))
     assert np.array_equal(first.values, second.values)
@@ -326,11 +343,11 @@ def test_two_runs_are_equal_to_the_last_bit(chain, clean, monkeypatch):
     assert np.array_equal(first.values, alone.values)
 
 
-def test_an_interrupt_returns_the_best_so_far(chain, clean):
+def test_an_interrupt_returns_the_best_so_far(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=17)
     seen = []
 
-    def stop(progress):
+    def stop(progress: Any) -> None:
         seen.append(progress)
         if len(seen) == 2:
             raise KeyboardInterrupt
@@ -342,7 +359,9 @@ def test_an_interrupt_returns_the_best_so_far(chain, clean):
     assert fit.coefficient("nes1.alpha").value == pytest.approx(-100.0, rel=0.2)
 
 
-def test_steps_that_run_out_give_no_interval(chain, clean, monkeypatch):
+def test_steps_that_run_out_give_no_interval(
+    chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
     module = __import__("linkwise.likelihood.fit", fromlist=["Schedule"])
     monkeypatch.setattr(module, "_NEAR", replace(module._NEAR, steps=2))
     monkeypatch.setattr(module, "with_model_error", lambda *_: None)  # which would look for a looser fit
@@ -352,7 +371,7 @@ def test_steps_that_run_out_give_no_interval(chain, clean, monkeypatch):
     assert not fit.trusted
 
 
-def test_progress_tells_every_step(chain, clean):
+def test_progress_tells_every_step(chain: lw.Structure, clean: lw.Record) -> None:
     seen = []
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=19)
     lw.identify(record, chain.unknown("all"), progress=seen.append)
@@ -361,14 +380,14 @@ def test_progress_tells_every_step(chain, clean):
     assert seen[-1].data_per_sample == pytest.approx(1.0, abs=0.1)
 
 
-def test_without_any_start_it_says_which_is_missing():
+def test_without_any_start_it_says_which_is_missing() -> None:
     true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
     record = shaken(true, sensors=("v:m1",)).with_noise(40.0, seed=20)
     with pytest.raises(lw.IdentificationError, match=r"needs a start for .*link\.s.*start = "):
         lw.identify(record, true.unknown("link"))
 
 
-def test_options_of_ml_are_refused_elsewhere(chain, clean):
+def test_options_of_ml_are_refused_elsewhere(chain: lw.Structure, clean: lw.Record) -> None:
     with pytest.raises(lw.IdentificationError, match='are for method "ml", not for "weak"'):
         lw.identify(clean, chain.unknown("nes"), method="weak", offsets=["x:m2"])
     with pytest.raises(lw.IdentificationError, match="there is no record"):

@@ -26,11 +26,13 @@ def three() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def asked(three) -> lw.Structure:
+def asked(three: lw.Structure) -> lw.Structure:
     return three.unknown("all", "mass:m2", "mass:m3")
 
 
-def driven(structure: lw.Structure, sensors=("x", "v", "a"), duration: float = 0.4) -> lw.Record:
+def driven(
+    structure: lw.Structure, sensors: tuple[str, ...] = ("x", "v", "a"), duration: float = 0.4
+) -> lw.Record:
     return lw.simulate(
         structure, duration=duration, rate=RATE, sensors=sensors,
         release={"v:m1": 1.0, "x:m3": 0.005}, forces={"m2": FORCE}, base=BASE,
@@ -53,7 +55,7 @@ def states(record: lw.Record, every: int) -> np.ndarray:
     return np.stack([motion.displacement[::every].T, motion.velocity[::every].T])
 
 
-def test_the_tableau_sums_what_every_method_of_its_kind_must():
+def test_the_tableau_sums_what_every_method_of_its_kind_must() -> None:
     # x'' = 1 from rest, for one step of length 1: displacement 1/2, velocity 1; a stage at t has moved by t^2/2
     assert CLOSING.sum(axis=1) == pytest.approx([0.5, 1.0], abs=1e-12)
     assert TANGENT_CLOSING.sum(axis=1) == pytest.approx([0.5, 1.0], abs=1e-6)  # single precision
@@ -63,7 +65,7 @@ def test_the_tableau_sums_what_every_method_of_its_kind_must():
     assert STAGE_ROWS[bends, 0, 2:].sum(axis=1) == pytest.approx(time[bends] ** 2 / 2, abs=1e-12)
 
 
-def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three):
+def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three: lw.Structure) -> None:
     record = driven(three)
     start = states(record, 5)
     time = record.time[::5][:-1]
@@ -80,7 +82,7 @@ def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three):
         assert np.abs(orbit.accelerations[j] - seen).max() < 1e-5 * np.abs(seen).max()
 
 
-def test_the_flow_has_order_eight(three):
+def test_the_flow_has_order_eight(three: lw.Structure) -> None:
     system = System.of(three).at(np.zeros(0))
     record = driven(three, duration=0.2)
     true, time = states(record, 5), record.time[::5][:-1]
@@ -99,7 +101,7 @@ def test_the_flow_has_order_eight(three):
     assert errors[0] < 1e-6 and errors[-1] < 1e-11
 
 
-def test_middles_are_what_twice_as_many_steps_find(three):
+def test_middles_are_what_twice_as_many_steps_find(three: lw.Structure) -> None:
     system = System.of(three).at(np.zeros(0))
     start = states(driven(three, duration=0.1), 20)[..., :-1]
     time = np.arange(start.shape[-1]) * 0.02
@@ -113,7 +115,7 @@ def test_middles_are_what_twice_as_many_steps_find(three):
     assert fine.thinned(1) is fine
 
 
-def test_inputs_between_samples_are_band_limited(three):
+def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
     record = driven(three)
     found = flow_inputs([record], three, [81], samples=5, refine=2)
     exact = exact_inputs(np.arange(81) * 5e-3, 5e-4, 10)
@@ -126,7 +128,7 @@ def test_inputs_between_samples_are_band_limited(three):
     assert not found.force[:, :, [0, 2]].any()
 
 
-def test_records_are_cut_into_segments_with_their_own_steps(three):
+def test_records_are_cut_into_segments_with_their_own_steps(three: lw.Structure) -> None:
     slow = lw.simulate(
         three, duration=0.2, rate=500.0, sensors=("x",), release={"v:m1": 1.0}, forces={"m2": FORCE},
         base=BASE,
@@ -142,7 +144,7 @@ def test_records_are_cut_into_segments_with_their_own_steps(three):
 
 
 @pytest.mark.parametrize("refine", [1, 4])
-def test_tangents_are_the_flows_differences(three, asked, refine):
+def test_tangents_are_the_flows_differences(three: lw.Structure, asked: lw.Structure, refine: int) -> None:
     """By every state, coefficient (one shared, one nonlinear) and unknown mass, with inputs."""
     system, theta = System.of(asked), truth(three, asked)
     record = driven(three, duration=0.1)
@@ -179,7 +181,7 @@ def test_tangents_are_the_flows_differences(three, asked, refine):
             assert np.abs(ours[..., column, :] - difference).max() < limit * size, column
 
 
-def test_tangents_have_their_declared_order(three, asked):
+def test_tangents_have_their_declared_order(three: lw.Structure, asked: lw.Structure) -> None:
     system, theta = System.of(asked), truth(three, asked)
     record = driven(three, duration=0.1)
     start = states(record, 5)[..., :-1]
@@ -200,13 +202,13 @@ def test_tangents_have_their_declared_order(three, asked):
     assert np.log2(errors[1] / errors[2]) > 2.5  # single precision begins to show
 
 
-def test_a_base_without_record_is_refused(three):
+def test_a_base_without_record_is_refused(three: lw.Structure) -> None:
     record = driven(three, sensors=("x",)).select(["x:m1", "x:m2", "x:m3", "force:m2"])
     with pytest.raises(lw.IdentificationError, match="give a channel x:base"):
         cut_segments([record], three, System.of(three), samples=5, refine=1, offsets=())
 
 
-def test_a_gap_in_an_input_is_refused(three):
+def test_a_gap_in_an_input_is_refused(three: lw.Structure) -> None:
     record = driven(three, sensors=("x",))
     values = record.values.copy()
     values[50, list(record.channels).index("force:m2")] = np.nan
@@ -215,7 +217,7 @@ def test_a_gap_in_an_input_is_refused(three):
         cut_segments([gappy], three, System.of(three), samples=5, refine=1, offsets=())
 
 
-def test_records_of_other_channels_are_refused(three):
+def test_records_of_other_channels_are_refused(three: lw.Structure) -> None:
     record = driven(three, sensors=("x",))
     other = record.select(["x:m1", "x:m2", "force:m2", "x:base"])
     with pytest.raises(lw.IdentificationError, match=r"same channels in the same order.*record\.select"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,7 +116,7 @@ def test_ends_at_a_bound(fit: lw.Estimate, record: lw.Record) -> None:
     ],
 )
 def test_no_interval_where_none_can_be(
-    fit: lw.Estimate, change: dict[str, object], name: str, message: str
+    fit: lw.Estimate, change: dict[str, Any], name: str, message: str
 ) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
         lw.profile_interval(replace(fit, **change), name)

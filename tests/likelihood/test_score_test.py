@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,7 +123,7 @@ def apart(found: LocalQuadratic, expected: LocalQuadratic) -> tuple[float, float
     return float(np.abs(curved).max()), float(np.abs((found.slope - expected.slope) / unit).max() / reach)
 
 
-def chain_record(seed: int, **more) -> lw.Record:
+def chain_record(seed: int, **more: Any) -> lw.Record:
     return lw.simulate(
         lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0, **more
     ).with_noise(30.0, seed=seed)  # fmt: skip
@@ -165,7 +166,9 @@ def stiff() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
 
 
 @pytest.mark.parametrize("case", ["free", "calibrated", "based", "stiff"])
-def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(case: str, request: pytest.FixtureRequest):
+def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(
+    case: str, request: pytest.FixtureRequest
+) -> None:
     true, records, options = request.getfixturevalue(case)
     more = (Missing((1, -2), "d"), Missing((2, -2), "v"), Missing((2, 1), "v")) if case == "based" else ()
     missing = (*PAIRS, *more)
@@ -181,7 +184,7 @@ def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(case: str, req
     assert max(apart(wrong, expected)) > SAME
 
 
-def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it():
+def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it() -> None:
     """A weak k2 in the sink that the fit lacks, and the parabola foresees the fit that has it."""
     chain = lw.bnes_chain(2)
     text = (
@@ -211,7 +214,7 @@ def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it
 
 
 @pytest.mark.parametrize("row", [0, 1], ids=["x", "v"])
-def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int):
+def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int) -> None:
     """x and v there, of a motion that is known, at steps of one half: errors fall by 2^6 and more."""
 
     def error(steps: int) -> float:
@@ -233,7 +236,9 @@ def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int):
     assert np.all(np.abs(np.array(orders) - 6.0) < 0.2), orders
 
 
-def test_masses_at_rest_and_no_forces_do_no_harm(free):
+def test_masses_at_rest_and_no_forces_do_no_harm(
+    free: tuple[lw.Structure, list[lw.Record], LikelihoodOptions],
+) -> None:
     """A force that never acts (the contact of a gap that never closes) has no curvature; no force leaves the fit's own."""
     true, records, options = free
     fit, _ = fitted(true, records, options)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 from problems import THREE, truth
 
 import linkwise as lw
@@ -29,12 +30,12 @@ def three() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def asked(three) -> lw.Structure:
+def asked(three: lw.Structure) -> lw.Structure:
     return three.unknown("all", "mass:m2", "mass:m3")
 
 
 @pytest.fixture(scope="module")
-def records(three) -> list[lw.Record]:
+def records(three: lw.Structure) -> list[lw.Record]:
     """Two, of different rates; every kind of sensor, force and base motion, a gap in one channel."""
 
     def one(rate: float, samples: int, release: dict[str, float]) -> lw.Record:
@@ -51,12 +52,12 @@ def records(three) -> list[lw.Record]:
 
 
 @pytest.fixture(scope="module")
-def segments(records, asked) -> Segments:
+def segments(records: list[lw.Record], asked: lw.Structure) -> Segments:
     return cut_segments(records, asked, System.of(asked), samples=5, refine=4, offsets=OFFSETS)
 
 
 @pytest.fixture(scope="module")
-def scales(three, asked, segments) -> Scales:
+def scales(three: lw.Structure, asked: lw.Structure, segments: Segments) -> Scales:
     sigma = np.array([1e-4, 0.05, 5.0, 1e-4, 5.0])
     return Scales(
         sigma, np.repeat([1e-4, 0.05], 3), np.concatenate([np.abs(truth(three, asked)), sigma[[1, 4]]])
@@ -64,11 +65,12 @@ def scales(three, asked, segments) -> Scales:
 
 
 @pytest.fixture(scope="module")
-def point(three, asked, segments, records) -> Iterate:
+def point(three: lw.Structure, asked: lw.Structure, segments: Segments, records: list[lw.Record]) -> Iterate:
     """Away from the truth by some deviations in every unknown."""
     random = np.random.default_rng(3)
     true = [
-        np.stack([each.simulated.displacement[::5].T, each.simulated.velocity[::5].T]) for each in records
+        np.stack([present(each.simulated).displacement[::5].T, present(each.simulated).velocity[::5].T])
+        for each in records
     ]
     at = np.concatenate(true, axis=2)
     at = at + random.normal(size=at.shape) * np.array([3e-4, 0.1])[:, None, None]
@@ -91,7 +93,9 @@ def moved(point: Iterate, scales: Scales, step: np.ndarray) -> Iterate:
 
 @pytest.mark.parametrize("q", [1.0, 1e-3])
 @pytest.mark.parametrize("loss", [Gaussian(), Huber(), Student()], ids=lambda loss: type(loss).__name__)
-def test_the_gradient_is_the_costs_difference(segments, scales, point, loss: Loss, q: float):
+def test_the_gradient_is_the_costs_difference(
+    segments: Segments, scales: Scales, point: Iterate, loss: Loss, q: float
+) -> None:
     misfit = evaluate(segments, point, scales, loss)
     equations = linearise(segments, misfit, scales, loss).equations(q)
     found = gradient(equations)
@@ -115,7 +119,7 @@ def test_the_gradient_is_the_costs_difference(segments, scales, point, loss: Los
     assert np.abs((found - expected) / largest)[some].max() < 2e-4
 
 
-def test_curvature_is_that_of_the_residuals(segments, scales, point):
+def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, point: Iterate) -> None:
     """J'J against differences of the residuals and defects themselves."""
     loss, q = Gaussian(), 0.1
     misfit = evaluate(segments, point, scales, loss)
@@ -153,7 +157,9 @@ def test_curvature_is_that_of_the_residuals(segments, scales, point):
     close(equations.corner, border, border)
 
 
-def test_missing_samples_carry_no_residual(segments, scales, point, records, asked):
+def test_missing_samples_carry_no_residual(
+    segments: Segments, scales: Scales, point: Iterate, records: list[lw.Record], asked: lw.Structure
+) -> None:
     misfit = evaluate(segments, point, scales, Gaussian())
     assert segments.seen.sum() == 5 * (5 * (FIRST + SECOND) - 2) - 7
     assert not misfit.residuals[~segments.seen].any()
@@ -166,7 +172,7 @@ def test_missing_samples_carry_no_residual(segments, scales, point, records, ask
     assert np.array_equal(a.diagonal, b.diagonal) and np.array_equal(a.corner, b.corner)
 
 
-def test_records_are_not_linked_to_each_other(segments, scales, point):
+def test_records_are_not_linked_to_each_other(segments: Segments, scales: Scales, point: Iterate) -> None:
     misfit = evaluate(segments, point, scales, Gaussian())
     assert not misfit.defects[..., FIRST - 1].any()
     others = np.delete(np.arange(segments.count - 1), FIRST - 1)
@@ -181,7 +187,7 @@ def test_records_are_not_linked_to_each_other(segments, scales, point):
     assert np.array_equal(away.defects[..., : FIRST - 1], misfit.defects[..., : FIRST - 1])
 
 
-def test_an_offset_moves_its_channel_and_no_other(segments, scales, point):
+def test_an_offset_moves_its_channel_and_no_other(segments: Segments, scales: Scales, point: Iterate) -> None:
     misfit = evaluate(segments, point, scales, Gaussian())
     moved = evaluate(
         segments, replace(point, offsets=point.offsets + np.array([0.5, 0.0])), scales, Gaussian()
@@ -191,9 +197,12 @@ def test_an_offset_moves_its_channel_and_no_other(segments, scales, point):
     assert not np.delete(change, 1, axis=1).any()
 
 
-def test_the_truth_leaves_nothing(three, asked, segments, scales, records):
+def test_the_truth_leaves_nothing(
+    three: lw.Structure, asked: lw.Structure, segments: Segments, scales: Scales, records: list[lw.Record]
+) -> None:
     true = [
-        np.stack([each.simulated.displacement[::5].T, each.simulated.velocity[::5].T]) for each in records
+        np.stack([present(each.simulated).displacement[::5].T, present(each.simulated).velocity[::5].T])
+        for each in records
     ]
     misfit = evaluate(
         segments, Iterate(np.concatenate(true, axis=2), truth(three, asked), np.zeros(2)), scales, Gaussian()
@@ -205,7 +214,9 @@ def test_the_truth_leaves_nothing(three, asked, segments, scales, records):
     assert np.abs(misfit.residuals).max() < 1.0
 
 
-def test_sums_do_not_depend_on_chunks_and_threads(segments, scales, point, monkeypatch):
+def test_sums_do_not_depend_on_chunks_and_threads(
+    segments: Segments, scales: Scales, point: Iterate, monkeypatch: pytest.MonkeyPatch
+) -> None:
     misfit = evaluate(segments, point, scales, Gaussian())
     whole = linearise(segments, misfit, scales, Gaussian()).equations(0.1)
     monkeypatch.setattr(module, "CHUNK", 1)
@@ -219,7 +230,9 @@ def test_sums_do_not_depend_on_chunks_and_threads(segments, scales, point, monke
         assert np.array_equal(getattr(side, name), getattr(parts, name))
 
 
-def test_more_steps_a_sample_change_the_flow_only(segments, scales, point, records, asked):
+def test_more_steps_a_sample_change_the_flow_only(
+    segments: Segments, scales: Scales, point: Iterate, records: list[lw.Record], asked: lw.Structure
+) -> None:
     coarse = cut_segments(records, asked, segments.system, samples=5, refine=1, offsets=OFFSETS)
     fine = refined(coarse, 4, segments.inputs)
     assert fine.step == pytest.approx(segments.step, rel=1e-12) and fine.steps == segments.steps
@@ -227,11 +240,11 @@ def test_more_steps_a_sample_change_the_flow_only(segments, scales, point, recor
     assert np.array_equal(ours, theirs)
 
 
-def test_nodes_start_where_the_sensors_say(three):
+def test_nodes_start_where_the_sensors_say(three: lw.Structure) -> None:
     record = lw.simulate(
         lw.bnes_chain(2), duration=2.0, rate=1000.0, release={"v:m1": 1.0}, sensors=("x",)
     ).with_noise(40.0, seed=1)
-    sigma = dict(record.simulated.noise)
+    sigma = dict(present(record.simulated).noise)
     found = start_states(record, lw.bnes_chain(2), sigma, 5)
     at = segment_nodes([found], 5)
     assert at.shape == (2, 2, 401)
@@ -244,7 +257,7 @@ def test_nodes_start_where_the_sensors_say(three):
     assert found.scale[:2] == pytest.approx([sigma["x:m1"], sigma["x:m2"]])
 
 
-def test_losses_cost_what_their_densities_say():
+def test_losses_cost_what_their_densities_say() -> None:
     r = np.linspace(-6.0, 6.0, 25)
     for loss in (Gaussian(), Huber(1.5), Student(4.0)):
         eps = 1e-6

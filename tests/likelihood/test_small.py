@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 from scipy.integrate import solve_ivp
 from scipy.optimize import OptimizeResult, least_squares
 
@@ -22,11 +23,11 @@ def record() -> lw.Record:
     """0.2 s, over which the chain is not chaotic; its noise is known."""
     clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
     noisy = clean.with_noise(40.0, seed=7)
-    return replace(noisy, noise=dict(noisy.simulated.noise))
+    return replace(noisy, noise=dict(present(noisy.simulated).noise))
 
 
 @pytest.fixture(scope="module")
-def slow(record) -> OptimizeResult:
+def slow(record: lw.Record) -> OptimizeResult:
     """Unknowns: the first state (4,) and theta (5,); written out by hand, nothing of linkwise in it."""
     x = np.stack([record.channel("x:m1"), record.channel("x:m2")])
     sigma = np.array([[record.noise["x:m1"]], [record.noise["x:m2"]]])
@@ -58,11 +59,11 @@ def fitted(record: lw.Record, structure: lw.Structure, start: np.ndarray) -> Lik
 
 
 @pytest.fixture(scope="module")
-def ours(record) -> LikelihoodFit:
+def ours(record: lw.Record) -> LikelihoodFit:
     return fitted(record, lw.bnes_chain(2).unknown("all"), START)
 
 
-def test_the_optimum_is_the_same(ours, slow):
+def test_the_optimum_is_the_same(ours: LikelihoodFit, slow: OptimizeResult) -> None:
     assert ours.status.value == "converged"
     error = np.sqrt(np.diag(slow.covariance))
     # the search ends with less than 0.02 of the cost to gain, sqrt(0.02) standard errors along the worst direction
@@ -70,20 +71,20 @@ def test_the_optimum_is_the_same(ours, slow):
     assert ours.misfit.data == pytest.approx(slow.cost, abs=0.02)
 
 
-def test_the_covariance_is_the_same(ours, slow):
+def test_the_covariance_is_the_same(ours: LikelihoodFit, slow: OptimizeResult) -> None:
     error = np.sqrt(np.diag(slow.covariance))
     scaled = (ours.covariance - slow.covariance) / np.outer(error, error)
     assert np.abs(scaled).max() < 0.02  # tangents of order 4 in steps of a sample
 
 
-def test_started_at_the_slow_optimum_it_stays_there(record, slow):
+def test_started_at_the_slow_optimum_it_stays_there(record: lw.Record, slow: OptimizeResult) -> None:
     again = fitted(record, lw.bnes_chain(2).unknown("all"), slow.theta)
     error = np.sqrt(np.diag(slow.covariance))
     assert np.abs((again.values - slow.theta) / error).max() < 0.14
 
 
 @pytest.mark.parametrize("name", ["nes1.alpha", "spring1.k"])
-def test_the_curvature_is_the_profiles(record, ours, name):
+def test_the_curvature_is_the_profiles(record: lw.Record, ours: LikelihoodFit, name: str) -> None:
     """Held one standard error away on either side, the cost of the best others rises by one."""
     number = NAMES.index(name)
     error = np.sqrt(ours.covariance[number, number])
@@ -98,13 +99,13 @@ def test_the_curvature_is_the_profiles(record, ours, name):
     assert np.mean(rises) == pytest.approx(1.0, abs=0.1)
 
 
-def test_the_covariance_is_that_of_many_noises(slow):
+def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
     """Standard errors by the slow way against the scatter of the fast way over 60 noises."""
     clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
     found = []
     for seed in range(60):
         noisy = clean.with_noise(40.0, seed=seed)
-        noisy = replace(noisy, noise=dict(noisy.simulated.noise))
+        noisy = replace(noisy, noise=dict(present(noisy.simulated).noise))
         found.append(fitted(noisy, lw.bnes_chain(2).unknown("all"), TRUE).values)
     z = (np.stack(found) - TRUE) / np.sqrt(np.diag(slow.covariance))
     # a variance over 60 scatters by sqrt(2/60) = 0.18: 3 deviations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,25 +14,32 @@ from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
 FREQUENCY = 7.0
 
 
-def wave(rate, *, order=5, band_limited=False, frequency=FREQUENCY, count=None):
+def wave(
+    rate: float,
+    *,
+    order: int = 5,
+    band_limited: bool = False,
+    frequency: float = FREQUENCY,
+    count: int | None = None,
+) -> Sampled:
     time = np.arange(count or int(2 * rate) + 1) / rate
     return Sampled(0.0, rate, np.sin(2 * np.pi * frequency * time), order, band_limited)
 
 
-def error(sampled, frequency=FREQUENCY):
+def error(sampled: Sampled, frequency: float = FREQUENCY) -> float:
     """Largest error away from the ends, where a spline has neighbours on both sides."""
     time = np.linspace(0.6, 1.4, 5001)
     return np.abs(sampled.value(time) - np.sin(2 * np.pi * frequency * time)).max()
 
 
-def test_a_time_function_has_values_and_a_derivative():
+def test_a_time_function_has_values_and_a_derivative() -> None:
     function = TimeFunction("2*sin(3*t) + t**2")
     time = np.linspace(0.0, 2.0, 7)
     assert function.value(time) == pytest.approx(2 * np.sin(3 * time) + time**2, rel=1e-12)
     assert function.derivative(time) == pytest.approx(6 * np.cos(3 * time) + 2 * time, rel=1e-12)
 
 
-def test_a_time_function_knows_only_t():
+def test_a_time_function_knows_only_t() -> None:
     with pytest.raises(LawError) as caught:
         TimeFunction("A*sin(3*t)")
     assert str(caught.value) == (
@@ -40,13 +48,13 @@ def test_a_time_function_knows_only_t():
 
 
 @pytest.mark.parametrize("order", [1, 3, 5, 7])
-def test_the_error_of_a_spline_has_the_stated_order(order):
+def test_the_error_of_a_spline_has_the_stated_order(order: int) -> None:
     coarse, fine = error(wave(100.0, order=order)), error(wave(200.0, order=order))
     assert np.log2(coarse / fine) == pytest.approx(order + 1, abs=0.5)
 
 
 @pytest.mark.parametrize("order", [0, 1, 3, 5, 7])
-def test_pieces_are_the_interpolant(order):
+def test_pieces_are_the_interpolant(order: int) -> None:
     sampled = wave(100.0, order=order)
     edges, coefficients = sampled.pieces
     time = np.linspace(0.0, 2.0, 777)[1:-1] + 1e-5
@@ -56,14 +64,14 @@ def test_pieces_are_the_interpolant(order):
     assert edges[0] == sampled.start and edges[-1] == sampled.end
 
 
-def test_a_spline_passes_through_its_samples_and_order_0_holds_them():
+def test_a_spline_passes_through_its_samples_and_order_0_holds_them() -> None:
     sampled, held = wave(100.0), wave(100.0, order=0)
     time = np.arange(201) / 100.0
     assert sampled.value(time) == pytest.approx(sampled.values, abs=1e-12)
     assert held.value(time[:-1] + 0.009) == pytest.approx(held.values[:-1], abs=1e-12)
 
 
-def test_derivative_and_integral_are_those_of_the_interpolant():
+def test_derivative_and_integral_are_those_of_the_interpolant() -> None:
     sampled = wave(1000.0)
     time = np.linspace(0.6, 1.4, 11)
     omega = 2 * np.pi * FREQUENCY
@@ -72,7 +80,7 @@ def test_derivative_and_integral_are_those_of_the_interpolant():
     assert sampled.integral(time) == pytest.approx((1 - np.cos(omega * time)) / omega, abs=1e-9)
 
 
-def test_band_limited_samples_reach_close_to_half_the_rate():
+def test_band_limited_samples_reach_close_to_half_the_rate() -> None:
     """At 0.3 of the rate the quintic through the samples is off by 1 %, the band-limited signal by 1e-5."""
     plain, limited = (wave(100.0, frequency=30.0, band_limited=b) for b in (False, True))
     assert error(plain, 30.0) > 5e-3
@@ -81,7 +89,7 @@ def test_band_limited_samples_reach_close_to_half_the_rate():
     assert limited.value(time) == pytest.approx(limited.values, abs=1e-12)
 
 
-def test_band_limited_samples_need_not_be_many():
+def test_band_limited_samples_need_not_be_many() -> None:
     few = Sampled(0.0, 10.0, np.arange(7.0), band_limited=True)
     assert few.value([0.25, 0.31]) == pytest.approx([2.5, 3.1], abs=1e-2)  # a sinc cut off at 6 samples
 
@@ -113,13 +121,13 @@ def test_band_limited_samples_need_not_be_many():
         (lambda: Excitation.of(base=True), "the motion of the base is given as bool"),
     ],
 )
-def test_what_cannot_be_is_refused(make, message):
+def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:
     with pytest.raises(SimulationError) as caught:
         make()
     assert message in str(caught.value)
 
 
-def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle():
+def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle() -> None:
     sampled = wave(100.0)
     given = Excitation.of(
         {"v:m1": 1}, [Impulse("m1", 1.0, 2.0), Impulse("m2", 1.0)], {"m1": "sin(t)", "m2": 3}, sampled

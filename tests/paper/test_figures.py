@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,18 +58,20 @@ def worst_departure(figure: Figure, file: Path) -> float:
 
 
 @pytest.mark.parametrize(("masses", "figure"), [(2, figures_2_to_5.figure_2), (8, figures_2_to_5.figure_4)])
-def test_every_curve_is_the_reference_for_as_long_as_it_can_be_told(masses, figure, shared_reference):
+def test_every_curve_is_the_reference_for_as_long_as_it_can_be_told(
+    masses: int, figure: Callable[[], Figure], shared_reference: Path
+) -> None:
     """1e-6 is what double precision has departed by at the end of the files."""
     assert worst_departure(figure(), shared_reference / f"bnes_{masses}.csv") < 1e-6
 
 
-def test_the_reference_would_tell_another_curve(shared_reference):
+def test_the_reference_would_tell_another_curve(shared_reference: Path) -> None:
     chain = lw.bnes_chain(2, beta=1.0001e6)
     figure = responses_figure(motion_after(chain, {"v:m1": 1.0}, duration=1.0, rate=1000.0))
     assert worst_departure(figure, shared_reference / "bnes_2.csv") > 1e-6
 
 
-def test_past_the_horizon_a_curve_is_marked_as_one_of_many():
+def test_past_the_horizon_a_curve_is_marked_as_one_of_many() -> None:
     figure = figures_2_to_5.figure_4()
     horizon = lw.simulate(
         lw.bnes_chain(8), release={"v:m1": 3.0}, duration=6.0, rate=1000.0
@@ -82,13 +85,13 @@ def test_past_the_horizon_a_curve_is_marked_as_one_of_many():
         assert edge.get_xdata()[0] == horizon
 
 
-def test_a_predictable_chain_is_not_marked():
+def test_a_predictable_chain_is_not_marked() -> None:
     figure = figures_2_to_5.figure_2()
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["a  primary mass m1", "b  sink m2"]
     assert figure.get_suptitle() == "" and figure.legends == []
 
 
-def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it():
+def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
     """Neighbours start 1e-12 apart, a thousand times more than rounding, so they part a little earlier."""
     motion = figures_2_to_5.chain_motion(8)
     spread = (motion.greatest - motion.least).max(axis=1) / np.abs(motion.record.values).max()
@@ -102,7 +105,9 @@ def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it():
     ("figure", "masses"),
     [(figures_2_to_5.figure_3, ["m1"]), (figures_2_to_5.figure_5, ["m1", "m3", "m5", "m7"])],
 )
-def test_primary_masses_are_shown_with_and_without_sinks(figure, masses):
+def test_primary_masses_are_shown_with_and_without_sinks(
+    figure: Callable[[], Figure], masses: list[str]
+) -> None:
     panels = titled(figure())
     assert list(panels) == masses
     bare = [np.mean(curve(axes, "without sinks")[1] ** 2) for axes in panels.values()]
@@ -111,20 +116,20 @@ def test_primary_masses_are_shown_with_and_without_sinks(figure, masses):
     assert sum(absorbed) < sum(bare)
 
 
-def test_the_bare_primary_mass_decays_as_a_linear_oscillator():
+def test_the_bare_primary_mass_decays_as_a_linear_oscillator() -> None:
     """Fig. 3: x = v0/w exp(-ct/2m) sin(wt), w^2 = k/m - (c/2m)^2."""
     time, bare = curve(figures_2_to_5.figure_3().axes[0], "without sinks")
     w = np.sqrt(30000.0 - 0.25)
     np.testing.assert_allclose(bare, np.exp(-0.5 * time) * np.sin(w * time) / w, atol=1e-12)
 
 
-def test_figures_are_written_as_png_and_svg(tmp_path: Path):
+def test_figures_are_written_as_png_and_svg(tmp_path: Path) -> None:
     png, svg = save(figures_2_to_5.figure_3(), tmp_path / "figure_3")
     assert png.read_bytes()[:4] == b"\x89PNG" and "<svg" in svg.read_text()
     assert svg.stat().st_size < 500_000
 
 
-def test_the_printed_numbers_are_those_of_the_paper():
+def test_the_printed_numbers_are_those_of_the_paper() -> None:
     paper = Path(__file__).resolve().parents[3] / "shared" / "paper.md"
     if not paper.is_file():
         pytest.skip("no ../shared/paper.md beside the checkout")
@@ -175,7 +180,9 @@ def test_figure_9_has_the_paper_beside_ours(told: StudyReport) -> None:
 
 
 @pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])
-def test_forces_stand_beside_the_theory(told: StudyReport, draw, shown) -> None:
+def test_forces_stand_beside_the_theory(
+    told: StudyReport, draw: Callable[..., Figure], shown: list[float]
+) -> None:
     """The made-up coefficients are all off by one factor, so the error is that factor's wherever the force is largest."""
     forces, errors = draw(told.study, told.table, told.paper, BEST).axes
     labels = [line.get_label() for line in forces.lines]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import linkwise as lw
 from linkwise.plot.absorption import crossings_figure, decay_figure, energy_figure
@@ -17,7 +18,7 @@ def eight() -> lw.Absorption:
     )
 
 
-def labels(figure: object) -> list[str]:
+def labels(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 

@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def found(chain: lw.Structure) -> lw.Discovery:
     return lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
 
 
-def in_doubt(found: lw.Discovery, name: str, **changes: object) -> lw.Discovery:
+def in_doubt(found: lw.Discovery, name: str, **changes: Any) -> lw.Discovery:
     """The same with one decision that is hardly one."""
     terms = tuple(replace(t, margin=1.5, **changes) if t.name == name else t for t in found.terms)
     return replace(found, terms=terms)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 from linkwise.records.decimation import ATTENUATION, PASSBAND, lowpass
@@ -18,7 +22,7 @@ RATE = 1000.0
 
 
 @pytest.fixture
-def wave():
+def wave() -> dict[str, Floats]:
     t = np.arange(N) / RATE
     return {
         "x:m1": np.sin(40.0 * t),
@@ -29,11 +33,11 @@ def wave():
 
 
 @pytest.fixture
-def record(wave):
+def record(wave: dict[str, Floats]) -> Record:
     return Record(0.0, RATE, tuple(wave), np.column_stack(list(wave.values())))
 
 
-def truth(n):
+def truth(n: int) -> SimulationTruth:
     ramp = np.arange(float(n))
     return SimulationTruth(
         structure=SimpleNamespace(name="any"),
@@ -44,7 +48,7 @@ def truth(n):
     )
 
 
-def test_a_record_knows_its_shape_and_its_kinds(record):
+def test_a_record_knows_its_shape_and_its_kinds(record: Record) -> None:
     assert len(record) == N
     assert record.step == 1e-3
     assert record.duration == (N - 1) / RATE
@@ -56,7 +60,7 @@ def test_a_record_knows_its_shape_and_its_kinds(record):
     assert repr(record) == "Record of 400 samples at 1000 Hz, 0 to 0.399 s: x:m1, a:m2, force:m1, x:base"
 
 
-def test_a_record_cannot_be_changed(record, wave):
+def test_a_record_cannot_be_changed(record: Record, wave: dict[str, Floats]) -> None:
     values = np.column_stack(list(wave.values()))
     kept = Record(0.0, RATE, tuple(wave), values)
     values[0, 0] = 7.0
@@ -78,7 +82,7 @@ def test_a_record_cannot_be_changed(record, wave):
         ("x:m1[mm]", "'m1[mm]' cannot be the name of a mass"),
     ],
 )
-def test_what_is_no_channel_is_refused(name, message):
+def test_what_is_no_channel_is_refused(name: str, message: str) -> None:
     with pytest.raises(RecordError) as caught:
         Channel.parse(name)
     assert message in str(caught.value)
@@ -101,21 +105,21 @@ def test_what_is_no_channel_is_refused(name, message):
         ({"values": np.array([[0.0, 1.0], [0.0, -np.inf]])}, "channel x:m2: the value at 0.1 s is infinite"),
     ],
 )
-def test_what_is_no_record_is_refused(change, message):
+def test_what_is_no_record_is_refused(change: dict[str, Any], message: str) -> None:
     given = {"start": 0.0, "rate": 10.0, "channels": ("x:m1", "x:m2"), "values": np.zeros((5, 2)), **change}
     with pytest.raises(RecordError) as caught:
         Record(**given)
     assert message in str(caught.value)
 
 
-def test_an_unknown_channel_lists_what_there_is(record):
+def test_an_unknown_channel_lists_what_there_is(record: Record) -> None:
     with pytest.raises(
         RecordError, match="channel v:m1: is not in the record; there are x:m1, a:m2, force:m1, x:base"
     ):
         record.channel("v:m1")
 
 
-def test_arrays_become_a_record_and_gaps_become_missing_samples(wave):
+def test_arrays_become_a_record_and_gaps_become_missing_samples(wave: dict[str, Floats]) -> None:
     time = np.arange(N) / RATE
     kept = np.delete(np.arange(N), [10, 11, 12, 200])
     wave["x:m1"][0] = np.nan
@@ -134,7 +138,7 @@ def test_arrays_become_a_record_and_gaps_become_missing_samples(wave):
     )
 
 
-def test_whole_numbers_and_slow_clocks_are_noted(wave):
+def test_whole_numbers_and_slow_clocks_are_noted(wave: dict[str, Floats]) -> None:
     record = Record.from_arrays(np.arange(N), {"x:m1": np.arange(N) % 7})
     assert record.values.dtype == np.float64
     assert record.notes == (
@@ -160,25 +164,27 @@ def test_whole_numbers_and_slow_clocks_are_noted(wave):
         ),
     ],
 )
-def test_a_useless_measurement_is_refused(wave, change, message):
+def test_a_useless_measurement_is_refused(
+    wave: dict[str, Floats], change: dict[str, Any], message: str
+) -> None:
     with pytest.raises(RecordError) as caught:
         Record.from_arrays(np.arange(N) / RATE, {**wave, **change})
     assert message in str(caught.value)
 
 
-def test_an_input_may_rest_and_repeat(wave):
+def test_an_input_may_rest_and_repeat(wave: dict[str, Floats]) -> None:
     wave["force:m2"] = wave["force:m1"]
     assert Record.from_arrays(np.arange(N) / RATE, wave).inputs == ("force:m1", "x:base", "force:m2")
 
 
-def test_time_must_be_a_column_of_numbers(wave):
+def test_time_must_be_a_column_of_numbers(wave: dict[str, Floats]) -> None:
     with pytest.raises(
         RecordError, match=r"time must be one column of numbers, not float64 of shape \(400, 1\)"
     ):
         Record.from_arrays(np.zeros((N, 1)), wave)
 
 
-def test_a_slice_is_a_record_that_starts_later(record):
+def test_a_slice_is_a_record_that_starts_later(record: Record) -> None:
     part = record[100:-50]
     assert part.start == 0.1
     assert len(part) == N - 150
@@ -190,7 +196,7 @@ def test_a_slice_is_a_record_that_starts_later(record):
     assert len(record.between(-1.0, 9.0)) == N
 
 
-def test_a_slice_carries_its_truth(record):
+def test_a_slice_carries_its_truth(record: Record) -> None:
     whole = Record(record.start, RATE, record.channels, record.values, simulated=truth(N))
     part = whole[100:150].simulated
     assert np.array_equal(part.displacement[:, 0], np.arange(100.0, 150.0))
@@ -217,13 +223,15 @@ def test_a_slice_carries_its_truth(record):
         (lambda r: r.with_noise(np.inf, seed=0), "a signal-to-noise ratio of inf dB cannot be"),
     ],
 )
-def test_a_request_that_cannot_be_met_says_why(record, act, message):
+def test_a_request_that_cannot_be_met_says_why(
+    record: Record, act: Callable[[Record], object], message: str
+) -> None:
     with pytest.raises(RecordError) as caught:
         act(record)
     assert message in str(caught.value)
 
 
-def test_selection_keeps_order_and_noise(wave):
+def test_selection_keeps_order_and_noise(wave: dict[str, Floats]) -> None:
     record = Record(
         0.0, RATE, tuple(wave), np.column_stack(list(wave.values())), noise={"x:m1": 0.1, "a:m2": 0.2}
     )
@@ -237,7 +245,7 @@ def test_selection_keeps_order_and_noise(wave):
 
 
 @pytest.mark.parametrize("decibel", [10.0, 20.0, 40.0])
-def test_noise_has_the_variance_of_the_paper(decibel):
+def test_noise_has_the_variance_of_the_paper(decibel: float) -> None:
     n = 100_000
     t = np.arange(n) / RATE
     clean = 0.3 + np.sin(40.0 * t)  # the mean counts: sigma^2 = mean(x^2) 10^(-dB/10), not the variance of x
@@ -250,7 +258,7 @@ def test_noise_has_the_variance_of_the_paper(decibel):
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(n)
 
 
-def test_noise_of_a_channel_depends_on_seed_and_name_only(record):
+def test_noise_of_a_channel_depends_on_seed_and_name_only(record: Record) -> None:
     both = record.with_noise(20.0, seed=3)
     alone = record.select(["a:m2"]).with_noise(20.0, seed=3)
     assert np.array_equal(both.channel("a:m2"), alone.channel("a:m2"))
@@ -262,19 +270,19 @@ def test_noise_of_a_channel_depends_on_seed_and_name_only(record):
     assert both.notes == ("Noise of 20 dB per channel was added (seed 3).",)
 
 
-def test_added_noise_is_part_of_the_truth_only(record):
+def test_added_noise_is_part_of_the_truth_only(record: Record) -> None:
     known = Record(
         0.0, RATE, record.channels, record.values, noise={"x:m1": 0.1, "x:base": 0.2}, simulated=truth(N)
     )
     noisy = known.with_noise(20.0, seed=3)
     sigma = float(np.sqrt(np.mean(record.channel("x:m1") ** 2) * 0.01))
     assert noisy.noise == {"x:base": 0.2}
-    assert noisy.simulated.noise["x:m1"] == pytest.approx(sigma, rel=1e-12)
-    assert set(noisy.simulated.noise) == {"x:m1", "a:m2"}
+    assert present(noisy.simulated).noise["x:m1"] == pytest.approx(sigma, rel=1e-12)
+    assert set(present(noisy.simulated).noise) == {"x:m1", "a:m2"}
     assert record.with_noise(20.0, seed=3).simulated is None
 
 
-def test_noise_leaves_missing_samples_missing(record):
+def test_noise_leaves_missing_samples_missing(record: Record) -> None:
     values = record.values.copy()
     values[7, 0] = np.nan
     noisy = Record(0.0, RATE, record.channels, values).with_noise(20.0, seed=3)
@@ -284,14 +292,14 @@ def test_noise_leaves_missing_samples_missing(record):
 # Decimation ----------------------------------------------------------------
 
 
-def tone(frequency, n=20_000):
+def tone(frequency: float, n: int = 20000) -> Record:
     return Record(
         0.0, RATE, ("x:m1",), np.cos(2.0 * np.pi * frequency * np.arange(n) / RATE + 0.3)[:, np.newaxis]
     )
 
 
 @pytest.mark.parametrize("factor", [2, 5, 16])
-def test_decimation_keeps_the_passband_and_its_phase(factor):
+def test_decimation_keeps_the_passband_and_its_phase(factor: int) -> None:
     ripple = 10.0 ** (-ATTENUATION / 20.0)
     for share in (0.0, 0.4, PASSBAND):
         frequency = share * RATE / factor / 2.0
@@ -303,7 +311,7 @@ def test_decimation_keeps_the_passband_and_its_phase(factor):
 
 @pytest.mark.parametrize("factor", [2, 5, 16])
 @pytest.mark.parametrize("share", [1.0, 1.1, 1.7])
-def test_decimation_suppresses_what_would_alias(factor, share):
+def test_decimation_suppresses_what_would_alias(factor: int, share: float) -> None:
     frequency = share * RATE / factor / 2.0
     left = np.max(np.abs(tone(frequency).decimate(factor).channel("x:m1")))
     assert 20.0 * np.log10(left) < -ATTENUATION + 1.0  # Kaiser's formula is met within a decibel
@@ -311,19 +319,19 @@ def test_decimation_suppresses_what_would_alias(factor, share):
     assert np.max(np.abs(plain)) > 0.9  # unfiltered, the tone comes back at full size
 
 
-def test_decimation_picks_the_truth_at_the_same_instants():
+def test_decimation_picks_the_truth_at_the_same_instants() -> None:
     clean = tone(10.0, 2000)
     whole = Record(
         clean.start, RATE, clean.channels, clean.values, noise={"x:m1": 0.5}, simulated=truth(2000)
     )
     thin = whole.decimate(4)
-    assert np.array_equal(thin.simulated.displacement[:, 0], np.rint(thin.time * RATE))
-    assert len(thin.simulated.energy.put_in) == len(thin)
+    assert np.array_equal(present(thin.simulated).displacement[:, 0], np.rint(thin.time * RATE))
+    assert len(present(thin.simulated).energy.put_in) == len(thin)
     assert thin.notes == (f"Decimated by 4; {lowpass(4).half} samples at each end went into the filter.",)
     assert whole.decimate(1) is whole
 
 
-def test_known_noise_shrinks_as_white_noise_does():
+def test_known_noise_shrinks_as_white_noise_does() -> None:
     n = 200_000
     white = np.random.default_rng(8).standard_normal((n, 1))
     thin = Record(0.0, RATE, ("x:m1",), white, noise={"x:m1": 1.0}).decimate(5)
@@ -331,7 +339,7 @@ def test_known_noise_shrinks_as_white_noise_does():
     assert np.std(thin.values) == pytest.approx(thin.noise["x:m1"], rel=4.0 / np.sqrt(2.0 * n / 5))
 
 
-def test_no_filter_crosses_a_gap(record):
+def test_no_filter_crosses_a_gap(record: Record) -> None:
     values = np.tile(record.values, (3, 1))
     values[600, 1] = np.nan
     with pytest.raises(RecordError, match="channel a:m2: samples are missing, and no filter crosses a gap"):

@@ -14,7 +14,7 @@ RATES = [1000.0, 610.3515625, 333.3, 100.0 * np.pi, 44100.0, 51200.0, 1.0 / 0.00
 
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("start", [0.0, 1.234, -3.3, np.e])
-def test_a_grid_in_full_precision_comes_back_to_the_bit(rate, start):
+def test_a_grid_in_full_precision_comes_back_to_the_bit(rate: float, start: float) -> None:
     time = start + np.arange(3000) / rate
     found = Timeline.fit(time)
     assert np.array_equal(found.start + np.arange(found.count) / found.rate, time)
@@ -23,7 +23,7 @@ def test_a_grid_in_full_precision_comes_back_to_the_bit(rate, start):
 
 
 @given(strategies.floats(0.1, 1e6), strategies.floats(-1e3, 1e3), strategies.integers(32, 3000))
-def test_any_grid_comes_back(rate, start, count):
+def test_any_grid_comes_back(rate: float, start: float, count: int) -> None:
     time = start + np.arange(count) / rate
     found = Timeline.fit(time)
     again = found.start + np.arange(found.count) / found.rate
@@ -34,21 +34,21 @@ def test_any_grid_comes_back(rate, start, count):
 @pytest.mark.parametrize(
     ("rate", "digits"), [(48000.0, 6), (51200.0, 7), (1024.0, 4), (1000.0, 3), (256.0, 3), (300.0, 4)]
 )
-def test_a_rounded_time_gives_the_rate_that_was_meant(rate, digits):
+def test_a_rounded_time_gives_the_rate_that_was_meant(rate: float, digits: int) -> None:
     time = np.round(7.0 + np.arange(20_000) / rate, digits)
     found = Timeline.fit(time)
     assert found.rate == rate
     assert found.count == 20_000
 
 
-def test_single_precision_times_are_even():
+def test_single_precision_times_are_even() -> None:
     time = (np.arange(20_000) / 1000.0).astype(np.float32)
     found = Timeline.fit(time)
     assert found.rate == 1000.0
     assert np.array_equal(found.index, np.arange(20_000))
 
 
-def test_a_clock_that_jitters_within_bounds_is_even_and_beyond_them_is_not():
+def test_a_clock_that_jitters_within_bounds_is_even_and_beyond_them_is_not() -> None:
     even = np.arange(2000) / 1000.0
     jitter = np.random.default_rng(5).uniform(-1e-3, 1e-3, 2000)
     assert Timeline.fit(even + 0.9 * JITTER * jitter).rate == pytest.approx(1000.0, rel=1e-6)
@@ -59,20 +59,20 @@ def test_a_clock_that_jitters_within_bounds_is_even_and_beyond_them_is_not():
         Timeline.fit(even + 30.0 * JITTER * jitter)
 
 
-def test_a_clock_that_slows_down_is_uneven_though_its_steps_hardly_differ():
+def test_a_clock_that_slows_down_is_uneven_though_its_steps_hardly_differ() -> None:
     steps = 1e-3 * (1.0 + 1e-3 * np.linspace(0.0, 1.0, 5000))
     with pytest.raises(RecordError, match=r"off an even grid of .* s; resample it to an even rate"):
         Timeline.fit(np.cumsum(steps))
 
 
-def test_times_printed_too_coarsely_are_refused():
+def test_times_printed_too_coarsely_are_refused() -> None:
     time = np.round(np.arange(500) / 610.3515625, 3)
     assert COARSEST * 1.0 / 610.3515625 < 1e-3
     with pytest.raises(RecordError, match="uneven time: a step of"):
         Timeline.fit(time)
 
 
-def test_gaps_keep_every_sample_at_its_place():
+def test_gaps_keep_every_sample_at_its_place() -> None:
     index = np.delete(np.arange(5000), np.r_[100:103, 700, 4000:4400])
     found = Timeline.fit(np.round(index / 51200.0, 7))
     assert np.array_equal(found.index, index)
@@ -80,7 +80,7 @@ def test_gaps_keep_every_sample_at_its_place():
     assert found.notes[-1].startswith("Gaps in time: 3, the first after 0.0019336 s; 404 rows were added")
 
 
-def test_a_gap_that_dwarfs_the_record_is_refused():
+def test_a_gap_that_dwarfs_the_record_is_refused() -> None:
     time = np.arange(100) / 100.0
     time[50:] += LONGEST * 1.0 + 1.0
     with pytest.raises(
@@ -89,7 +89,7 @@ def test_a_gap_that_dwarfs_the_record_is_refused():
         Timeline.fit(time)
 
 
-def test_a_fraction_of_a_step_is_no_gap():
+def test_a_fraction_of_a_step_is_no_gap() -> None:
     time = np.arange(100) / 100.0
     time[50:] += 0.004
     with pytest.raises(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from browser import CHROMIUM, show
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 
 @pytest.mark.parametrize("kind", ["comparison", "map"])
 def test_page_renders_without_a_word_on_the_console(kind: str, tmp_path: Path) -> None:
-    asked = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
+    asked: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
     chain = lw.bnes_chain(2)
     if kind == "map":
         over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.Te
     return lw.write_result(fitted, tmp_path_factory.mktemp("results") / "answer", truth=chain)
 
 
-def page_of(estimate: lw.Estimate, **options: object) -> str:
+def page_of(estimate: lw.Estimate, **options: Any) -> str:
     """The page without its 4 MB of script."""
     page = report(estimate, **{"version": "1.2.3", "pictured": (), **options})  # type: ignore[arg-type]
     return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)

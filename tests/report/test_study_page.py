@@ -17,7 +17,7 @@ from linkwise.errors import StudyError
 from linkwise.paper.published import TABLE_2
 from linkwise.paper.table_2 import Table2, explanation
 from linkwise.report.study_page import StudyReport, percent, study_page
-from linkwise.study.row import FAILED, Row
+from linkwise.study.row import FAILED, Case, Row
 from linkwise.study.toml_file import parse_study
 
 STUDY = paper_study()
@@ -130,7 +130,7 @@ def test_answers_that_doubt_themselves_are_counted() -> None:
 def test_explanations_say_what_else_would_fit() -> None:
     """The median is ten times too high everywhere; the best sink and one other convention would do for one cell each."""
 
-    def median(case, masses):
+    def median(case: Case, masses: int) -> float:
         if case.method == "classical, states" and (masses, case.snr_db) == (6, 30.0):
             return TABLE_2[masses, case.snr_db]
         return TABLE_2[masses, case.snr_db] * 10.0 if case.method == BEST else 1e4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from present import present
 
 from linkwise.errors import RecordError
 from linkwise.model.chains import bnes_chain
@@ -58,7 +59,7 @@ def chain(request: pytest.FixtureRequest) -> Record:
 def test_the_noise_of_the_paper_s_chains_is_found(chain: Record, decibel: float, limit: float) -> None:
     # 5 % are four standard deviations of the estimate; at 60 dB the sinks' jumps fill a third of the cells and add to it.
     noisy = chain.with_noise(decibel, seed=1)
-    sigma = np.array([noisy.simulated.noise[name] for name in noisy.channels])
+    sigma = np.array([present(noisy.simulated).noise[name] for name in noisy.channels])
     np.testing.assert_allclose(noise_sigma(noisy.values), sigma, rtol=limit)
 
 

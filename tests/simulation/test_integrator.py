@@ -6,9 +6,11 @@ import threading
 
 import numpy as np
 import pytest
+from present import present
 from problems import oscillator
 from scipy.integrate import solve_ivp
 
+from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation, Sampled
@@ -21,11 +23,11 @@ from linkwise.simulation.schedule import RunSchedule
 from linkwise.simulation.simulate import simulate
 
 
-def by_scipy(structure, excitation, times, method="DOP853"):
+def by_scipy(structure: Structure, excitation: Excitation, times: Floats, method: str = "DOP853") -> Floats:
     """(N, 2n) states from the laws as NumPy evaluates them."""
     forces, n = LinkForces(structure, excitation), structure.size
 
-    def slope(t, state):
+    def slope(t: float, state: Floats) -> Floats:
         x, v = state[None, :n], state[None, n:]
         return np.concatenate([v[0], forces.accelerations(np.array([t]), x, v)[0]])
 
@@ -48,7 +50,7 @@ LAWS = [
 
 
 @pytest.mark.parametrize(("law", "values"), LAWS, ids=[law for law, _ in LAWS])
-def test_every_law_moves_as_scipy_moves_it(law, values):
+def test_every_law_moves_as_scipy_moves_it(law: str, values: dict[str, float]) -> None:
     structure = oscillator(law, mass=0.7, **values)
     excitation = Excitation.of({"v:m1": 0.8, "x:m1": 0.01}, forces={"m1": "2*cos(5*t)"})
     record = simulate(
@@ -56,11 +58,11 @@ def test_every_law_moves_as_scipy_moves_it(law, values):
     )
     expected = by_scipy(structure, excitation, record.time)
     # 1e-9: what DOP853 reaches over 200 of its steps at rtol 1e-11
-    assert record.simulated.displacement[:, 0] == pytest.approx(expected[:, 0], abs=1e-9)
-    assert record.simulated.velocity[:, 0] == pytest.approx(expected[:, 1], abs=1e-8)
+    assert present(record.simulated).displacement[:, 0] == pytest.approx(expected[:, 0], abs=1e-9)
+    assert present(record.simulated).velocity[:, 0] == pytest.approx(expected[:, 1], abs=1e-8)
 
 
-def test_integer_powers_have_a_taylor_series_at_zero():
+def test_integer_powers_have_a_taylor_series_at_zero() -> None:
     record = simulate(
         oscillator("k*d**3 + a*d**2 + q*d**7", k=1.0, a=0.0, q=1.0),
         release={"v:m1": 1.0},
@@ -70,7 +72,7 @@ def test_integer_powers_have_a_taylor_series_at_zero():
     assert np.all(np.isfinite(record.values)) and record.values[-1, 0] > 0.5
 
 
-def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it():
+def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it() -> None:
     law = Law.parse("k*d + c*v + k3*d**3")
     numbers = {name: Coefficient.number(value) for name, value in {"k": 50.0, "c": 0.2, "k3": 300.0}.items()}
     masses = tuple(Mass(f"m{i}", Coefficient.number(1.0 + 0.1 * i)) for i in range(1, 4))
@@ -90,10 +92,10 @@ def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it()
         rate=30.0,
     )
     expected = by_scipy(structure, excitation, record.time)
-    assert record.simulated.displacement == pytest.approx(expected[:, :3], abs=1e-9)
+    assert present(record.simulated).displacement == pytest.approx(expected[:, :3], abs=1e-9)
 
 
-def test_compact_code_for_many_masses_is_the_same_as_unrolled_code(monkeypatch):
+def test_compact_code_for_many_masses_is_the_same_as_unrolled_code(monkeypatch: pytest.MonkeyPatch) -> None:
     chain = bnes_chain(4)
     unrolled = simulate(chain, release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
     monkeypatch.setattr(engine, "UNROLLED", 2)
@@ -103,7 +105,7 @@ def test_compact_code_for_many_masses_is_the_same_as_unrolled_code(monkeypatch):
     assert compact.values == pytest.approx(unrolled.values, abs=1e-13)
 
 
-def test_a_thousand_structures_of_one_shape_compile_once():
+def test_a_thousand_structures_of_one_shape_compile_once() -> None:
     before = engine.compilations()
     last = [
         simulate(
@@ -118,10 +120,10 @@ def test_a_thousand_structures_of_one_shape_compile_once():
     assert len(set(last)) == 1000
 
 
-def test_each_thread_has_its_own_integrator():
+def test_each_thread_has_its_own_integrator() -> None:
     chain, answers = bnes_chain(2), {}
 
-    def run(k):
+    def run(k: int) -> None:
         answers[k] = simulate(
             bnes_chain(2, k=30000.0 + k), release={"v:m1": 1.0}, duration=2.0, rate=1000.0
         ).values
@@ -136,7 +138,7 @@ def test_each_thread_has_its_own_integrator():
     assert not np.array_equal(answers[1], alone)
 
 
-def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it():
+def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it() -> None:
     schedule = RunSchedule(bnes_chain(10), Excitation.of({"v:m1": 3.0}), np.arange(6001) / 1000.0)
     coarse, fine = [], []
     run = integrate(schedule, schedule.times, lambda first, states: coarse.append(states.copy()))
@@ -149,7 +151,7 @@ def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it():
     assert np.array_equal(np.concatenate(fine)[same], np.concatenate(coarse))  # 6 s: chaos would show one bit
 
 
-def contact(time, speed, gap, frequency):
+def contact(time: Floats, speed: float, gap: float, frequency: float) -> Floats:
     """A free mass that flies at `speed`, meets a spring of that circular frequency at `gap` and comes back."""
     since, lasts = time - gap / speed, np.pi / frequency
     inside = gap + speed / frequency * np.sin(frequency * since)
@@ -165,16 +167,16 @@ CONTACTS = [
 
 
 @pytest.mark.parametrize("law", CONTACTS)
-def test_a_gap_is_met_exactly(law):
+def test_a_gap_is_met_exactly(law: str) -> None:
     structure = oscillator(law, kc=4e4, g=0.1)
     record = simulate(structure, release={"v:m1": 2.0}, duration=0.2, rate=1000.0)
     assert record.values[:, 0] == pytest.approx(contact(record.time, 2.0, 0.1, 200.0), abs=1e-13)
-    assert len(record.simulated.account.run.kinks) == 2
-    energy = record.simulated.energy
+    assert len(present(record.simulated).account.run.kinks) == 2
+    energy = present(record.simulated).energy
     assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()
 
 
-def test_two_gaps_that_are_met_at_once():
+def test_two_gaps_that_are_met_at_once() -> None:
     """Two equal masses on equal gaps: the second kink is not lost behind the first."""
     law = Law.parse("kc*max(d - g, 0)")
     numbers = {"kc": Coefficient.number(4e4), "g": Coefficient.number(0.1)}
@@ -187,20 +189,20 @@ def test_two_gaps_that_are_met_at_once():
     assert record.values == pytest.approx(np.column_stack([expected, expected]), abs=1e-13)
 
 
-def sliding(time, start, shift, frequency):
+def sliding(time: Floats, start: float, shift: float, frequency: float) -> Floats:
     """Dry friction, before it sticks: half waves about centres at +shift and -shift in turn."""
     half = np.floor(time * frequency / np.pi)
     amplitude = start - shift * (2 * half + 1)
     return shift * (-1.0) ** half + amplitude * np.cos(frequency * time)
 
 
-def test_dry_friction_slides_exactly():
+def test_dry_friction_slides_exactly() -> None:
     structure = oscillator("k*d + F*sign(v)", k=100.0, F=1.0)
     record = simulate(structure, release={"x:m1": 1.0}, duration=10.0, rate=100.0)
     assert record.values[:, 0] == pytest.approx(sliding(record.time, 1.0, 0.01, 10.0), abs=1e-12)
 
 
-def test_dry_friction_that_sticks_is_refused_with_advice():
+def test_dry_friction_that_sticks_is_refused_with_advice() -> None:
     structure = oscillator("k*d + F*sign(v)", k=100.0, F=1.0)
     with pytest.raises(SimulationError) as caught:
         simulate(structure, release={"x:m1": 0.055}, duration=10.0, rate=100.0)
@@ -214,7 +216,7 @@ def test_dry_friction_that_sticks_is_refused_with_advice():
         simulate(structure, duration=1.0, rate=100.0)
 
 
-def test_the_advice_is_good():
+def test_the_advice_is_good() -> None:
     """The steep slope is seen before it comes, and it stays close to dry friction while that slides."""
     structure = oscillator("k*d + F*tanh(v/s)", k=100.0, F=1.0, s=1e-5)
     record = simulate(structure, release={"x:m1": 0.055}, duration=3.0, rate=100.0)
@@ -223,11 +225,11 @@ def test_the_advice_is_good():
     assert record.values[before, 0] == pytest.approx(slides, abs=1e-6)  # s/omega, the width of the slope in d
     creep = 1e-5 * np.arctanh(100.0 * 0.005 / 1.0)  # m/s, where friction would hold the mass
     assert record.values[-1, 0] == pytest.approx(0.005 - creep * (3.0 - 0.3 * np.pi), abs=1e-6)
-    energy = record.simulated.energy
+    energy = present(record.simulated).energy
     assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()
 
 
-def test_a_jump_that_is_crossed_ever_faster_does_not_hang():
+def test_a_jump_that_is_crossed_ever_faster_does_not_hang() -> None:
     """A mass on a jump of the force comes to rest after infinitely many crossings in finite time."""
     structure = oscillator("F*sign(d) + G*sign(v)", F=1.0, G=0.5)
     with pytest.raises(SimulationError, match="sticks"):
@@ -242,25 +244,25 @@ def test_a_jump_that_is_crossed_ever_faster_does_not_hang():
         "max(0, 1 - abs(t - 1)/0.01)",
     ],
 )
-def test_a_short_pulse_on_a_resting_structure_is_not_stepped_over(pulse):
+def test_a_short_pulse_on_a_resting_structure_is_not_stepped_over(pulse: str) -> None:
     structure = oscillator("k*d", k=100.0)
     record = simulate(structure, forces={"m1": pulse}, duration=3.0, rate=1000.0)
     excitation = Excitation.of(forces={"m1": pulse})
     momentum = np.trapezoid(excitation.forces["m1"].value(t := np.linspace(0.9, 1.1, 200_001)), t)
-    assert np.abs(record.simulated.velocity[:, 0]).max() == pytest.approx(
+    assert np.abs(present(record.simulated).velocity[:, 0]).max() == pytest.approx(
         momentum, rel=0.02
     )  # less what the spring does meanwhile
-    energy = record.simulated.energy
+    energy = present(record.simulated).energy
     assert np.abs(energy.residual).max() < 1e-11 * energy.put_in.max()
 
 
-def test_a_kink_in_the_coefficients_alone_is_none():
+def test_a_kink_in_the_coefficients_alone_is_none() -> None:
     structure = oscillator("abs(k)*d", k=-100.0)
     record = simulate(structure, release={"x:m1": 1.0}, duration=1.0, rate=100.0)
     assert record.values[:, 0] == pytest.approx(np.cos(10.0 * record.time), abs=1e-12)
 
 
-def test_a_kink_that_symmetry_holds_at_zero_is_watched_when_symmetry_breaks():
+def test_a_kink_that_symmetry_holds_at_zero_is_watched_when_symmetry_breaks() -> None:
     """Two masses released alike move alike until rounding parts them: the link between them pushes them apart."""
     outer, between = Law.parse("k*d + c*v"), Law.parse("a*d + b*d*abs(d)")
     numbers = {name: Coefficient.number(value) for name, value in {"k": 100.0, "c": 0.5}.items()}
@@ -285,5 +287,5 @@ def test_a_kink_that_symmetry_holds_at_zero_is_watched_when_symmetry_breaks():
     assert d == pytest.approx(
         -0.1, abs=1e-4
     )  # where k d + 2 (a d + b d |d|) = 0; the rest decays by exp(-10)
-    energy = struck.simulated.energy
+    energy = present(struck.simulated).energy
     assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from linkwise.arrays import Floats
 from linkwise.model.chains import bnes_chain
 from linkwise.simulation.simulate import simulate
 
 
-def start(n):
+def start(n: int) -> dict[str, float]:
     return {"v:m1": 1.0 if n == 2 else 3.0}
 
 
-def departure(folder, n, **changes):
+def departure(folder: Path, n: int, **changes: float) -> Floats:
     """Largest error of each channel over the whole file, relative to the largest value of the channel."""
     table = np.loadtxt(folder / f"bnes_{n}.csv", delimiter=",", skiprows=1)
     rows = np.rint(1000.0 * table[:, 0]).astype(int)
@@ -23,16 +26,16 @@ def departure(folder, n, **changes):
 
 
 @pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
-def test_follows_the_reference_to_the_end_of_the_file(shared_reference, n):
+def test_follows_the_reference_to_the_end_of_the_file(shared_reference: Path, n: int) -> None:
     """The files end where ordinary double precision has departed by 1e-6; see trajectory.EXTENDED_WORK for the margin."""
     assert departure(shared_reference, n).max() < 1e-6
 
 
-def test_the_reference_would_tell_another_chain(shared_reference):
+def test_the_reference_would_tell_another_chain(shared_reference: Path) -> None:
     assert departure(shared_reference, 6, primary_mass=1.0 + 1e-12).max() > 1e-6
 
 
-def test_the_two_mass_chain_does_what_the_paper_shows():
+def test_the_two_mass_chain_does_what_the_paper_shows() -> None:
     """Fig. 2: the sink crosses between its wells until 2.3 to 2.5 s and rests at +0.0099 m."""
     record = simulate(bnes_chain(2), release=start(2), duration=60.0, rate=1000.0)
     d = record.channel("x:m2") - record.channel("x:m1")

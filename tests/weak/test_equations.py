@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -94,11 +95,11 @@ def test_windows_that_miss_a_sample_are_left_out() -> None:
     whole = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=RATE).with_noise(40.0, seed=1)
     values = whole.values.copy()
     values[500:520, 1] = np.nan
-    broken = replace(whole, values=values, noise=whole.simulated.noise)
+    broken = replace(whole, values=values, noise=present(whole.simulated).noise)
     window = Window.of_deviation(2.5, 1.0 / RATE)
     [one], [other] = (
         equations(each, chain, window).patches
-        for each in (replace(whole, noise=whole.simulated.noise), broken)
+        for each in (replace(whole, noise=present(whole.simulated).noise), broken)
     )
     starts = window.stride * np.arange(window.rows(len(whole)))
     touched = (starts < 520) & (starts + window.length > 500)

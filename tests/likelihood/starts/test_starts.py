@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.likelihood.starts.coefficients import law_start
@@ -37,38 +38,38 @@ def deviations(found: lw.Estimate, true: lw.Structure) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("n", "kind"), [(2, "v"), (2, "a"), (4, "v")])
-def test_elongations_follow_from_forces(n, kind):
+def test_elongations_follow_from_forces(n: int, kind: str) -> None:
     true = lw.bnes_chain(n)
     record = noisy(n, kind, 1000)
     d, v = elongations_from_forces(link_signals(record, true, channel_noise(record)), true.links)
     for found, exact in (
-        (d, true.elongations(record.simulated.displacement).T),
-        (v, true.elongations(record.simulated.velocity).T),
+        (d, true.elongations(present(record.simulated).displacement).T),
+        (v, true.elongations(present(record.simulated).velocity).T),
     ):
         # noise of 3 % in a force moves a place by a few per cent; a stretch on a wrong branch is off by wells, 100 %
         assert np.abs(found - exact).max() < 0.5 * exact.std()
         assert np.sqrt(np.mean((found - exact) ** 2, axis=1) / exact.var(axis=1)).max() < 0.05
 
 
-def test_a_wrong_law_is_no_inverse():
+def test_a_wrong_law_is_no_inverse() -> None:
     true = lw.bnes_chain(2)
     wrong = true.unknown("nes1.alpha").with_values({"nes1.alpha": 100.0})
     record = noisy(2, "v", 1000)
     d, _ = elongations_from_forces(link_signals(record, wrong, channel_noise(record)), wrong.links)
-    exact = true.elongations(record.simulated.displacement).T
+    exact = true.elongations(present(record.simulated).displacement).T
     assert np.sqrt(np.mean((d[1] - exact[1]) ** 2)) > 0.2 * exact[1].std()
 
 
-def test_integrated_velocities_alone_would_be_lost():
+def test_integrated_velocities_alone_would_be_lost() -> None:
     true = lw.bnes_chain(2)
     record = noisy(2, "v", 1000)
     seen = link_signals(record, true, channel_noise(record))
-    exact = true.elongations(record.simulated.displacement).T
+    exact = true.elongations(present(record.simulated).displacement).T
     assert np.abs(seen.d - exact)[1].max() > 0.2 * exact[1].std()
 
 
 @pytest.mark.parametrize("kind", ["v", "a"])
-def test_coefficients_follow_from_forces_without_any_start(kind):
+def test_coefficients_follow_from_forces_without_any_start(kind: str) -> None:
     true = lw.bnes_chain(2)
     asked, record = true.unknown("all"), noisy(2, kind, 1000)
     found = law_start(record, asked, channel_noise(record), {})
@@ -76,7 +77,7 @@ def test_coefficients_follow_from_forces_without_any_start(kind):
         assert found[name] == pytest.approx(true.coefficient(name).value, rel=0.1)  # annealing needs 20 %
 
 
-def test_a_nonlinear_coefficient_needs_a_start():
+def test_a_nonlinear_coefficient_needs_a_start() -> None:
     law = lw.Law.parse("k*d + F*tanh(v/s)")
     values = {name: lw.Coefficient(value=None, known=False) for name in law.coefficients}
     chain = lw.bnes_chain(2)
@@ -89,7 +90,7 @@ def test_a_nonlinear_coefficient_needs_a_start():
         law_start(noisy(2, "v", 1000), structure, channel_noise(noisy(2, "v", 1000)), {})
 
 
-def test_masses_follow_from_elongations():
+def test_masses_follow_from_elongations() -> None:
     true = lw.bnes_chain(4)
     record = clean(4, "v")
     moved = record.simulated
@@ -100,7 +101,7 @@ def test_masses_follow_from_elongations():
     assert np.abs(v - moved.velocity.T).max() < 1e-12
 
 
-def test_what_tells_links():
+def test_what_tells_links() -> None:
     chain = lw.bnes_chain(2)
     record = noisy(2, "v", 1000)
     assert determines_links(record, chain)
@@ -115,7 +116,7 @@ def test_what_tells_links():
 @pytest.mark.parametrize(
     ("n", "kind", "seed"), [(2, "v", 1000), (2, "a", 1000), (4, "v", 1000), (4, "v", 1001), (4, "a", 1000)]
 )
-def test_rates_and_accelerations_alone_identify_a_chain(n, kind, seed):
+def test_rates_and_accelerations_alone_identify_a_chain(n: int, kind: str, seed: int) -> None:
     true = lw.bnes_chain(n)
     found = lw.identify(noisy(n, kind, seed), true.unknown("all"))
     assert found.status == "converged"
