@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from numpydoc.xref import DEFAULT_LINKS
+
 import linkwise as lw
 
 HERE = Path(__file__).parent
@@ -37,10 +39,12 @@ default_role = "py:obj"
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
+autodoc_type_aliases = dict.fromkeys(("Floats", "Bools", "Indices"), "ndarray")
 python_maximum_signature_line_length = 88
 autosummary_generate = True
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = True
+numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS}  # these point to pages of Python and NumPy
 
 # Without a network nothing outside this package can be linked to; names of it that are not public are no links.
 nitpick_ignore_regex = [("py:.*", r"(?!linkwise\.).*"), ("py:.*", r"linkwise\.[a-z_]+\..*")]
