@@ -6,6 +6,9 @@ then uses the new thing as any user would. Nothing else is patched, so nothing e
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -14,10 +17,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner, Result
 
 import linkwise as lw
+from linkwise.cli import linkwise
 from linkwise.expression.functions import FUNCTIONS, LawFunction
 from linkwise.registry import Registry
+from linkwise.sindy.regression import REGRESSORS
 
 
 class Places:
@@ -32,6 +38,13 @@ class Places:
         (self._folder / f"{name}.py").write_text(text, encoding="utf-8")
         self._undo.callback(sys.modules.pop, name, None)
         self.files += 1
+
+    def script(self, text: str, where: Path) -> None:
+        """Run a program that can import the modules written so far; a study's workers import the program itself."""
+        path = where / "program.py"
+        path.write_text(text, encoding="utf-8")
+        environment = {**os.environ, "PYTHONPATH": str(self._folder)}
+        subprocess.run([sys.executable, path.name], cwd=where, env=environment, check=True)
 
     def line(self, registry: Registry[Any], name: str, entry: object) -> None:
         """Register something for the time of the test."""
@@ -83,3 +96,101 @@ def test_a_function_of_laws_is_one_entry(places: Places) -> None:
     found = fit.coefficient("spring.F")
     assert found.standard_error is not None
     assert abs(found.value - 20.0) < 4.0 * found.standard_error  # 1 of 16 000 is further off
+
+
+RIDGE = '''
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.regressor import SupportCandidate, Regressor
+
+
+@final
+@dataclass(frozen=True)
+class Ridge(Regressor):
+    """Least squares with an L2 penalty on contributions."""
+
+    title: ClassVar[str] = "least squares with an L2 penalty"
+
+    penalty: float = 1e-12
+
+    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
+        shrunk = gram.matrix + self.penalty * np.eye(len(gram.names))
+        return np.linalg.solve(shrunk, gram.moments[:, target]), self.penalty, ()
+'''
+
+RIDGE_STUDY = """
+snr_db = [40]
+cycles = 1
+
+[[structure]]
+bnes = 2
+release = { "v:m1" = 1.0 }
+duration = 6.0
+rate = 1000.0
+
+[[method]]
+kind = "classical"
+convention = "states"
+regressor = "ridge"
+
+[[method]]
+kind = "physics-informed"
+regressor = "ridge"
+"""
+
+
+RIDGE_SCRIPT = """
+import linkwise as lw
+from linkwise.sindy.regression import REGRESSORS
+
+REGRESSORS.register("ridge", "extra_ridge:Ridge")  # the workers of the study come by here too
+
+if __name__ == "__main__":
+    lw.run_study(lw.read_study("ridge.toml"), "study", workers=1)
+    lw.write_study_report("study")
+"""
+
+
+def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> None:
+    places.file("extra_ridge", RIDGE)
+    places.line(REGRESSORS, "ridge", "extra_ridge:Ridge")
+    assert (places.files, places.lines) == (1, 1)
+
+    chain = lw.bnes_chain(2)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    asked = chain.unknown("all")
+    ridge = lw.identify(record, asked, method=lw.PhysicsInformedSindy(regressor="ridge"))
+    plain = lw.identify(record, asked, method=lw.PhysicsInformedSindy(regressor="least-squares"))
+    assert np.all(ridge.values != plain.values)
+    assert ridge.values == pytest.approx(
+        plain.values, rel=1e-6
+    )  # the penalty times the condition of the Gram matrix
+
+    lw.write_record(record, tmp_path / "run.csv")
+    lw.write_structure(asked, tmp_path / "unknown.toml")
+    assert "stlsq|l1|least-squares|ridge" in _command("identify", "--help").output
+    command = (
+        "identify",
+        str(tmp_path / "run.csv"),
+        str(tmp_path / "unknown.toml"),
+        "--method",
+        "sindy",
+        "--json",
+    )
+    told = json.loads(_command(*command, "--regressor", "ridge").output)
+    assert told["links"][0]["coefficients"]["k"]["value"] == ridge.coefficient("spring1.k").value
+
+    (tmp_path / "ridge.toml").write_text(RIDGE_STUDY, encoding="utf-8")
+    places.script(RIDGE_SCRIPT, tmp_path)
+    assert [row.status for row in lw.read_rows(tmp_path / "study")] == ["converged", "converged"]
+    page = (tmp_path / "study" / "report.html").read_text(encoding="utf-8")
+    assert "least squares with an L2 penalty" in page
+
+
+def _command(*arguments: str) -> Result:
+    return CliRunner().invoke(linkwise, arguments)

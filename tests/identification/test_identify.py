@@ -219,7 +219,7 @@ def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Struc
     with pytest.raises(lw.IdentificationError, match="no record to identify from"):
         lw.identify([], chain.unknown("nes"))
     with pytest.raises(
-        lw.IdentificationError, match='"ridge" is no regressor; there are stlsq, l1, least-squares'
+        lw.IdentificationError, match="unknown regressor 'ridge'; choose from 'stlsq', 'l1', 'least-squares'"
     ):
         lw.PhysicsInformedSindy(regressor="ridge")
 

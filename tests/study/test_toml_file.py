@@ -122,6 +122,16 @@ GOOD = HEAD + STRUCTURE + METHOD
         (METHOD, METHOD + "order = 3\n", r'method\[0\]: there is no key "order"; the keys are kind, name'),
         ("weak", "classical", r"method\[0\]: the key `convention` is missing, one of displacement, states, diff"),
         ('"weak"', '"classical"\nconvention = "stats"', r"convention: expected one of disp.*; got 'stats'; .*\"states\"\?"),
+        (
+            '"weak"',
+            '"physics-informed"\nregressor = "least-square"',
+            r"s\.toml, method\[0\]: unknown regressor 'least-square' \(did you mean 'least-squares'\?\); choose",
+        ),
+        (
+            '"weak"',
+            '"classical"\nconvention = "states"\nregressor = "l1"\nthreshold = 0.1',
+            r"s\.toml, method\[0\]: a threshold of 0\.1 was given, and least squares with an L1 penalty has none",
+        ),
     ],
 )  # fmt: skip
 def test_a_mistake_is_named_with_its_key(old: str, new: str, message: str) -> None:

@@ -13,7 +13,8 @@ import click
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
 from linkwise.cli.console import exit_code, progress, tell
-from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, record_options
+from linkwise.cli.options import FILE, FOLDER, RecordOptions, RegisteredChoice, grouped, record_options
+from linkwise.sindy.regression import REGRESSORS
 
 if TYPE_CHECKING:
     from linkwise.likelihood.anneal import AnnealingStep
@@ -116,7 +117,7 @@ choices = grouped(
     ),
     click.option(
         "--regressor",
-        type=click.Choice(["stlsq", "l1", "least-squares"]),
+        type=RegisteredChoice(REGRESSORS),
         help="How to regress (sindy; default stlsq).",
     ),
 )

@@ -6,17 +6,40 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 import linkwise as lw
+from linkwise.registry import Registry
 
 R = TypeVar("R")
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
+
+
+if TYPE_CHECKING:
+    _NameType = click.ParamType[str]
+else:  # which takes no argument in click 8.1
+    _NameType = click.ParamType
+
+
+class RegisteredChoice(_NameType):
+    """One of the names that a registry has when the command runs; nothing is loaded for it."""
+
+    name = "choice"
+
+    def __init__(self, registry: Registry[Any]) -> None:
+        self.registry = registry
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        return f"[{'|'.join(self.registry)}]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name as typed; any other is wrong usage."""
+        return click.Choice(list(self.registry)).convert(value, param, ctx)
 
 
 def split(text: str, option: str, example: str) -> tuple[str, str]:

@@ -11,15 +11,11 @@ from linkwise.paper.subset import PaperStudy
 from linkwise.paper.table_2 import NEAR, Table2, explanation
 from linkwise.report.estimate_page import TEMPLATES
 from linkwise.sindy.conventions import MEANING
+from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.cells import SPREAD, Cell, StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
 
-_REGRESSOR = {
-    "least-squares": "least squares, nothing thresholded",
-    "stlsq": "sequentially thresholded least squares",
-    "l1": "least squares with an L1 penalty",
-}
 _READING = {
     "coefficients": "the force read from the coefficients of the sink's own x and x³",
     "ends": "the force read from all monomials in the displacements of both ends",
@@ -171,7 +167,7 @@ def _meaning(study: Study, method: str) -> str:
     """How a classical method was run, in words."""
     how = study.method(method).document()
     meaning = MEANING[how["convention"]]
-    return f"{meaning}; {_REGRESSOR[how['regressor']]}; {_READING[how['reading']]}"
+    return f"{meaning}; {REGRESSORS.lookup(how['regressor']).title}; {_READING[how['reading']]}"
 
 
 def _missing(table: StudyTable) -> list[str]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
@@ -15,21 +14,16 @@ from linkwise.signals.channel_noise import noise_variance
 from linkwise.signals.states import Method as Derivative
 from linkwise.signals.states import differentiate
 from linkwise.sindy.library import link_columns
-from linkwise.sindy.regression.l1 import L1
-from linkwise.sindy.regression.least_squares import LeastSquares
-from linkwise.sindy.regression.regressor import Regressor
-from linkwise.sindy.regression.stlsq import Stlsq
+from linkwise.sindy.regression import REGRESSORS
 from linkwise.verdict import Verdict
-
-_REGRESSORS: dict[str, type[Regressor]] = {"stlsq": Stlsq, "l1": L1, "least-squares": LeastSquares}
 
 _MOST = 0.1  # of the forces, root mean square: regressors with as much noise would bend a slope by its square, 1 %
 
 
 @dataclass(frozen=True)
 class PhysicsInformedSindy:
-    """How the paper's method is run: `derivative` "spline", "savgol" or "differences", then `regressor` "least-squares",
-    "stlsq" or "l1". Raises IdentificationError for another regressor.
+    """How the paper's method is run: `derivative` "spline", "savgol" or "differences", then `regressor`, a name in
+    `REGRESSORS`: "stlsq", "l1" or "least-squares". Raises IdentificationError for another regressor.
 
     Its library has one column per coefficient of a link. The paper's library of all monomials is had step by step; on states
     and derivatives without noise it finds the equations of the two-mass chain:
@@ -46,10 +40,7 @@ class PhysicsInformedSindy:
     regressor: str = "stlsq"
 
     def __post_init__(self) -> None:
-        if self.regressor not in _REGRESSORS:
-            raise IdentificationError(
-                f'"{self.regressor}" is no regressor; there are {", ".join(_REGRESSORS)}'
-            )
+        REGRESSORS.lookup(self.regressor)
 
 
 def sindy_estimate(record: Record, structure: Structure, options: PhysicsInformedSindy) -> Estimate:
@@ -59,7 +50,7 @@ def sindy_estimate(record: Record, structure: Structure, options: PhysicsInforme
     """
     states = differentiate(record, options.derivative)
     system = link_columns(states, structure)
-    fit = _REGRESSORS[options.regressor]().fit(system)
+    fit = REGRESSORS.lookup(options.regressor)().fit(system)
     values = fit.coefficients[:, 0]
     dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
     identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))

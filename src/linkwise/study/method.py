@@ -70,6 +70,9 @@ class PhysicsInformedMethod(StudyMethod):
     derivative: Derivative = "spline"
     regressor: str = "stlsq"
 
+    def __post_init__(self) -> None:
+        PhysicsInformedSindy(self.derivative, self.regressor)
+
     def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         return _identified(
             subject, clean, snr_db, seed, PhysicsInformedSindy(self.derivative, self.regressor)

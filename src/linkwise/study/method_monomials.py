@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
-from typing import Any, Literal, final
+from typing import Any, final
 
 import numpy as np
 
@@ -18,17 +18,13 @@ from linkwise.sindy.conventions import Convention, noisy_states
 from linkwise.sindy.force_reading import Reading, monomial_force, monomial_nmse
 from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.monomials import tags
+from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.gram import Gram
-from linkwise.sindy.regression.l1 import L1
-from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.linear_system import StreamedSystem
 from linkwise.sindy.regression.regressor import RegressionFit, Regressor
-from linkwise.sindy.regression.stlsq import Stlsq
 from linkwise.study.method import MethodResult, StudyMethod
 from linkwise.study.subject import Subject
 from linkwise.verdict import Verdict
-
-RegressorName = Literal["least-squares", "stlsq", "l1"]
 
 
 @final
@@ -36,17 +32,21 @@ RegressorName = Literal["least-squares", "stlsq", "l1"]
 class MonomialMethod(StudyMethod):
     """Noise where the `convention` puts it, all monomials up to `order`, a regressor, and a `reading` of the force.
 
-    `threshold` is that of "stlsq", None for the one of smallest BIC. Methods that differ in regressor or reading share the
-    Gram matrix of a case; its time counts for each of them. Only the equations of masses with one link are solved: the others
-    tell no link's force alone.
+    `regressor` is a name in `REGRESSORS`; `threshold` is that of "stlsq", None for the one of smallest BIC. Methods that
+    differ in regressor or reading share the Gram matrix of a case; its time counts for each of them. Only the equations of
+    masses with one link are solved: the others tell no link's force alone. Raises IdentificationError for an unknown
+    regressor, and for a threshold of one that has none.
     """
 
     name: str
     convention: Convention
-    regressor: RegressorName = "least-squares"
+    regressor: str = "least-squares"
     reading: Reading = "coefficients"
     order: int = 3
     threshold: float | None = None
+
+    def __post_init__(self) -> None:
+        self._chosen()
 
     def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
@@ -72,13 +72,8 @@ class MonomialMethod(StudyMethod):
         }
 
     def _chosen(self) -> Regressor:
-        match self.regressor:
-            case "least-squares":
-                return LeastSquares()
-            case "stlsq":
-                return Stlsq(self.threshold)
-            case "l1":
-                return L1()
+        regressor = REGRESSORS.lookup(self.regressor)()
+        return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
 
 
 @lru_cache(maxsize=1)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 
-from linkwise.errors import LinkwiseError, StudyError
+from linkwise.errors import IdentificationError, LinkwiseError, StudyError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
 from linkwise.model.link import near_miss
@@ -20,7 +20,7 @@ from linkwise.sindy.conventions import Convention
 from linkwise.sindy.force_reading import Reading
 from linkwise.study.definition import Study
 from linkwise.study.method import LinkByLink, PhysicsInformedMethod, StudyMethod
-from linkwise.study.method_monomials import MonomialMethod, RegressorName
+from linkwise.study.method_monomials import MonomialMethod
 from linkwise.study.subject import Subject
 
 _SOURCES = ("bnes", "file", "toml")
@@ -61,7 +61,7 @@ class _PhysicsInformed(msgspec.Struct, forbid_unknown_fields=True):
     kind: Literal["physics-informed"]
     name: str = ""
     derivative: Literal["spline", "savgol", "differences"] = "spline"
-    regressor: Literal["stlsq", "l1", "least-squares"] = "stlsq"
+    regressor: str = "stlsq"
 
     def build(self) -> StudyMethod:
         return PhysicsInformedMethod(self.name or self.kind, self.derivative, self.regressor)
@@ -71,7 +71,7 @@ class _Classical(msgspec.Struct, forbid_unknown_fields=True):
     kind: Literal["classical"]
     convention: Convention
     name: str = ""
-    regressor: RegressorName = "least-squares"
+    regressor: str = "least-squares"
     reading: Reading = "coefficients"
     order: Annotated[int, msgspec.Meta(ge=1)] = 3
     threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
@@ -217,7 +217,10 @@ def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
         hint = near_miss(kind, _KINDS) if isinstance(kind, str) else ""
         got = "nothing" if kind is None else repr(kind)
         raise StudyError(f"expected one of {', '.join(_KINDS)}; got {got}{hint}", f"{source}, {path}.kind")
-    method: StudyMethod = _decode(entry, _KINDS[kind], source, path).build()
+    try:
+        method: StudyMethod = _decode(entry, _KINDS[kind], source, path).build()
+    except IdentificationError as error:
+        raise StudyError(str(error), f"{source}, {path}") from None
     return method
 
 

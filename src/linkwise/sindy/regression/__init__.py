@@ -1,1 +1,21 @@
 """Coefficients from equations: one regressor a file, all on one Gram matrix."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from linkwise.errors import IdentificationError
+from linkwise.registry import Registry
+
+if TYPE_CHECKING:
+    from linkwise.sindy.regression.regressor import Regressor
+
+REGRESSORS: Registry[type[Regressor]] = Registry(
+    "regressor",
+    {
+        "stlsq": "linkwise.sindy.regression.stlsq:Stlsq",
+        "l1": "linkwise.sindy.regression.l1:L1",
+        "least-squares": "linkwise.sindy.regression.least_squares:LeastSquares",
+    },
+    IdentificationError,
+)

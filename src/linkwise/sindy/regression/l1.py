@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -39,6 +39,8 @@ class L1(Regressor):
     support by least squares, which undoes the shrinkage of the penalty. Raises IdentificationError for a penalty
     outside (0, 1].
     """
+
+    title: ClassVar[str] = "least squares with an L1 penalty"
 
     penalty: float | None = None
     debias: bool = True

@@ -13,5 +13,7 @@ from linkwise.sindy.regression.regressor import Regressor, SupportCandidate
 class LeastSquares(Regressor):
     """Every column that is not zero throughout takes part."""
 
+    title = "least squares, nothing thresholded"
+
     def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
         return gram.solve(gram.alive, target), 0.0, ()

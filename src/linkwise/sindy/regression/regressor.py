@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -96,7 +97,17 @@ class RegressionFit:
 
 
 class Regressor(ABC):
-    """A way from equations to coefficients. Concretes choose the supports; everything else is shared."""
+    """A way from equations to coefficients. Concretes choose the supports; everything else is shared.
+
+    `title` says in a few words what a concrete does. One without arguments is made where a regressor is chosen by its name in
+    `REGRESSORS`.
+    """
+
+    title: ClassVar[str]
+
+    def with_threshold(self, threshold: float) -> Regressor:
+        """The same with a threshold; raises IdentificationError for a regressor that has none."""
+        raise IdentificationError(f"a threshold of {threshold!r} was given, and {self.title} has none")
 
     def fit(self, system: LinearSystem) -> RegressionFit:
         """Fit all targets of `system` on one Gram matrix; raises IdentificationError where that is impossible."""

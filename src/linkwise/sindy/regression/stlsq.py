@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
@@ -33,6 +33,8 @@ class Stlsq(Regressor):
     Raises IdentificationError for a threshold outside [0, 1), and without one for a system of fewer than 25 rows.
     """
 
+    title: ClassVar[str] = "sequentially thresholded least squares"
+
     threshold: float | None = None
 
     def __post_init__(self) -> None:
@@ -41,6 +43,9 @@ class Stlsq(Regressor):
                 f"a threshold of {self.threshold!r} was given; it is the share of an equation's right-hand side below which a "
                 "term is dropped, 0 <= threshold < 1"
             )
+
+    def with_threshold(self, threshold: float) -> Stlsq:
+        return Stlsq(threshold)
 
     def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
         if self.threshold is not None:
