@@ -1,8 +1,49 @@
-"""`python -m linkwise` is the command `linkwise`."""
+"""The command `linkwise`, also `python -m linkwise`: what must be so before anything slow is imported."""
 
 from __future__ import annotations
 
-from linkwise.cli import main
+import os
+import signal
+import sys
+from importlib import import_module
+from types import FrameType
+
+_INTERRUPTED = 130  # exit code: ended by Ctrl-C, as shells count it
+
+
+def main() -> None:
+    """Run the command line on the arguments of this process and end it with the exit code."""
+    _open_standard_streams()
+    interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if interruptible:  # an exception in the middle of an import would not get out of it whole
+        signal.signal(signal.SIGINT, _leave)
+    run = import_module("linkwise.cli").run
+    if interruptible:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    code = run(sys.argv[1:])
+    if interruptible:  # what is left is the end of the interpreter
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(code)
+
+
+def _open_standard_streams() -> None:
+    """Let a standard stream that was closed lead nowhere, so that no file gets its number and its errors."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free, which is this one
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End the process on Ctrl-C before there is anything to undo."""
+    os.write(2, b"linkwise: interrupted\n")
+    os._exit(_INTERRUPTED)
+
 
 if __name__ == "__main__":
     main()

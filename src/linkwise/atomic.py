@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import shutil
@@ -14,6 +15,14 @@ from linkwise.errors import LinkwiseError
 
 RESULT = "result.json"  # marks a folder as a result of linkwise; its "files" lists what linkwise put there
 ABSORPTION = "absorption.json"  # the same of `absorb`
+
+
+_DISK_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
+
+
+def is_disk_fault(error: OSError) -> bool:
+    """Whether the disk is to blame, full or broken, rather than the place that was given."""
+    return error.errno in _DISK_FAULTS
 
 
 class OutputError(LinkwiseError):

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from linkwise.text import shortened
+
 _SHOWN = 72  # characters of a law that are quoted around the place of an error
 
 
@@ -16,6 +18,9 @@ class LinkwiseError(Exception):
     """The base of all errors of this package; `str(error)` is the whole message."""
 
     exit_code: int = 1
+
+    def __str__(self) -> str:
+        return shortened(super().__str__())
 
 
 class LawError(LinkwiseError):

@@ -5,6 +5,17 @@ from __future__ import annotations
 from functools import singledispatch
 from math import floor, isfinite, log10
 
+LONGEST = 2000  # characters of a message: what a screen shows beside what was typed
+
+
+def shortened(message: str, most: int = LONGEST) -> str:
+    """`message` with its middle left out where it is longer than `most` characters: what quotes a file may quote all of it."""
+    if len(message) <= most:
+        return message
+    half = most // 2
+    left_out = len(message) - 2 * half
+    return f"{message[:half]} [... {left_out} characters ...] {message[-half:]}"
+
 
 @singledispatch
 def as_text(result: object) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import click
 
 from linkwise import __version__
+from linkwise.atomic import is_disk_fault
 from linkwise.cli.absorb import absorb
 from linkwise.cli.console import fail
 from linkwise.cli.discover import discover
@@ -52,8 +53,10 @@ def run(arguments: Sequence[str]) -> int:
     """Run the command line on these arguments and return the exit code; nothing is raised."""
     debug = "--debug" in arguments
     rest = [argument for argument in arguments if argument != "--debug"]
+    _say_nothing_of_fonts()
     try:
         status = linkwise.main(rest, prog_name="linkwise", standalone_mode=False)
+        sys.stdout.flush()
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "linkwise"
         return _report(error, f"{error.format_message().rstrip('.')}. Try: {path} --help", USAGE, debug)
@@ -66,7 +69,11 @@ def run(arguments: Sequence[str]) -> int:
         return FAILED
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
-        return _report(error, f"{place}{error.strerror or error}", USAGE, debug)
+        code = FAILED if is_disk_fault(error) else USAGE
+        return _report(error, f"{place}{error.strerror or error}", code, debug)
+    except MemoryError as error:
+        what = f" ({error})" if str(error) else ""
+        return _report(error, f"the computer has too little memory for this{what}", FAILED, debug)
     except (click.Abort, KeyboardInterrupt):
         fail("interrupted; nothing was left half written")
         return INTERRUPTED
@@ -85,9 +92,6 @@ def _report(error: Exception, message: str, code: int, debug: bool) -> int:
     return code
 
 
-def main() -> None:
-    """Entry point of the command `linkwise`."""
-    logging.getLogger("matplotlib").setLevel(
-        logging.ERROR
-    )  # its font cache tells the user of a slow first run
-    sys.exit(run(sys.argv[1:]))
+def _say_nothing_of_fonts() -> None:
+    """Keep matplotlib from telling of its slow first run, when it builds a cache of fonts."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)

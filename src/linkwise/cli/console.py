@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TYPE_CHECKING
 
 import click
 
 from linkwise.lazy import lazy_module
+from linkwise.text import shortened
 from linkwise.verdict import Verdict, is_trusted
 
 if TYPE_CHECKING:
@@ -27,12 +28,14 @@ def exit_code(verdicts: Iterable[Verdict]) -> int:
 
 def fail(message: str) -> None:
     """One paragraph on standard error that begins with the command's name."""
-    click.echo(f"linkwise: {message}", err=True)
+    with suppress(OSError):  # nobody is left to hear it
+        click.echo(f"linkwise: {shortened(message)}", err=True)
 
 
 def tell(message: str) -> None:
     """A remark for the reader, on standard error, so that standard output holds the result and nothing else."""
-    click.echo(message, err=True)
+    with suppress(OSError):
+        click.echo(shortened(message), err=True)
 
 
 def progress(title: str) -> AbstractContextManager[Callable[[float, str], None]]:

@@ -1,0 +1,117 @@
+"""Messages: no longer than a screen, in words, and with a code that says whose turn it is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+from linkwise.text import LONGEST, shortened
+
+SCREEN = 4000
+LONG = "n" * 200_000
+LINKWISE = [sys.executable, "-m", "linkwise"]
+
+
+@pytest.fixture
+def chain_file(tmp_path: Path) -> Path:
+    path = tmp_path / "chain.toml"
+    lw.write_structure(lw.bnes_chain(2), path)
+    return path
+
+
+def test_a_long_message_keeps_its_beginning_and_its_end() -> None:
+    text = shortened("begin " + LONG + " end")
+    assert text.startswith("begin nnn") and text.endswith("nnn end") and "[... 198010 characters ...]" in text
+    assert shortened("x" * LONGEST) == "x" * LONGEST
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        lw.LinkwiseError(LONG),
+        lw.LawError(LONG, LONG, 100_000, LONG),
+        lw.StructureError(LONG, LONG),
+        lw.RecordError(LONG, LONG, 1, LONG),
+        lw.SimulationError(LONG),
+        lw.StudyError(LONG, LONG),
+    ],
+)
+def test_an_error_fits_on_a_screen(error: lw.LinkwiseError) -> None:
+    assert len(str(error)) < SCREEN
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f'name = "{LONG}',
+        LONG,
+        f'{LONG} = 1\n[[mass]]\nname="m"\nmass=1',
+        f'[[mass]]\nname = "m1"\nmass = "{LONG}"\n',
+        f'[[mass]]\nname = "m1"\nmass = {{ {LONG} = 1 }}\n[[link]]\nname="s"\nbetween=["m1","ground"]\nlaw="k*d"\n',
+        f'[[mass]]\nname = "{LONG}"\nmass = 1\n[[mass]]\nname = "{LONG}"\nmass = 1\n[[link]]\nname="s"\n'
+        f'between=["m1","ground"]\nlaw="k*d"\n',
+        f'[[mass]]\nname="m1"\nmass=1\n[[link]]\nname="s"\nbetween=["m1","ground"]\nlaw="{LONG}*d"\n',
+        f'[[mass]]\nname="m1"\nmass=1\n[[link]]\nname="s"\nbetween=["{LONG}","ground"]\nlaw="k*d"\n',
+    ],
+)
+def test_a_structure_file_with_something_long_in_it(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "long.toml").write_text(text)
+    assert run(["structure", "show", str(tmp_path / "long.toml")]) == 2
+    assert len(capsys.readouterr().err) < SCREEN
+
+
+def test_a_record_with_long_headers(
+    tmp_path: Path, chain_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "long.csv").write_text(f"time,{LONG},{LONG}2,x:{LONG}\n0,1,2,3\n")
+    assert run(["identify", str(tmp_path / "long.csv"), str(chain_file)]) == 2
+    assert len(capsys.readouterr().err) < SCREEN
+
+
+def test_lack_of_memory_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def exhausted(*_: object, **__: object) -> None:
+        raise MemoryError("Unable to allocate 43.7 TiB")
+
+    monkeypatch.setattr(lw, "bnes_chain", exhausted)
+    assert run(["structure", "bnes", "--dof", "2"]) == 1
+    assert capsys.readouterr().err == (
+        "linkwise: the computer has too little memory for this (Unable to allocate 43.7 TiB)\n"
+    )
+
+
+def command(arguments: list[str], redirections: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """`linkwise` with these arguments in `folder`, its streams redirected by a shell."""
+    words = " ".join(f"'{word}'" for word in [*LINKWISE, *arguments])
+    return subprocess.run(
+        ["sh", "-c", f"{words} {redirections}"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.skipif(os.name != "posix", reason="streams are closed by a shell of Unix")
+def test_without_standard_error_answers_and_codes_are_the_same(chain_file: Path) -> None:
+    closed = command(["structure", "show", "chain.toml"], "2>&-", chain_file.parent)
+    usual = command(["structure", "show", "chain.toml"], "", chain_file.parent)
+    assert (closed.returncode, closed.stdout) == (0, usual.stdout)
+    simulated = ["simulate", "chain.toml", "--duration", "1", "--rate", "100", "-o", "run.csv"]
+    assert command(simulated, "2>&-", chain_file.parent).returncode == 0
+    assert command(["identify", "run.csv", "absent.toml"], "2>&-", chain_file.parent).returncode == 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_behind_standard_output_is_told(chain_file: Path) -> None:
+    full = command(["structure", "show", "chain.toml"], "> /dev/full", chain_file.parent)
+    assert full.returncode == 1
+    assert full.stderr == "linkwise: No space left on device\n"
