@@ -73,9 +73,9 @@ def test_ten_masses_a_hundred_times_faster_than_scipy(dop853: float) -> None:
     first = afresh(lambda: chain(10))
     again = best(lambda: chain(10), 30)
     record = chain(10)
-    energy = best(lambda: record.simulated.account.energy, 1)
-    horizon = best(lambda: record.simulated.account.horizon, 1)
-    balance = np.abs(record.simulated.energy.residual).max() / record.simulated.energy.put_in.max()
+    energy = best(lambda: record.simulated.diagnostics.energy, 1)
+    horizon = best(lambda: record.simulated.diagnostics.horizon, 1)
+    balance = np.abs(record.simulated.energy.residual).max() / record.simulated.energy.supplied.max()
     print(
         f"\n10 masses, 6 s, 6001 samples: DOP853 {dop853:.3f} s; simulate() {again * 1e3:.1f} ms, {dop853 / again:.0f} times "
         f"faster; with compilation {first:.2f} s\n  when asked: energies {energy * 1e3:.0f} ms (closing to {balance:.0e}), "

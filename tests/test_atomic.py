@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from linkwise.atomic import OutputError, check_result_folder, to_json, whole_file, whole_folder
+from linkwise.atomic import OutputError, atomic_file, atomic_folder, check_result_folder, to_json
 
 
 def write_result(folder: Path, **files: str) -> None:
     """A result as linkwise writes it, of these text files."""
-    with whole_folder(folder) as partial:
+    with atomic_folder(folder) as partial:
         for name, text in files.items():
             (partial / name).write_text(text)
         (partial / "result.json").write_text(json.dumps({"method": "weak", "files": list(files)}))
@@ -26,7 +26,7 @@ def test_json_is_readable_by_everyone() -> None:
 
 def test_file_keeps_its_suffix_while_it_is_written_and_makes_its_folders(tmp_path: Path) -> None:
     target = tmp_path / "new" / "run.csv"
-    with whole_file(target) as partial:
+    with atomic_file(target) as partial:
         assert partial.suffix == ".csv" and not target.exists()
         partial.write_text("text")
     assert target.read_text() == "text" and list(target.parent.iterdir()) == [target]
@@ -35,7 +35,7 @@ def test_file_keeps_its_suffix_while_it_is_written_and_makes_its_folders(tmp_pat
 def test_failed_file_leaves_the_earlier_one(tmp_path: Path) -> None:
     target = tmp_path / "run.csv"
     target.write_text("earlier")
-    with pytest.raises(RuntimeError, match="on the way"), whole_file(target) as partial:
+    with pytest.raises(RuntimeError, match="on the way"), atomic_file(target) as partial:
         partial.write_text("half")
         raise RuntimeError("on the way")
     assert target.read_text() == "earlier" and list(tmp_path.iterdir()) == [target]
@@ -68,7 +68,7 @@ def test_what_the_user_put_beside_a_result_is_kept(tmp_path: Path) -> None:
 def test_failed_result_leaves_the_earlier_one(tmp_path: Path) -> None:
     folder = tmp_path / "answer"
     write_result(folder, a="1")
-    with pytest.raises(RuntimeError, match="on the way"), whole_folder(folder) as partial:
+    with pytest.raises(RuntimeError, match="on the way"), atomic_folder(folder) as partial:
         (partial / "a").write_text("half")
         raise RuntimeError("on the way")
     assert (folder / "a").read_text() == "1" and list(tmp_path.iterdir()) == [folder]
@@ -79,7 +79,7 @@ def test_result_of_a_killed_run_comes_back(tmp_path: Path) -> None:
     folder = tmp_path / "answer"
     write_result(folder, a="1")
     folder.rename(tmp_path / ".answer.old")
-    with pytest.raises(RuntimeError, match="again"), whole_folder(folder):
+    with pytest.raises(RuntimeError, match="again"), atomic_folder(folder):
         raise RuntimeError("again")
     assert (folder / "a").read_text() == "1"
 
@@ -92,15 +92,15 @@ def test_a_folder_that_is_no_result_is_refused(tmp_path: Path, text: str | None)
     if text is not None:
         (folder / "result.json").write_text(text)
     with pytest.raises(
-        OutputError, match=r"thesis: it is there and is no result of linkwise .* give another folder"
+        OutputError, match=r"thesis: already exists and is not a result of linkwise .* Choose another folder"
     ):
         check_result_folder(folder)
-    with pytest.raises(OutputError), whole_folder(folder):
+    with pytest.raises(OutputError), atomic_folder(folder):
         pytest.fail("the block must not run")
     assert (folder / "chapter1.tex").read_text() == "years of work"
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "answer").write_text("a file")
-    with pytest.raises(OutputError, match="is no result of linkwise"):
+    with pytest.raises(OutputError, match="is not a result of linkwise"):
         check_result_folder(tmp_path / "answer")

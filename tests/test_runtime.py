@@ -6,38 +6,36 @@ from pathlib import Path
 
 import pytest
 
-from linkwise import runtime as memory
+from linkwise.runtime import available_memory
 
 GIGA = 2**30
 
 
 @pytest.fixture
-def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def reported(tmp_path: Path) -> Path:
     """A machine with 16 GB available in a container of 8 GB that uses 5, 2 of them for files."""
     (tmp_path / "meminfo").write_text(f"MemTotal: 1 kB\nMemAvailable: {16 * GIGA // 1024} kB\n")
     (tmp_path / "memory.max").write_text(f"{8 * GIGA}\n")
     (tmp_path / "memory.current").write_text(f"{5 * GIGA}\n")
     (tmp_path / "memory.stat").write_text(f"anon {3 * GIGA}\ninactive_file {2 * GIGA}\n")
-    monkeypatch.setattr(memory, "_MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr(memory, "_GROUP", tmp_path)
     return tmp_path
 
 
-def test_the_container_counts_without_its_cached_files(told: Path) -> None:
-    assert memory.available_memory() == 5 * GIGA
+def test_the_container_counts_without_its_cached_files(reported: Path) -> None:
+    assert available_memory(reported / "meminfo", reported) == 5 * GIGA
 
 
-def test_without_a_limit_the_system_counts(told: Path) -> None:
-    (told / "memory.max").write_text("max\n")
-    assert memory.available_memory() == 16 * GIGA
+def test_without_a_limit_the_system_counts(reported: Path) -> None:
+    (reported / "memory.max").write_text("max\n")
+    assert available_memory(reported / "meminfo", reported) == 16 * GIGA
 
 
-def test_small_work_is_never_refused_for_a_moments_lack(told: Path) -> None:
-    (told / "memory.current").write_text(f"{10 * GIGA}\n")
-    assert memory.available_memory() == GIGA
+def test_at_least_one_gibibyte_is_always_available(reported: Path) -> None:
+    (reported / "memory.current").write_text(f"{10 * GIGA}\n")
+    assert available_memory(reported / "meminfo", reported) == GIGA
 
 
-def test_a_system_that_tells_nothing_has_half_of_what_is_installed(told: Path) -> None:
-    (told / "meminfo").unlink()
-    (told / "memory.max").unlink()
-    assert 0 < memory.available_memory() < 2**50
+def test_half_of_the_installed_memory_where_nothing_is_reported(reported: Path) -> None:
+    (reported / "meminfo").unlink()
+    (reported / "memory.max").unlink()
+    assert 0 < available_memory(reported / "meminfo", reported) < 2**50

@@ -44,7 +44,7 @@ def test_to_si(given: object, dimension: str, value: float) -> None:
         (
             "30",
             "N/m",
-            "'30' has no unit: write it with one, as in '30 N/m', or without quotes if it is in N/m already.",
+            "'30' has no unit: add one, as in '30 N/m', or remove the quotes if it is in N/m already.",
         ),
         ("30 kg", "N/m", "'30 kg' is in kg: expected a number in N/m or a text with a unit such as '1 N/m'."),
         ("30 kg", "", "'30 kg' is in kg: expected a number."),
@@ -53,10 +53,10 @@ def test_to_si(given: object, dimension: str, value: float) -> None:
         ("3 N/", "N", "'3 N/' cannot be read"),
         ("10 m + 3", "m", "'10 m + 3' cannot be read"),
         ("__import__('os')", "m", "cannot be read as a quantity"),
-        ("1e999 m", "m", "'1e999 m' is no finite value."),
-        (float("nan"), "m", "nan is no finite value."),
-        (True, "m", "True is no value: expected a number in m or"),
-        (None, "m", "None is no value: expected a number in m or"),
+        ("1e999 m", "m", "'1e999 m' is not finite."),
+        (float("nan"), "m", "nan is not finite."),
+        (True, "m", "True is not a value: expected a number in m or"),
+        (None, "m", "None is not a value: expected a number in m or"),
     ],
 )
 def test_to_si_refuses(given: object, dimension: str, message: str) -> None:
@@ -89,9 +89,9 @@ def test_factor_to_si(unit: str, dimension: str, factor: float) -> None:
     ("unit", "message"),
     [
         ("V", "'V' is in V: expected a unit that converts to m."),
-        ("3 mm", "'3 mm' is no unit: expected a unit that converts to m."),
+        ("3 mm", "'3 mm' is not a unit: expected a unit that converts to m."),
         ("", "'' cannot be read as a quantity: expected a unit that converts to m."),
-        ("2", "'2' is no unit"),
+        ("2", "'2' is not a unit"),
         ("g", "'g' is in g: expected"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all, and never take the place of what linkwise did not write."""
+"""Atomic output: files and folders that appear complete or not at all, and never replace what linkwise did not write."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from typing import Any
 
 from linkwise.errors import LinkwiseError
 
-RESULT = "result.json"  # marks a folder as a result of linkwise; its "files" lists what linkwise put there
-ABSORPTION = "absorption.json"  # the same of `absorb`
+RESULT = (
+    "result.json"  # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
+)
+ABSORPTION = "absorption.json"  # the same for `absorb`
 
 
 _DISK_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
@@ -26,13 +28,13 @@ def is_disk_fault(error: OSError) -> bool:
 
 
 class OutputError(LinkwiseError):
-    """A place where nothing can or may be written."""
+    """An output path that cannot or must not be written."""
 
     exit_code = 2
 
 
 def to_json(data: Any, *, indent: int | None = None) -> str:
-    """Plain data as JSON that every reader accepts: what is not finite becomes null."""
+    """`data` as strictly valid JSON: numbers that are not finite become null."""
     return json.dumps(_finite(data), indent=indent, allow_nan=False)
 
 
@@ -47,10 +49,10 @@ def _finite(data: Any) -> Any:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A path beside `path` to write to; it takes the place of `path` when the block ends without an error.
+def atomic_file(path: Path) -> Iterator[Path]:
+    """A temporary path in the folder of `path`; renamed to `path` when the block ends without an error.
 
-    Missing folders above are made. The suffix is kept, since it says which format is meant.
+    Missing parent folders are created. The suffix is kept, since writers choose the format by it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
@@ -62,29 +64,29 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def check_result_folder(path: Path, mark: str = RESULT) -> None:
-    """Raises OutputError unless `path` is free, an empty folder, or an earlier result of the kind that `mark` marks."""
+    """Raise OutputError unless `path` does not exist, is an empty folder, or holds an earlier result marked by `mark`."""
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     if _written(path, mark) is None:
         other = next(
-            (each for each in (RESULT, ABSORPTION) if each != mark and _written(path, each) is not None), None
+            (name for name in (RESULT, ABSORPTION) if name != mark and _written(path, name) is not None), None
         )
         what = (
-            f"is the result of another command ({other})"
+            f"holds the result of another command ({other})"
             if other
-            else f"is no result of linkwise (it has no {mark} of one)"
+            else f"is not a result of linkwise (no valid {mark})"
         )
         raise OutputError(
-            f"{path}: it is there and {what}, so it is left as it is; give another folder, or remove this one yourself"
+            f"{path}: already exists and {what}; it was not changed. Choose another folder, or remove this one"
         )
 
 
 @contextmanager
-def whole_folder(path: Path, mark: str = RESULT) -> Iterator[Path]:
-    """An empty folder beside `path` to write a result into; it takes the place of `path` when the block ends well.
+def atomic_folder(path: Path, mark: str = RESULT) -> Iterator[Path]:
+    """An empty temporary folder next to `path`; renamed to `path` when the block ends without an error.
 
-    An earlier result stays untouched until then, and what its user put beside it is carried over. Raises
-    OutputError where `path` is something else than a result of the kind that `mark` marks.
+    An earlier result stays untouched until then, and files that its user added are kept. Raises OutputError where `path`
+    exists and is not a result marked by `mark`.
     """
     partial, old = path.with_name(f".{path.name}.partial"), path.with_name(f".{path.name}.old")
     if old.exists() and not path.exists():  # a run was killed between the two renames below
@@ -107,7 +109,7 @@ def whole_folder(path: Path, mark: str = RESULT) -> Iterator[Path]:
 
 
 def _carry_over(old: Path, new: Path, mark: str) -> None:
-    """Copy what is in `old` and was not written by linkwise."""
+    """Copy the entries of `old` that linkwise did not write."""
     written = _written(old, mark) or set()
     for entry in old.iterdir():
         if entry.name in written or (new / entry.name).exists():
@@ -119,7 +121,7 @@ def _carry_over(old: Path, new: Path, mark: str) -> None:
 
 
 def _written(folder: Path, mark: str) -> set[str] | None:
-    """The names that linkwise wrote into an earlier result; None where `folder` is not one."""
+    """Names of the files that linkwise wrote into an earlier result; None where `folder` is not a result."""
     try:
         result = json.loads((folder / mark).read_text(encoding="utf-8"))
         return {mark, *map(str, result["files"])} if "method" in result else None

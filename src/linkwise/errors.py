@@ -1,33 +1,99 @@
 """Every error that linkwise raises for a reason its user can act on.
 
-The message is one paragraph: what was given, why it cannot be, what was expected and the next step. What the error talks
-about (file, line, link, time) stays on the exception as an attribute, so a caller need not read the text. `exit_code` is the
-code with which the command line ends: 1 failed with a reason, 2 wrong usage or unreadable input.
+The message is one paragraph: what was given, why it is refused, what was expected and the next step. What the error is about
+(file, line, link, time) is kept on the exception as attributes, so a caller need not parse the text.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from linkwise.text import shortened
 
-_SHOWN = 72  # characters of a law that are quoted around the place of an error
+_SHOWN = 72  # characters of a law that are quoted around the position of an error
 
 
 class LinkwiseError(Exception):
-    """The base of all errors of this package; `str(error)` is the whole message."""
+    """Base class of all errors of this package; ``str(error)`` is the whole message.
+
+    Parameters
+    ----------
+    message : str
+        What was given, why it is refused and what to do.
+    arguments : sequence of str, optional
+        Names of the arguments of the public function that would resolve the error, such as ``("rate",)``. An interface
+        that spells them differently (a command line) can add its own spelling.
+
+    Attributes
+    ----------
+    arguments : tuple of str
+        As given.
+    exit_code : int
+        Exit code of the command line: 1 failed with a reason, 2 wrong usage or unreadable input.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> try:
+    ...     lw.read_record("no-such-file.csv")
+    ... except lw.LinkwiseError as error:
+    ...     print(error)
+    no-such-file.csv: there is no such file
+    """
 
     exit_code: int = 1
+
+    def __init__(self, message: str, *, arguments: Sequence[str] = ()) -> None:
+        self.arguments = tuple(arguments)
+        super().__init__(message)
 
     def __str__(self) -> str:
         return shortened(super().__str__())
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (type(self), self.args[0], dict(vars(self)))
+
+
+def _rebuilt(kind: type[LinkwiseError], message: str, attributes: dict[str, Any]) -> LinkwiseError:
+    """The error that a process pickled, whatever the signature of its class."""
+    error = kind.__new__(kind, message)
+    error.args = (message,)
+    vars(error).update(attributes)
+    return error
+
 
 class LawError(LinkwiseError):
-    """A law's text that cannot be a law, with a caret under the place.
+    """A text that is not a valid law; the message shows a caret under the position at fault.
 
-    `text` is what the user typed, `position` the zero-based character at fault (None where no single place is), `reason` why
-    it cannot be and `advice` the next step.
+    Parameters
+    ----------
+    reason : str
+        Why the law is refused.
+    text : str
+        The law as typed.
+    position : int, optional
+        Zero-based index of the character at fault; None where no single position is.
+    advice : str, optional
+        The next step.
+
+    Attributes
+    ----------
+    reason, text, position, advice
+        As given.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> try:
+    ...     lw.Law.parse("k*d + c v")
+    ... except lw.LawError as error:
+    ...     print(error)
+    An operator is missing between 'c' and 'v'.
+      k*d + c v
+              ^
+    A product is written with a star: c*v.
     """
 
     exit_code = 2
@@ -36,25 +102,53 @@ class LawError(LinkwiseError):
         self.reason, self.text, self.position, self.advice = reason, text, position, advice
         super().__init__("\n".join([reason, *_quoted(text, position), *([advice] if advice else [])]))
 
-    def __reduce__(self) -> tuple[type[LawError], tuple[str, str, int | None, str]]:
-        return type(self), (self.reason, self.text, self.position, self.advice)
-
 
 class StructureError(LinkwiseError):
-    """A structure that cannot be built; `where` is the file, key or link that says so."""
+    """A structure that is not valid.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and what to do.
+    where : str, optional
+        The file, key, mass or link concerned; it precedes the message.
+    arguments : sequence of str, optional
+        As of `LinkwiseError`.
+
+    Attributes
+    ----------
+    message, where
+        As given.
+    """
 
     exit_code = 2
 
-    def __init__(self, message: str, where: str = "") -> None:
+    def __init__(self, message: str, where: str = "", *, arguments: Sequence[str] = ()) -> None:
         self.message, self.where = message, where
-        super().__init__(f"{where}: {message}" if where else message)
-
-    def __reduce__(self) -> tuple[type[StructureError], tuple[str, str]]:
-        return type(self), (self.message, self.where)
+        super().__init__(f"{where}: {message}" if where else message, arguments=arguments)
 
 
 class RecordError(LinkwiseError):
-    """A record or its file that cannot be used; names the file, the line (1-based) and the channel where they are known."""
+    """A record, or its file, that cannot be used.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and what to do.
+    file : str or Path, optional
+        The file that was read.
+    line : int, optional
+        Line of the file, counted from 1.
+    channel : str, optional
+        Name of the channel.
+    arguments : sequence of str, optional
+        As of `LinkwiseError`.
+
+    Attributes
+    ----------
+    message, file, line, channel
+        As given; None where unknown.
+    """
 
     exit_code = 2
 
@@ -64,6 +158,8 @@ class RecordError(LinkwiseError):
         file: str | Path | None = None,
         line: int | None = None,
         channel: str | None = None,
+        *,
+        arguments: Sequence[str] = (),
     ) -> None:
         self.message, self.file, self.line, self.channel = message, file, line, channel
         places = [
@@ -72,24 +168,39 @@ class RecordError(LinkwiseError):
             f"channel {channel}" if channel is not None else "",
         ]
         where = ", ".join(place for place in places if place)
-        super().__init__(f"{where}: {message}" if where else message)
-
-    def __reduce__(self) -> tuple[type[RecordError], tuple[str, str | Path | None, int | None, str | None]]:
-        return type(self), (self.message, self.file, self.line, self.channel)
+        super().__init__(f"{where}: {message}" if where else message, arguments=arguments)
 
 
 class SimulationError(LinkwiseError):
-    """A simulation that could not go on; `time` in s and `mass` say where it stopped.
+    """A simulation that cannot start or cannot continue; the message names time and mass.
 
-    The message is complete in itself: it names time and mass in words.
+    Parameters
+    ----------
+    message : str
+        What is wrong and what to do, complete in itself.
+    time : float, optional
+        Time in s at which the simulation stopped.
+    mass : str, optional
+        Name of the mass concerned.
+    arguments : sequence of str, optional
+        As of `LinkwiseError`.
+
+    Attributes
+    ----------
+    message, time, mass
+        As given.
     """
 
-    def __init__(self, message: str, time: float | None = None, mass: str | None = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        time: float | None = None,
+        mass: str | None = None,
+        *,
+        arguments: Sequence[str] = (),
+    ) -> None:
         self.message, self.time, self.mass = message, time, mass
-        super().__init__(message)
-
-    def __reduce__(self) -> tuple[type[SimulationError], tuple[str, float | None, str | None]]:
-        return type(self), (self.message, self.time, self.mass)
+        super().__init__(message, arguments=arguments)
 
 
 class IdentificationError(LinkwiseError):
@@ -97,20 +208,32 @@ class IdentificationError(LinkwiseError):
 
 
 class StudyError(LinkwiseError):
-    """A study that cannot be run or gone on with; `where` is the file and key, or the folder, that says so."""
+    """A study that cannot be run or resumed.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and what to do.
+    where : str, optional
+        The file and key, or the folder, concerned; it precedes the message.
+    arguments : sequence of str, optional
+        As of `LinkwiseError`.
+
+    Attributes
+    ----------
+    message, where
+        As given.
+    """
 
     exit_code = 2
 
-    def __init__(self, message: str, where: str = "") -> None:
+    def __init__(self, message: str, where: str = "", *, arguments: Sequence[str] = ()) -> None:
         self.message, self.where = message, where
-        super().__init__(f"{where}: {message}" if where else message)
-
-    def __reduce__(self) -> tuple[type[StudyError], tuple[str, str]]:
-        return type(self), (self.message, self.where)
+        super().__init__(f"{where}: {message}" if where else message, arguments=arguments)
 
 
 def _quoted(text: str, position: int | None) -> list[str]:
-    """The line of `text` at `position`, cut to a readable length, and the caret under it."""
+    """The line of `text` at `position`, cut to a readable length, and a caret under the position."""
     if position is None:
         return [f"  {text}" if len(text) <= _SHOWN else f"  {text[: _SHOWN - 3]}..."]
     position = min(max(position, 0), len(text))

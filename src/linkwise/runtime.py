@@ -1,4 +1,4 @@
-"""What this process may use: memory, processors, and the threads of BLAS."""
+"""Resources of this process: available memory, processors, and the threads of BLAS."""
 
 from __future__ import annotations
 
@@ -10,20 +10,24 @@ from pathlib import Path
 from threadpoolctl import ThreadpoolController
 
 _MEMINFO = Path("/proc/meminfo")
-_GROUP = Path("/sys/fs/cgroup")  # limits that a container sets (version 2)
-_ASSUMED = 4 * 2**30  # where the system does not tell
-_ALWAYS = 2**30  # a moment's lack of less is no reason to refuse: systems swap, neighbours finish
+_CGROUP = Path("/sys/fs/cgroup")  # limits set by a container (version 2)
+_ASSUMED = 4 * 2**30  # bytes, where the system reports nothing
+_MINIMUM = (
+    2**30
+)  # bytes: a momentary shortage is no reason to refuse, since systems swap and other processes finish
 
 
-def available_memory() -> int:
-    """Bytes that are free or can be freed, no more than a container leaves: 1 GB at least, half of all if nothing is told."""
-    found = [_free(_MEMINFO), _left(_GROUP)]
-    known = [number for number in found if number is not None]
-    return max(min(known), _ALWAYS) if known else _installed()
+def available_memory(meminfo: Path = _MEMINFO, cgroup: Path = _CGROUP) -> int:
+    """Bytes that are free or can be freed, within the limit of a container, if any; never less than 1 GiB.
+
+    Half of the installed memory where the system does not report what is free.
+    """
+    limits = [size for size in (_system_available(meminfo), _container_available(cgroup)) if size is not None]
+    return max(min(limits), _MINIMUM) if limits else _half_of_installed()
 
 
-def _free(meminfo: Path) -> int | None:
-    """What Linux holds to be available."""
+def _system_available(meminfo: Path) -> int | None:
+    """Bytes that Linux reports as available; None on other systems."""
     try:
         lines = meminfo.read_text(encoding="ascii").splitlines()
     except OSError:
@@ -32,21 +36,21 @@ def _free(meminfo: Path) -> int | None:
     return int(fields["MemAvailable"].split()[0]) * 1024 if "MemAvailable" in fields else None
 
 
-def _left(group: Path) -> int | None:
-    """What the limit of a container leaves, files that are only kept in memory for speed not counted."""
+def _container_available(cgroup: Path) -> int | None:
+    """Bytes below the limit of a container, the file cache not counted as used; None without a limit."""
     try:
-        limit = (group / "memory.max").read_text(encoding="ascii").strip()
-        used = (group / "memory.current").read_text(encoding="ascii").strip()
+        limit = (cgroup / "memory.max").read_text(encoding="ascii").strip()
+        used = (cgroup / "memory.current").read_text(encoding="ascii").strip()
         cached = dict(
-            line.split() for line in (group / "memory.stat").read_text(encoding="ascii").splitlines()
+            line.split() for line in (cgroup / "memory.stat").read_text(encoding="ascii").splitlines()
         )
     except OSError:
         return None
     return max(int(limit) - int(used) + int(cached.get("inactive_file", 0)), 0) if limit != "max" else None
 
 
-def _installed() -> int:
-    """Half of what is installed, for systems that tell no more (macOS)."""
+def _half_of_installed() -> int:
+    """Half of the physical memory in bytes, for systems that report no more (macOS)."""
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
     except (AttributeError, ValueError, OSError):
@@ -54,21 +58,21 @@ def _installed() -> int:
 
 
 def processors() -> int:
-    """The processors that this process may use."""
+    """The number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
-    """A block in which BLAS works on the calling thread alone.
+    """A context in which BLAS uses the calling thread only.
 
-    A product that takes microseconds is done before a second thread is awake, and on a busy machine it would wait for that
-    thread's turn: milliseconds.
+    A product that takes microseconds is finished before a second thread wakes up; on a busy machine, waiting for that thread
+    costs milliseconds.
     """
-    limited: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    limited: AbstractContextManager[object] = _blas_libraries().limit(limits=1, user_api="blas")
     return limited
 
 
 @lru_cache(maxsize=1)
-def _libraries() -> ThreadpoolController:
-    """The BLAS libraries that are loaded; finding them costs milliseconds."""
+def _blas_libraries() -> ThreadpoolController:
+    """The BLAS libraries that are loaded; cached, since finding them takes milliseconds."""
     return ThreadpoolController()

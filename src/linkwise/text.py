@@ -1,4 +1,4 @@
-"""Numbers and columns for printing, and the one function by which every result prints itself."""
+"""Text output: formatted numbers, aligned columns, and the single dispatch by which results print themselves."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def shortened(message: str, most: int = LONGEST) -> str:
 
 @singledispatch
 def as_text(result: object) -> str:
-    """What `print(result)` shows.
+    """The text that `print(result)` shows.
 
-    Each package of results registers the renderer of its own beside them, so that results do not import how they look.
+    Each package registers the renderers of its own results, so that results do not import their presentation.
     """
-    raise TypeError(f"no text is registered for {type(result).__name__}")
+    raise TypeError(f"no text renderer is registered for {type(result).__name__}")
 
 
-def number(value: float, error: float | None = None) -> str:
-    """`value` to two digits of its `error`, or to six digits."""
+def format_value(value: float, error: float | None = None) -> str:
+    """`value` rounded to two significant digits of its standard `error`, or to six digits without one."""
     if not isfinite(value):
         return str(value)
     if error is None or not error > 0.0 or not isfinite(error):
@@ -41,16 +41,16 @@ def number(value: float, error: float | None = None) -> str:
     return f"{value:.{max(digits, 1)}e}"
 
 
-def error_number(value: float) -> str:
-    """A standard error to two digits."""
+def format_error(value: float) -> str:
+    """A standard error rounded to two significant digits."""
     if not 1e-4 <= value < 1e7:
         return f"{value:.1e}"
     last = floor(log10(value)) - 1
     return f"{value:.{-last}f}" if last < 0 else f"{round(value / 10.0**last) * 10.0**last:.0f}"
 
 
-def columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows in columns: the first and the last to the left, the others to the right."""
+def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
+    """One line per row, cells padded to columns: the first and last flush left, the others flush right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = []
     for row in rows:

@@ -1,4 +1,4 @@
-"""Values with units, to SI. The only door to pint."""
+"""Conversion of values with units to SI; the only module that uses pint."""
 
 from __future__ import annotations
 
@@ -19,60 +19,84 @@ else:
 
 _GRAVITY = "standard_gravity"
 _SPELLINGS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "**2", "³": "**3", "−": "-"})
-_FREE = ("", "?")  # dimensions for which a number without a unit will do
+_UNITLESS = ("", "?")  # dimensions for which a number needs no unit
 _WHOLE = re.compile(r"(?<![\w.])\d+(?![\w.])")
 _LONGEST = 200  # characters of a quantity
-_SHOWN = 60  # of them in a message
+_SHOWN = 60  # characters of it in a message
 _UNREADABLE = (
     tokenize.TokenError, ValueError, TypeError, AttributeError, ArithmeticError, AssertionError,
 )  # fmt: skip
 
 
 def to_si(given: object, dimension: str) -> float:
-    """The value of `given` in SI units: `to_si("30 kN/m", "N/m")` is 30000.0. A bare number is in SI already.
+    """Convert a value to SI units.
 
-    `dimension` is the SI unit that is expected, as laws print it ("N/m^3", "N s/m", "kg", "" for a pure number, "?" for any).
-    Raises LinkwiseError, with what was given and what was expected.
+    Parameters
+    ----------
+    given : float or str
+        A number, which is in SI units already, or a text with a unit such as ``"30 kN/m"``.
+    dimension : str
+        The SI unit expected, written as in `Law.units`: ``"N/m^3"``, ``"N s/m"``, ``"kg"``, ``""`` for a pure number,
+        ``"?"`` for any unit.
+
+    Returns
+    -------
+    float
+        The value in SI units.
+
+    Raises
+    ------
+    LinkwiseError
+        If `given` is not a finite number, cannot be read as a quantity, or has another dimension.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.to_si("30 kN/m", "N/m")
+    30000.0
+    >>> lw.to_si("1 g", "m/s^2")
+    9.80665
     """
     expected = "a number"
-    if dimension not in _FREE:
+    if dimension not in _UNITLESS:
         expected += f" in {dimension} or a text with a unit such as '1 {dimension}'"
     if not isinstance(given, str):
         if isinstance(given, bool) or not isinstance(given, Real):
-            raise LinkwiseError(f"{_shown(given)} is no value: expected {expected}.")
+            raise LinkwiseError(f"{_shown(given)} is not a value: expected {expected}.")
         try:
             return _finite(float(given), given)
-        except OverflowError:  # of a whole number
+        except OverflowError:  # of a large integer
             return _finite(math.inf, given)
     quantity = _read(given, dimension, expected)
-    if quantity.unitless and dimension not in _FREE:
+    if quantity.unitless and dimension not in _UNITLESS:
         raise LinkwiseError(
-            f"{_shown(given)} has no unit: write it with one, as in '{quantity.magnitude:g} {dimension}', "
-            f"or without quotes if it is in {dimension} already."
+            f"{_shown(given)} has no unit: add one, as in '{quantity.magnitude:g} {dimension}', "
+            f"or remove the quotes if it is in {dimension} already."
         )
     return _converted(quantity, given, dimension, expected)
 
 
 def factor_to_si(unit: str, dimension: str) -> float:
-    """What a number in `unit` is multiplied by: `factor_to_si("mm", "m")` is 0.001. An acceleration's "g" is gravity's.
+    """The factor that converts a number in `unit` to the SI unit `dimension`: 0.001 for "mm" and "m".
 
-    Raises LinkwiseError for a unit that is unknown or of another kind.
+    "g" is standard gravity where an acceleration is expected. Raises LinkwiseError for a unit that is unknown or has
+    another dimension.
     """
-    expected = f"a unit that converts to {dimension}" if dimension not in _FREE else "a unit"
+    expected = f"a unit that converts to {dimension}" if dimension not in _UNITLESS else "a unit"
     quantity = _read(unit, dimension, expected)
-    if quantity.magnitude != 1 or (quantity.unitless and dimension not in _FREE):
-        raise LinkwiseError(f"{_shown(unit)} is no unit: expected {expected}.")
+    if quantity.magnitude != 1 or (quantity.unitless and dimension not in _UNITLESS):
+        raise LinkwiseError(f"{_shown(unit)} is not a unit: expected {expected}.")
     return _converted(quantity, unit, dimension, expected)
 
 
 def _finite(value: float, given: object) -> float:
     if not math.isfinite(value):
-        raise LinkwiseError(f"{_shown(given)} is no finite value.")
+        raise LinkwiseError(f"{_shown(given)} is not finite.")
     return value
 
 
 def _read(text: str, dimension: str, expected: str) -> pint.Quantity[float]:
-    """Whatever pint reads in `text`; "m/s2" means m/s^2, and "g" is gravity where an acceleration is expected."""
+    """`text` as a quantity; "m/s2" means m/s^2, and "g" is gravity where an acceleration is expected."""
     unreadable = LinkwiseError(f"{_shown(text)} cannot be read as a quantity: expected {expected}.")
     if len(text) > _LONGEST:
         raise unreadable
@@ -87,7 +111,7 @@ def _read(text: str, dimension: str, expected: str) -> pint.Quantity[float]:
 
 
 def _in_floats(text: str) -> str:
-    """`text` with whole numbers as floats, but for the exponents of units: 9**9**9 of whole numbers never ends."""
+    """`text` with integers as floats, except exponents of units: 9**9**9 in integers would never finish."""
 
     def spelled(match: re.Match[str]) -> str:
         before, after = text[: match.start()].rstrip(" +-"), text[match.end() :].lstrip()
@@ -114,5 +138,5 @@ def _converted(quantity: pint.Quantity[float], given: str, dimension: str, expec
 
 @cache
 def _registry() -> pint.UnitRegistry[float]:
-    """Built on first use: it takes longer to fill than most commands run."""
+    """Built on first use: filling it takes longer than most commands run."""
     return pint.UnitRegistry()

@@ -113,7 +113,7 @@ def test_an_earlier_result_is_replaced_and_other_folders_are_left(
     (other / "thesis.tex").write_text("")
     capsys.readouterr()
     assert run(["absorb", str(chain), *TRIAL, "-o", str(other)]) == 2
-    assert "is no result of linkwise" in capsys.readouterr().err
+    assert "is not a result of linkwise" in capsys.readouterr().err
     assert [path.name for path in other.iterdir()] == ["thesis.tex"]
 
 

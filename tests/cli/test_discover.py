@@ -205,7 +205,7 @@ def test_a_folder_that_is_no_result_is_refused_before_the_work(
     (tmp_path / "thesis.tex").write_text("years of work")
     monkeypatch.setattr(lw, "discover", lambda *_, **__: pytest.fail("the work was begun"))
     assert run(arguments(files, "-o", str(tmp_path))) == 2
-    assert "is no result of linkwise" in capsys.readouterr().err
+    assert "is not a result of linkwise" in capsys.readouterr().err
 
 
 def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
@@ -229,7 +229,7 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
             "--mass m2: 'ten' cannot be read as a quantity: expected a number in kg",
         ),
         (["--mass", "m1=1", "--mass", "m2=10 nm"], "--mass m2: '10 nm' is in nm: expected a number in kg"),
-        (["--mass", "m1=1", "--mass", "m2=nan"], "--mass m2: nan is no finite value."),
+        (["--mass", "m1=1", "--mass", "m2=nan"], "--mass m2: nan is not finite."),
         (["--mass", "m1=1", "--mass", "m2=-1"], 'mass "m2": the mass is -1.0 kg; it must be positive'),
         ([*MASSES, "--structure", "chain.toml"], "The masses stand in the file of --structure"),
         (["--structure", "nowhere.toml"], "nowhere.toml: there is no such file"),

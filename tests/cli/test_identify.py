@@ -98,7 +98,7 @@ def test_a_folder_that_is_no_result_is_refused_before_the_work(
     (tmp_path / "thesis.tex").write_text("years of work")
     monkeypatch.setattr(lw, "identify", lambda *_, **__: pytest.fail("the work was begun"))
     assert run(arguments(files, "-o", str(tmp_path))) == 2
-    assert "is no result of linkwise" in capsys.readouterr().err
+    assert "is not a result of linkwise" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -379,7 +379,7 @@ def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
     [
         ({}, "there is no mass to link: give them by name"),
         ({"m1": "10 mm", "m2": 1.0}, "mass \"m1\": '10 mm' is in mm: expected a number in kg"),
-        ({"m1": 1.0, "m2": float("nan")}, 'mass "m2": nan is no finite value'),
+        ({"m1": 1.0, "m2": float("nan")}, 'mass "m2": nan is not finite'),
     ],
 )
 def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict, told: str) -> None:

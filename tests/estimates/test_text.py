@@ -10,7 +10,7 @@ import pytest
 import linkwise as lw
 from linkwise.estimates.estimate import NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion
-from linkwise.text import error_number, number
+from linkwise.text import format_error, format_value
 
 GOOD = """\
 bistable chain of 2 masses: weak, converged, can be trusted
@@ -140,7 +140,7 @@ def test_long_chains_are_cut() -> None:
     ],
 )
 def test_numbers_end_with_their_error(value: float, error: float | None, text: str) -> None:
-    assert number(value, error) == text
+    assert format_value(value, error) == text
 
 
 @pytest.mark.parametrize(
@@ -155,4 +155,4 @@ def test_numbers_end_with_their_error(value: float, error: float | None, text: s
     ],
 )
 def test_errors_have_two_digits(error: float, text: str) -> None:
-    assert error_number(error) == text
+    assert format_error(error) == text

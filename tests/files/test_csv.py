@@ -90,7 +90,7 @@ HEADER = "time,x:m1,force:m1"
         (text(HEADER, [line + ",," for line in body()]), ()),
         (
             text("Scope 7\nGain 3, 4\n" + HEADER, body()),
-            ("Lines of text above the header that were skipped: 2.",),
+            ("Lines of text skipped above the header: 2.",),
         ),
         (text("Time (s),x:m1 (m),force:m1[N]", body()), ()),
         (text(HEADER, body()).encode("utf-8-sig"), ()),
@@ -157,14 +157,14 @@ def test_times_rounded_in_printing_are_even(read: Reader) -> None:
     )  # the last time is good to half a digit
     assert record.notes == (
         f"The times are up to {np.max(np.abs(np.round(t, 4) - record.time)):.2g} s off an even grid, "
-        f"as by rounding; {record.rate:.9g} Hz was taken.",
+        f"as rounding causes; {record.rate:.9g} Hz was assumed.",
     )
 
 
 def test_milliseconds_without_a_unit_are_asked_about(read: Reader) -> None:
     lines = [f"{i},{x}" for i, x in enumerate(X)]
     assert read(text("time,x:m1", lines)).notes == (
-        "The samples are 1 s apart: is the time in ms? Then its header is time[ms].",
+        "The sampling interval is 1 s. If the times are in ms, name their column time[ms].",
     )
 
 
@@ -172,7 +172,7 @@ def test_columns_that_are_no_channels_are_ignored(read: Reader) -> None:
     lines = [f"{line},{i},mon" for i, line in enumerate(body())]
     record = read(text(HEADER + ",count,day", lines))
     check(record)
-    assert record.notes == ("Columns that are no channels were ignored: count, day.",)
+    assert record.notes == ("Columns that are not channels were ignored: count, day.",)
 
 
 def test_columns_are_mapped_by_name_and_number(read: Reader) -> None:
@@ -187,7 +187,7 @@ def test_a_mapped_channel_wins_over_a_header(read: Reader) -> None:
     record = read(text(HEADER, body()), channels={"x:m1": "force:m1"})
     assert record.channels == ("x:m1",)
     assert np.array_equal(record.channel("x:m1"), F)
-    assert record.notes == ("Columns that are no channels were ignored: x:m1.",)
+    assert record.notes == ("Columns that are not channels were ignored: x:m1.",)
 
 
 def test_no_header_is_no_obstacle_when_columns_are_mapped(read: Reader) -> None:
@@ -203,60 +203,66 @@ def test_the_rate_stands_in_for_a_time_column(read: Reader) -> None:
     clock = [f"12:00:{i:02d},{line}" for i, line in enumerate(lines)]
     record = read(text(HEADER, clock), rate=100.0)
     check(record)
-    assert record.notes == ("The time column was ignored for the given rate of 100 Hz.",)
+    assert record.notes == ("The time column was ignored in favour of the given rate of 100 Hz.",)
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         ("", "run.csv: the file is empty"),
-        ("\n \n", "run.csv: the file holds nothing but blank lines"),
-        (HEADER + "\n", "run.csv, line 1: there is a header, but no line of data below it"),
+        ("\n \n", "run.csv: the file contains only blank lines"),
+        (HEADER + "\n", "run.csv, line 1: there are no data below the header"),
         (text(HEADER, body()[:20]), "run.csv: 20 samples are too few; a record needs at least 32"),
         (b"\x00\x01\x02\x03" * 50, "run.csv: is a binary file, not text; its suffix may be wrong"),
-        (b"\xef\xbb\xbf" + text(HEADER, body()).encode() + b"\xff", "run.csv, line 62: is no text in utf-8"),
+        (
+            b"\xef\xbb\xbf" + text(HEADER, body()).encode() + b"\xff",
+            "run.csv, line 62: is not valid utf-8 text",
+        ),
         (
             "\n".join(body()),
-            "line 1: there is no header: the file starts with '0.000000,0.000000,1.000000'. A first line must",
+            "line 1: there is no header: the file starts with '0.000000,0.000000,1.000000'. The first line must",
         ),
-        ("\n".join(body()), "--channel time=1 --channel x:m1=2 maps them by number"),
+        ("\n".join(body()), "map columns by number, as in channels={'time': 1, 'x:m1': 2}"),
         (
             text("time,left,right", body()),
-            "line 1: no channel is recognised; the columns are time, left, right. A channel",
+            "line 1: no channel is recognised; the columns are time, left, right. Channels",
         ),
-        (text("time,left,right", body()), "a column of another name is mapped with --channel x:m1=COLUMN"),
-        (text("time,x:m1,x:m1", body()), "line 1, channel x:m1: columns 2 and 3 both hold it; rename one"),
+        (text("time,left,right", body()), "map columns of other names, as in channels={'x:m1': 'laser'}"),
+        (
+            text("time,x:m1,x:m1", body()),
+            "line 1, channel x:m1: columns 2 and 3 both have this name; rename one",
+        ),
         (
             text("clock,x:m1,force:m1", body()),
-            "there is no time column; the columns are clock, x:m1, force:m1. Call it `time`",
+            "there is no time column; the columns are clock, x:m1, force:m1. Name it `time`",
         ),
         (
             text(HEADER, body(rows={4: "0.04,abc,1"})),
-            "line 6, channel x:m1: 'abc' is no number; leave the cell of a missing",
+            "line 6, channel x:m1: 'abc' is not a number; leave the cell of a missing",
         ),
         (
             text(HEADER, body(rows={4: "noon,0.1,1"})),
-            "line 6, channel time: 'noon' is no number; times are seconds; for clock",
+            "line 6, channel time: 'noon' is not a number; times are in seconds; for clock",
         ),
-        (text(HEADER, body(rows={4: "0.04,1.2.3,1"})), "line 6, channel x:m1: '1.2.3' is no number"),
+        (text(HEADER, body(rows={4: "0.04,1.2.3,1"})), "line 6, channel x:m1: '1.2.3' is not a number"),
         (
             text(HEADER, body(rows={4: "0.04,inf,1"})),
-            "line 6, channel x:m1: the value is infinite; an overload is no sample",
+            "line 6, channel x:m1: the value is infinite; leave the cell of an overloaded sample empty",
         ),
         (text(HEADER, body(rows={4: "0.04,0.1"})), "line 6: 2 cells where the header has 3"),
         (text(HEADER, body(rows={4: "0.04,0.1,1,7"})), "line 6: 4 cells where the header has 3"),
         (
             text(HEADER, body(rows={N - 1: "0.59"})),
-            "line 61: 1 cell where the header has 3; was the file cut off in its last",
+            "line 61: 1 cell where the header has 3; was the file truncated in its last",
         ),
         (
             text(HEADER, body(comma=True)),
-            "line 2: 6 cells where the header has 3; with decimal commas, the cells are",
+            "line 2: 6 cells where the header has 3; with decimal commas, separate the cells",
         ),
-        (text(HEADER, body(rows={4: "0.03,0.1,1"})), "line 6, channel time: the time 0.03 s stands twice"),
+        (text(HEADER, body(rows={4: "0.03,0.1,1"})), "line 6, channel time: the time 0.03 s is repeated"),
         (
             text(HEADER, body(rows={4: "0.02,0.1,1"})),
-            "line 6, channel time: the time runs backwards, from 0.03 to 0.02 s",
+            "line 6, channel time: time decreases from 0.03 to 0.02 s",
         ),
         (
             text(HEADER, body(rows={4: "0.043,0.1,1"})),
@@ -264,7 +270,7 @@ def test_the_rate_stands_in_for_a_time_column(read: Reader) -> None:
         ),
         (
             text(HEADER, body(rows={4: "0.043,0.1,1"})),
-            "was expected; resample it to an even rate (--resample HZ)",
+            "was expected; resample it to an even rate (`resample`)",
         ),
         (text(HEADER, body(rows={4: ",0.1,1"})), "line 6, channel time: the time is missing; fill it in or"),
         (
@@ -273,16 +279,19 @@ def test_the_rate_stands_in_for_a_time_column(read: Reader) -> None:
         ),
         (
             text("time,x:m1[kg],force:m1", body()),
-            "line 1, channel x:m1: 'kg' is no unit of displacement; expected m or what",
+            "line 1, channel x:m1: 'kg' is not a unit of displacement; expected m or a",
         ),
-        (text("time,x:m1[furz],force:m1", body()), "line 1, channel x:m1: 'furz' is no unit of displacement"),
+        (
+            text("time,x:m1[furz],force:m1", body()),
+            "line 1, channel x:m1: 'furz' is not a unit of displacement",
+        ),
         (
             text("time[m],x:m1,force:m1", body()),
-            "line 1, channel time: 'm' is no unit of time; expected s or what converts",
+            "line 1, channel time: 'm' is not a unit of time; expected s or a unit that converts",
         ),
         (
             text("time,x:m1", [f"{t:.2f},0.5" for t in T]),
-            "channel x:m1: every sample is 0.5: a sensor that does not move",
+            "channel x:m1: every sample is 0.5: a constant channel carries no information",
         ),
         (
             text("time,x:m1", [f"{t:.2f}," for t in T]),
@@ -290,13 +299,13 @@ def test_the_rate_stands_in_for_a_time_column(read: Reader) -> None:
         ),
         (
             text("time,x:m1,x:m2", [f"{t:.2f},{x},{x}" for t, x in zip(T, X, strict=True)]),
-            "x:m2: holds the same samples as x:m1",
+            "x:m2: has the same samples as x:m1",
         ),
         (
             text(
                 "time,x:m1,x:m2[mm]", [f"{t:.2f},{x:.6f},{1000 * x:.3f}" for t, x in zip(T, X, strict=True)]
             ),
-            "x:m2: holds the same samples as x:m1; one of them is not what it says",
+            "x:m2: has the same samples as x:m1; one of the two is mislabelled",
         ),
     ],
 )
@@ -314,19 +323,19 @@ def test_what_cannot_be_read_is_one_clear_error(read: Reader, content: str | byt
     [
         (
             {"channels": {"x:m2": "force"}},
-            "--channel x:m2=force: there is no such column; did you mean force:m1? the columns",
+            "x:m2 is mapped to column 'force', which does not exist; did you mean force:m1? the columns",
         ),
         (
             {"channels": {"x:m2": 4}},
-            "--channel x:m2=4: there is no such column; the columns are time, x:m1, force:m1",
+            "x:m2 is mapped to column '4', which does not exist; the columns are time, x:m1, force:m1",
         ),
-        ({"channels": {"m2": 2}}, "--channel m2=2: 'm2' is no channel: a channel is KIND:MASS"),
-        ({"channels": {"x:m2": 2, "x:m2[mm]": 3}}, "channel x:m2: --channel names it twice"),
-        ({"rate": -1.0}, "a rate of -1.0 Hz cannot be"),
-        ({"resample": 0.0}, "a rate of 0.0 Hz cannot be"),
+        ({"channels": {"m2": 2}}, "in `channels`: 'm2' is not a channel: expected KIND:MASS"),
+        ({"channels": {"x:m2": 2, "x:m2[mm]": 3}}, "channel x:m2: is mapped twice in `channels`"),
+        ({"rate": -1.0}, "rate must be positive, got -1.0 Hz"),
+        ({"resample": 0.0}, "rate must be positive, got 0.0 Hz"),
         (
             {"resample": 50.0},
-            "resampling to 50 Hz folds what is above 25 Hz into what is below, since the record has 100 Hz",
+            "resampling to 50 Hz would alias content above 25 Hz, since the record has 100 Hz",
         ),
         ({"known_masses": ["m2", "n1"]}, "channel x:m1: the structure has no mass 'm1'; did you mean "),
     ],
@@ -338,7 +347,7 @@ def test_options_that_do_not_fit_are_refused(read: Reader, options: dict[str, An
 
 
 def test_a_name_that_two_columns_bear_needs_a_number(read: Reader) -> None:
-    with pytest.raises(RecordError, match="2 columns are called that; use a number"):
+    with pytest.raises(RecordError, match="the name of 2 columns; give the number of the column instead"):
         read(text("time,probe,probe", body()), channels={"x:m1": "probe"})
     assert np.array_equal(read(text("time,probe,probe", body()), channels={"x:m1": 3}).channel("x:m1"), F)
 
@@ -368,7 +377,7 @@ def test_an_uneven_time_is_resampled(read: Reader) -> None:
     assert np.max(np.abs(record.channel("x:m1") - expected)) < 10.0 * (60.0 * 1.3e-3) ** 6
     assert record.notes == (
         "Resampled from 400 samples to 2000 Hz by quintic splines; "
-        "the noise of neighbouring samples is no longer independent.",
+        "noise of neighbouring samples is no longer independent.",
     )
 
 

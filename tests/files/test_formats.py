@@ -94,7 +94,11 @@ def test_a_damaged_file_is_one_clear_error(tmp_path: Path, suffix: str) -> None:
     assert "\n" not in said
     assert any(
         words in said
-        for words in (f"cannot be read as a {suffix} file: ", "is no HDF5 file", "there is no time response")
+        for words in (
+            f"cannot be read as a {suffix} file: ",
+            "is not an HDF5 file",
+            "contains no time response",
+        )
     )
 
 
@@ -112,13 +116,13 @@ def test_half_a_file_is_one_clear_error(record: Record, tmp_path: Path, suffix: 
     [
         (
             "run.xyz",
-            "the suffix '.xyz' is unknown, so its format is too; known are .csv, .txt, .dat, .tsv, .mat",
+            "unknown suffix '.xyz'; choose from .csv, .txt, .dat, .tsv, .mat",
         ),
-        ("run", "the file has no suffix, so its format is too"),
+        ("run", "the file name has no suffix; choose from"),
         ("rum.mat", "there is no such file; did you mean run.mat?"),
         ("other.h5", "there is no such file"),
         ("folder.csv", "is a folder, not a record file"),
-        ("nowhere/run.csv", "there is no folder"),
+        ("nowhere/run.csv", "nowhere' does not exist"),
     ],
 )
 def test_a_path_that_leads_nowhere(tmp_path: Path, name: str, message: str) -> None:
@@ -148,7 +152,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
 
 def test_writing_refuses_what_it_cannot_write(record: Record, tmp_path: Path) -> None:
     with pytest.raises(
-        RecordError, match=r"a record is not written as .tdms; use one of .csv, .mat, .h5, .hdf5, .parquet"
+        RecordError, match=r"records cannot be written as .tdms; use one of .csv, .mat, .h5, .hdf5, .parquet"
     ):
         write_record(record, tmp_path / "run.tdms")
     with pytest.raises(RecordError, match="cannot be written: No such file or directory"):
@@ -203,7 +207,7 @@ def test_mat_names_that_name_no_mass_are_not_guessed(tmp_path: Path) -> None:
     savemat(path, {"time": T, "x_m1": X, "a_1": A, "v_max": F})
     record = read_record(path, known_masses=["m1", "m2"])
     assert record.channels == ("x:m1",)
-    assert record.notes == ("Columns that are no channels were ignored: a_1, v_max.",)
+    assert record.notes == ("Columns that are not channels were ignored: a_1, v_max.",)
 
 
 def matlab_v73(path: Path, variables: dict[str, Any]) -> None:
@@ -254,7 +258,7 @@ def test_mat_v73(tmp_path: Path) -> None:
     )
     record = read_record(path, channels={"a:m2": "data(:,1)"})
     check(record, ("a:m2", "force:m1", "x:m1"))
-    assert record.notes == ("Columns that are no channels were ignored: data(:,2).",)
+    assert record.notes == ("Columns that are not channels were ignored: data(:,2).",)
 
 
 def test_mat_v73_with_our_own_names(tmp_path: Path) -> None:
@@ -284,14 +288,14 @@ def test_mat_v73_with_our_own_names(tmp_path: Path) -> None:
 def test_mat_columns_of_unequal_length(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"time": T, "x_m1": X[:-1]})
-    with pytest.raises(RecordError, match=r"channel x:m1: has the shape \(199,\), the time \(200,\)"):
+    with pytest.raises(RecordError, match=r"channel x:m1: has shape \(199,\), but time has shape \(200,\)"):
         read_record(path)
 
 
 def test_mat_complex_values_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"time": T, "x_m1": X + 1j})
-    with pytest.raises(RecordError, match=r"channel x:m1: .* is no number"):
+    with pytest.raises(RecordError, match=r"channel x:m1: .* is not a number"):
         read_record(path)
 
 
@@ -336,7 +340,10 @@ def test_hdf5_of_a_later_layout_is_refused(record: Record, tmp_path: Path) -> No
     write_record(record, path)
     with h5py.File(path, "a") as file:
         file.attrs["version"] = 99
-    with pytest.raises(RecordError, match=r"was written by a later linkwise \(layout 99, known is 1\)"):
+    with pytest.raises(
+        RecordError,
+        match=r"by a later version of linkwise \(layout 99; this version reads up to 1\)",
+    ):
         read_record(path)
 
 
@@ -360,7 +367,7 @@ def test_parquet_with_nulls_integers_and_text(tmp_path: Path) -> None:
     record = read_record(path, channels={"v:m1[m/s]": "x:m1"})
     assert record.channels == ("v:m1", "x:m2")
     assert np.argwhere(record.missing).tolist() == [[5, 1]]
-    with pytest.raises(RecordError, match="channel v:m1: 'fast' is no number"):
+    with pytest.raises(RecordError, match="channel v:m1: 'fast' is not a number"):
         read_record(path)
 
 
@@ -444,7 +451,7 @@ def test_uff_58_uneven_abscissa_is_a_time_column(tmp_path: Path) -> None:
 def test_uff_58_sets_on_different_clocks(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
     universal(path, [("x:m1", X, 8, 1, "m", 1.0 / RATE), ("x:m2", A, 8, 2, "m", 0.5 / RATE)])
-    with pytest.raises(RecordError, match=r"channel x:m2\[m\]: has another time axis than x:m1\[m\]"):
+    with pytest.raises(RecordError, match=r"channel x:m2\[m\]: has a different time axis than x:m1\[m\]"):
         read_record(path)
 
 

@@ -274,6 +274,6 @@ def test_nothing_is_left_where_writing_fails(
         )
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
-    with pytest.raises(lw.LinkwiseError, match="is no result of linkwise"):
+    with pytest.raises(lw.LinkwiseError, match="is not a result of linkwise"):
         lw.write_discovery(found, tmp_path / "thesis")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis"]

@@ -15,7 +15,7 @@ from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 from linkwise.records.decimation import ATTENUATION, PASSBAND, lowpass
 from linkwise.records.record import Record
-from linkwise.records.truth import EnergyBalance, Settled, SimulationTruth
+from linkwise.records.truth import EnergyBalance, SimulationTruth
 
 N = 400
 RATE = 1000.0
@@ -44,7 +44,9 @@ def truth(n: int) -> SimulationTruth:
         displacement=np.column_stack([ramp, -ramp]),
         velocity=np.column_stack([2.0 * ramp, ramp]),
         base=ramp,
-        account=Settled(EnergyBalance(ramp + 3.0, ramp, np.ones((n, 2)), np.full((n, 1), 1.0)), 0.5),
+        diagnostics=SimpleNamespace(
+            energy=EnergyBalance(ramp + 3.0, ramp, np.ones((n, 2)), np.full((n, 1), 1.0)), horizon=0.5
+        ),
     )
 
 
@@ -75,11 +77,11 @@ def test_a_record_cannot_be_changed(record: Record, wave: dict[str, Floats]) -> 
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("m1", "'m1' is no channel: a channel is KIND:MASS, such as x:m1"),
-        ("x:", "is no channel: a channel is KIND:MASS"),
-        ("y:m1", "'y' is none of the kinds x (displacement, m)"),
+        ("m1", "'m1' is not a channel: expected KIND:MASS, such as x:m1"),
+        ("x:", "is not a channel: expected KIND:MASS"),
+        ("y:m1", "unknown kind 'y'; choose from x (displacement, m)"),
         ("force:base", "a base is moved by x:base, v:base or a:base"),
-        ("x:m1[mm]", "'m1[mm]' cannot be the name of a mass"),
+        ("x:m1[mm]", "'m1[mm]' is not a valid name of a mass"),
     ],
 )
 def test_what_is_no_channel_is_refused(name: str, message: str) -> None:
@@ -91,16 +93,16 @@ def test_what_is_no_channel_is_refused(name: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"channels": ("x:m1", "x:m1")}, "channel x:m1: stands twice in the record"),
+        ({"channels": ("x:m1", "x:m1")}, "channel x:m1: is listed twice"),
         (
             {"values": np.zeros(5)},
             "values have the shape (5,), expected (samples, 2) for the channels x:m1, x:m2",
         ),
-        ({"rate": 0.0}, "a sampling rate of 0.0 Hz cannot be"),
-        ({"rate": np.nan}, "a sampling rate of nan Hz cannot be"),
-        ({"start": np.inf}, "a record cannot start at inf s"),
-        ({"noise": {"x:m3": 1.0}}, "channel x:m3: noise is given for a channel that is not there"),
-        ({"noise": {"x:m1": -1.0}}, "channel x:m1: a standard deviation of -1.0 cannot be"),
+        ({"rate": 0.0}, "rate must be positive and finite, got 0.0 Hz"),
+        ({"rate": np.nan}, "rate must be positive and finite, got nan Hz"),
+        ({"start": np.inf}, "start must be finite, got inf s"),
+        ({"noise": {"x:m3": 1.0}}, "channel x:m3: noise is given for a channel that is not in the record"),
+        ({"noise": {"x:m1": -1.0}}, "channel x:m1: noise must be a non-negative number, got -1.0"),
         ({"channels": (), "values": np.zeros((5, 0))}, "a record needs at least one channel and one sample"),
         ({"values": np.array([[0.0, 1.0], [0.0, -np.inf]])}, "channel x:m2: the value at 0.1 s is infinite"),
     ],
@@ -114,7 +116,7 @@ def test_what_is_no_record_is_refused(change: dict[str, Any], message: str) -> N
 
 def test_an_unknown_channel_lists_what_there_is(record: Record) -> None:
     with pytest.raises(
-        RecordError, match="channel v:m1: is not in the record; there are x:m1, a:m2, force:m1, x:base"
+        RecordError, match="channel v:m1: is not in the record; the channels are x:m1, a:m2, force:m1, x:base"
     ):
         record.channel("v:m1")
 
@@ -142,8 +144,8 @@ def test_whole_numbers_and_slow_clocks_are_noted(wave: dict[str, Floats]) -> Non
     record = Record.from_arrays(np.arange(N), {"x:m1": np.arange(N) % 7})
     assert record.values.dtype == np.float64
     assert record.notes == (
-        "The samples are 1 s apart: is the time in ms? Then its header is time[ms].",
-        "x:m1: whole numbers, taken as they are in m; counts need a unit.",
+        "The sampling interval is 1 s. If the times are in ms, name their column time[ms].",
+        "x:m1: integers were taken as values in m; counts need a unit.",
     )
 
 
@@ -152,12 +154,12 @@ def test_whole_numbers_and_slow_clocks_are_noted(wave: dict[str, Floats]) -> Non
     [
         (
             {"x:m1": np.full(N, 0.25)},
-            "channel x:m1: every sample is 0.25: a sensor that does not move tells nothing",
+            "channel x:m1: every sample is 0.25: a constant channel carries no information",
         ),
         ({"x:m1": np.full(N, np.nan)}, "channel x:m1: every sample is missing"),
-        ({"x:m2": np.sin(40.0 * np.arange(N) / RATE)}, "channel x:m2: holds the same samples as x:m1"),
-        ({"x:m1": np.arange(N - 1.0)}, "channel x:m1: has the shape (399,), the time (400,)"),
-        ({"x:m1": np.array(["a"] * N)}, "channel x:m1: must be real numbers, not <U1"),
+        ({"x:m2": np.sin(40.0 * np.arange(N) / RATE)}, "channel x:m2: has the same samples as x:m1"),
+        ({"x:m1": np.arange(N - 1.0)}, "channel x:m1: has shape (399,), but time has shape (400,)"),
+        ({"x:m1": np.array(["a"] * N)}, "channel x:m1: must be real numbers, got <U1"),
         (
             {"x:m1": np.where(np.arange(N) == 30, np.inf, 1.0)},
             "channel x:m1: the value is infinite (sample 30)",
@@ -179,7 +181,7 @@ def test_an_input_may_rest_and_repeat(wave: dict[str, Floats]) -> None:
 
 def test_time_must_be_a_column_of_numbers(wave: dict[str, Floats]) -> None:
     with pytest.raises(
-        RecordError, match=r"time must be one column of numbers, not float64 of shape \(400, 1\)"
+        RecordError, match=r"time must be a one-dimensional array of numbers, got float64 of shape \(400, 1\)"
     ):
         Record.from_arrays(np.zeros((N, 1)), wave)
 
@@ -210,17 +212,20 @@ def test_a_slice_carries_its_truth(record: Record) -> None:
 @pytest.mark.parametrize(
     ("act", "message"),
     [
-        (lambda r: r[::2], "a record is cut as record[first:last], without a step; record.decimate(factor)"),
-        (lambda r: r[3], "a record is cut as record[first:last]"),
-        (lambda r: r[30:20], "record[30:20] holds nothing; the record has 400 samples"),
+        (
+            lambda r: r[::2],
+            "records are sliced as record[first:last] without a step; record.decimate(factor)",
+        ),
+        (lambda r: r[3], "records are sliced as record[first:last]"),
+        (lambda r: r[30:20], "record[30:20] is empty; the record has 400 samples"),
         (lambda r: r.between(2.0, 3.0), "no sample between 2 and 3 s; the record runs from 0 to 0.399 s"),
-        (lambda r: r.decimate(2.5), "decimated by a whole number above 0, not by 2.5"),
-        (lambda r: r.decimate(0), "decimated by a whole number above 0, not by 0"),
+        (lambda r: r.decimate(2.5), "factor must be a positive integer, got 2.5"),
+        (lambda r: r.decimate(0), "factor must be a positive integer, got 0"),
         (
             lambda r: r.decimate(50),
             "400 samples are too few to decimate by 50: its anti-alias filter spans 2511",
         ),
-        (lambda r: r.with_noise(np.inf, seed=0), "a signal-to-noise ratio of inf dB cannot be"),
+        (lambda r: r.with_noise(np.inf, seed=0), "decibel must be finite, got inf"),
     ],
 )
 def test_a_request_that_cannot_be_met_says_why(
@@ -326,8 +331,8 @@ def test_decimation_picks_the_truth_at_the_same_instants() -> None:
     )
     thin = whole.decimate(4)
     assert np.array_equal(present(thin.simulated).displacement[:, 0], np.rint(thin.time * RATE))
-    assert len(present(thin.simulated).energy.put_in) == len(thin)
-    assert thin.notes == (f"Decimated by 4; {lowpass(4).half} samples at each end went into the filter.",)
+    assert len(present(thin.simulated).energy.supplied) == len(thin)
+    assert thin.notes == (f"Decimated by 4; {lowpass(4).half} samples at each end were dropped, where the filter is incomplete.",)
     assert whole.decimate(1) is whole
 
 
@@ -342,5 +347,7 @@ def test_known_noise_shrinks_as_white_noise_does() -> None:
 def test_no_filter_crosses_a_gap(record: Record) -> None:
     values = np.tile(record.values, (3, 1))
     values[600, 1] = np.nan
-    with pytest.raises(RecordError, match="channel a:m2: samples are missing, and no filter crosses a gap"):
+    with pytest.raises(
+        RecordError, match="channel a:m2: samples are missing, and the anti-alias filter cannot bridge a gap"
+    ):
         Record(0.0, RATE, record.channels, values).decimate(2)

@@ -84,7 +84,7 @@ def test_a_gap_that_dwarfs_the_record_is_refused() -> None:
     time = np.arange(100) / 100.0
     time[50:] += LONGEST * 1.0 + 1.0
     with pytest.raises(
-        RecordError, match=r"a gap of 11.01 s in a record of 100 samples every 0.01 s; cut the file in two"
+        RecordError, match=r"a gap of 11.01 s in a record of 100 samples every 0.01 s; split the file there"
     ):
         Timeline.fit(time)
 

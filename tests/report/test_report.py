@@ -13,7 +13,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.report.estimate_page import report
-from linkwise.text import number
+from linkwise.text import format_value
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) 
 def test_numbers_stand_in_the_table(fitted: lw.Estimate, chain: lw.Structure) -> None:
     page = page_of(fitted, truth=chain, nmse={"nes1": 0.00123})
     alpha = fitted.coefficient("nes1.alpha")
-    assert f"<td>{number(alpha.value, alpha.standard_error)}</td>" in page and "<td>-100</td>" in page
+    assert f"<td>{format_value(alpha.value, alpha.standard_error)}</td>" in page and "<td>-100</td>" in page
     assert "NMSE of the force against the truth (paper Eq. 8): 0.00123 %." in page
     assert "linkwise 1.2.3" in page and "true</th>" not in page_of(fitted)
 

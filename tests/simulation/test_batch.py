@@ -34,8 +34,8 @@ def agree(batch: object, run: int, schedule: RunSchedule) -> None:
     np.testing.assert_allclose(
         batch.v[..., run], motion.velocity, rtol=0.0, atol=1e-8 * np.abs(motion.velocity).max()
     )
-    put_in = energy.put_in - energy.put_in[0]  # released with energy that no work was done for
-    scale = np.abs(energy.put_in).max()
+    put_in = energy.supplied - energy.supplied[0]  # released with energy that no work was done for
+    scale = np.abs(energy.supplied).max()
     np.testing.assert_allclose(batch.heat[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
     np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * scale)
     found = distinct(batch.passages[run][1], 0.5)
@@ -64,7 +64,7 @@ def test_blows_samples_and_functions_of_time_do_work() -> None:
     batch = run_batch(fleet, tops(2))
     for run, schedule in enumerate(fleet):
         motion = SimulatedMotion.of(schedule)
-        put_in = motion.energy.put_in
+        put_in = motion.energy.supplied
         np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * put_in.max())
         apart = np.abs(batch.x[..., run] - motion.displacement).max()
         assert apart < 1e-8 * np.abs(motion.displacement).max()

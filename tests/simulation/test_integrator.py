@@ -171,9 +171,9 @@ def test_a_gap_is_met_exactly(law: str) -> None:
     structure = oscillator(law, kc=4e4, g=0.1)
     record = simulate(structure, release={"v:m1": 2.0}, duration=0.2, rate=1000.0)
     assert record.values[:, 0] == pytest.approx(contact(record.time, 2.0, 0.1, 200.0), abs=1e-13)
-    assert len(present(record.simulated).account.run.kinks) == 2
+    assert len(present(record.simulated).diagnostics.run.kinks) == 2
     energy = present(record.simulated).energy
-    assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()
+    assert np.abs(energy.residual).max() < 1e-12 * energy.supplied.max()
 
 
 def test_two_gaps_that_are_met_at_once() -> None:
@@ -226,7 +226,7 @@ def test_the_advice_is_good() -> None:
     creep = 1e-5 * np.arctanh(100.0 * 0.005 / 1.0)  # m/s, where friction would hold the mass
     assert record.values[-1, 0] == pytest.approx(0.005 - creep * (3.0 - 0.3 * np.pi), abs=1e-6)
     energy = present(record.simulated).energy
-    assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()
+    assert np.abs(energy.residual).max() < 1e-12 * energy.supplied.max()
 
 
 def test_a_jump_that_is_crossed_ever_faster_does_not_hang() -> None:
@@ -253,7 +253,7 @@ def test_a_short_pulse_on_a_resting_structure_is_not_stepped_over(pulse: str) ->
         momentum, rel=0.02
     )  # less what the spring does meanwhile
     energy = present(record.simulated).energy
-    assert np.abs(energy.residual).max() < 1e-11 * energy.put_in.max()
+    assert np.abs(energy.residual).max() < 1e-11 * energy.supplied.max()
 
 
 def test_a_kink_in_the_coefficients_alone_is_none() -> None:
@@ -288,4 +288,4 @@ def test_a_kink_that_symmetry_holds_at_zero_is_watched_when_symmetry_breaks() ->
         -0.1, abs=1e-4
     )  # where k d + 2 (a d + b d |d|) = 0; the rest decays by exp(-10)
     energy = present(struck.simulated).energy
-    assert np.abs(energy.residual).max() < 1e-12 * energy.put_in.max()
+    assert np.abs(energy.residual).max() < 1e-12 * energy.supplied.max()

@@ -35,7 +35,7 @@ def response(time: Floats) -> Floats:
 
 def closes(record: Record, part: float = 1e-09) -> EnergyBalance:
     energy = present(record.simulated).energy
-    assert np.abs(energy.residual).max() < part * np.abs(energy.put_in).max()
+    assert np.abs(energy.residual).max() < part * np.abs(energy.supplied).max()
     return energy
 
 
@@ -55,7 +55,7 @@ def test_blows_between_samples_add_up(spring: Structure) -> None:
         [0.5, present(record.simulated).velocity[25, 0]]
     )
     energy = closes(record, 1e-12)
-    assert energy.put_in[0] == pytest.approx(1.0**2 / (2 * 2.0), rel=1e-12)
+    assert energy.supplied[0] == pytest.approx(1.0**2 / (2 * 2.0), rel=1e-12)
 
 
 def test_a_forced_vibration_settles_on_the_exact_one(spring: Structure) -> None:
@@ -118,13 +118,13 @@ def test_the_energy_balance_of_a_chain_closes(drive: dict[str, Any]) -> None:
     energy = closes(record)
     assert energy.potential.shape == energy.dissipated.shape == (len(record), 4)
     assert np.all(np.diff(energy.dissipated, axis=0) >= 0.0)
-    assert energy.put_in[-1] > 0.0
+    assert energy.supplied[-1] > 0.0
 
 
 def test_the_energy_balance_would_show_an_error() -> None:
     record = simulate(bnes_chain(4), release={"v:m1": 3.0}, duration=0.7, rate=200.0)
     energy = present(record.simulated).energy
-    assert np.abs(energy.dissipated[:, 0]).max() > 1e-3 * energy.put_in[0]
+    assert np.abs(energy.dissipated[:, 0]).max() > 1e-3 * energy.supplied[0]
     assert present(record[20:50].simulated).energy.kinetic == pytest.approx(energy.kinetic[20:50], abs=0.0)
 
 
@@ -216,7 +216,7 @@ def sampled(end: float, start: float = 0.0) -> Sampled:
 
 REFUSED = {
     "no duration": ({"duration": 0.0}, "a duration of 0.0 s cannot be simulated; it is a number above 0"),
-    "no rate": ({"rate": -1.0}, "a rate of -1.0 Hz cannot be simulated"),
+    "no rate": ({"rate": -1.0}, "rate must be positive, got -1.0 Hz simulated"),
     "one sample": ({"duration": 0.001}, "0.001 s at 100 Hz is less than one sampling interval"),
     "too many samples": ({"rate": 1e15}, "at 1e+15 Hz are 1e+15 samples, more than memory holds; simulate a sh"),
     "neither": ({"duration": None}, "say how long and how often: duration in s and rate in Hz, or times"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from linkwise.absorption.intervals import AbsorptionIntervals, QuantityInterval
 from linkwise.absorption.sweep_text import value_text
-from linkwise.text import as_text, columns
+from linkwise.text import align_columns, as_text
 
 Rows = list[tuple[str, ...]]
 
@@ -13,7 +13,7 @@ Rows = list[tuple[str, ...]]
 def intervals_text(told: AbsorptionIntervals) -> str:
     """The intervals as text."""
     rows: Rows = [(*row, "") for row in interval_rows(told)]
-    intervals = "\n".join([interval_headline(told), *columns(rows)])
+    intervals = "\n".join([interval_headline(told), *align_columns(rows)])
     return f"{told.found}\n\n{intervals}"
 
 

@@ -59,7 +59,7 @@ def single_run(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
         x=motion.displacement[..., None],
         v=motion.velocity[..., None],
         heat=energy.dissipated[..., None],
-        put_in=energy.put_in[..., None],
+        put_in=energy.supplied[..., None],
         passages=(passages,),
     )
 

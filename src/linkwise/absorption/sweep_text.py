@@ -9,7 +9,7 @@ import numpy as np
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.text import percent
-from linkwise.text import as_text, columns
+from linkwise.text import align_columns, as_text
 
 Rows = list[tuple[str, ...]]
 
@@ -22,7 +22,7 @@ def map_text(found: AbsorptionMap) -> str:
     rows: Rows = [(*row, "") for row in map_rows(found)]
     told = [fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in found.findings]
     headline = fill(" ".join(map_headline(found)), _WIDTH)
-    return "\n\n".join([headline, "\n".join(columns(rows)), *told])
+    return "\n\n".join([headline, "\n".join(align_columns(rows)), *told])
 
 
 def map_headline(found: AbsorptionMap) -> tuple[str, ...]:

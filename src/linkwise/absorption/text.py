@@ -5,7 +5,7 @@ from __future__ import annotations
 from textwrap import fill
 
 from linkwise.absorption.result import Absorption, AbsorptionRun, MassChange, SinkResult
-from linkwise.text import as_text, columns
+from linkwise.text import align_columns, as_text
 
 Rows = list[tuple[str, ...]]
 
@@ -123,5 +123,5 @@ def _printed(rows: Rows, what: str) -> str:
     """Rows in columns, the rest of very many left to the file."""
     cut = [(*row, "") for row in rows[: _MANY + 4]]
     hidden = len(rows) - len(cut)
-    lines = columns(cut)
+    lines = align_columns(cut)
     return "\n".join([*lines, *([f"  ... and {hidden} more {what}; --json prints all"] if hidden else [])])

@@ -19,6 +19,7 @@ from linkwise.atomic import is_disk_fault
 from linkwise.cli.absorb import absorb
 from linkwise.cli.console import fail
 from linkwise.cli.discover import discover
+from linkwise.cli.flags import with_flags
 from linkwise.cli.identify import identify
 from linkwise.cli.limit import limit
 from linkwise.cli.simulate import simulate
@@ -63,7 +64,7 @@ def run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         return _report(error, error.format_message(), USAGE, debug)
     except LinkwiseError as error:
-        return _report(error, str(error), error.exit_code, debug)
+        return _report(error, with_flags(error), error.exit_code, debug)
     except BrokenPipeError:  # the reader of a pipe has gone, as `head` does: there is nobody left to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED

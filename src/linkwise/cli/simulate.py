@@ -78,14 +78,14 @@ def _summary(record: lw.Record, output: Path) -> dict[str, Any]:
     truth = record.simulated
     assert truth is not None
     energy = truth.energy
-    scale = float(abs(energy.put_in).max())
+    scale = float(abs(energy.supplied).max())
     return {
         "file": str(output),
         "samples": len(record),
         "rate": record.rate,
         "channels": list(record.channels),
         "energy": {
-            "put_in": float(energy.put_in[-1]),
+            "put_in": float(energy.supplied[-1]),
             "stored": float(energy.kinetic[-1] + energy.potential[-1].sum()),
             "dissipated": {
                 link.name: float(lost)

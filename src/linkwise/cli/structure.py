@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json, whole_file
+from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.options import FILE
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
@@ -38,7 +38,7 @@ def bnes(dof: int, unknown: str | None, output: Path | None, as_json: bool) -> N
     chain = lw.bnes_chain(dof)
     asked = chain.unknown(unknown) if unknown else chain
     if output is not None:
-        with whole_file(output) as partial:
+        with atomic_file(output) as partial:
             lw.write_structure(asked, partial)
     text = lw.format_structure(asked)
     if as_json:

@@ -7,7 +7,7 @@ from textwrap import fill
 
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
-from linkwise.text import as_text, columns, error_number, number
+from linkwise.text import align_columns, as_text, format_error, format_value
 from linkwise.verdict import Decision
 
 Rows = list[tuple[str, ...]]
@@ -28,7 +28,7 @@ def text_table(found: Discovery) -> str:
     head, *told = headline(found)
     blocks = ["\n".join([head, *(fill(line, _WIDTH) for line in told)])]
     links = by_certainty(found)
-    table = iter(columns([TERM_HEAD, *(row for link in links for row in term_rows(found, link))]))
+    table = iter(align_columns([TERM_HEAD, *(row for link in links for row in term_rows(found, link))]))
     lines = [next(table)]
     for link in links[:_LINKS]:
         lines.append(link_title(found, link))
@@ -42,9 +42,9 @@ def text_table(found: Discovery) -> str:
     if len(doubted) > 1:
         more = len(doubted) - 1 - _DOUBTS
         tail = [f"  ... and {more} more"] if more > 0 else []
-        blocks.append("\n".join([doubt_title(found, CERTAIN), *columns(doubted[: _DOUBTS + 1]), *tail]))
+        blocks.append("\n".join([doubt_title(found, CERTAIN), *align_columns(doubted[: _DOUBTS + 1]), *tail]))
     if found.runners_up:
-        blocks.append("\n".join(["the next best models", *columns(next_rows(found)[: _NEXT + 1])]))
+        blocks.append("\n".join(["the next best models", *align_columns(next_rows(found)[: _NEXT + 1])]))
     remarks = all_remarks(found)
     if remarks:
         blocks.append("\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in remarks))
@@ -111,11 +111,11 @@ def _term_row(each: CoefficientEstimate, term: TermEvidence | None, *, marked: b
         if each.known
         else "none"
         if each.standard_error is None
-        else error_number(each.standard_error)
+        else format_error(each.standard_error)
     )
     return (
         each.name.rpartition(".")[2],
-        number(each.value, each.standard_error),
+        format_value(each.value, each.standard_error),
         error,
         rough(each.value / each.standard_error) if each.standard_error else "",
         "stated" if term is None else rough(term.margin),
@@ -137,7 +137,7 @@ def doubt_rows(found: Discovery, certain: float) -> Rows:
             continue
         size = abs(term.standard_error) if isfinite(term.standard_error) else None
         value = (
-            f"{number(term.value, size)} {term.unit}"
+            f"{format_value(term.value, size)} {term.unit}"
             if term.identifiable
             else "not told beside what was kept"
         )

@@ -7,7 +7,7 @@ from textwrap import fill
 
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
-from linkwise.text import as_text, columns, error_number, number
+from linkwise.text import align_columns, as_text, format_error, format_value
 
 _MANY = 12  # channels or links that are shown
 _WIDTH = 100  # at which sentences are broken
@@ -21,7 +21,7 @@ def text_table(estimate: Estimate) -> str:
     unknown = [mass for mass in estimate.masses if not mass.known]
     if unknown:
         rows = [_row(mass, mass.name.removesuffix(".mass")) for mass in unknown]
-        blocks.append("\n".join(["masses", *columns([_HEAD, *rows])]))
+        blocks.append("\n".join(["masses", *align_columns([_HEAD, *rows])]))
     shown = [link for link in estimate.links if link.free]
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:
@@ -53,7 +53,7 @@ def _noise(estimate: Estimate) -> str:
         )
         for name, each in found[:_MANY]
     ]
-    lines = columns([("noise", "deviation", "signal/noise"), *rows])
+    lines = align_columns([("noise", "deviation", "signal/noise"), *rows])
     if len(found) > _MANY:
         lines.append(f"... and {len(found) - _MANY} more channels")
     return "\n".join(lines)
@@ -67,27 +67,27 @@ def _link(link: LinkEstimate) -> str:
     rows += [_derived(each, f"frequency {i}") for i, each in enumerate(link.frequencies, start=1)]
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
     seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
-    return "\n".join([head, *columns([_HEAD, *rows]), f"  {seen}"])
+    return "\n".join([head, *align_columns([_HEAD, *rows]), f"  {seen}"])
 
 
 def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
     if each.known:
-        return label, number(each.value), "given", "", each.unit
+        return label, format_value(each.value), "given", "", each.unit
     if each.standard_error is None:
-        return label, number(each.value), "none", "", each.unit
+        return label, format_value(each.value), "none", "", each.unit
     if each.interval is None:
         return (
             label,
-            number(each.value, each.standard_error),
-            error_number(each.standard_error),
+            format_value(each.value, each.standard_error),
+            format_error(each.standard_error),
             "none",
             each.unit,
         )
-    low, high = (number(end, each.standard_error) for end in each.interval)
+    low, high = (format_value(end, each.standard_error) for end in each.interval)
     return (
         label,
-        number(each.value, each.standard_error),
-        error_number(each.standard_error),
+        format_value(each.value, each.standard_error),
+        format_error(each.standard_error),
         f"{low} to {high}",
         each.unit,
     )
@@ -95,7 +95,7 @@ def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
 
 def _derived(each: DerivedQuantity, label: str) -> tuple[str, ...]:
     if each.interval is None:
-        return label, number(each.value), "", "", each.unit
+        return label, format_value(each.value), "", "", each.unit
     error = 0.25 * (each.interval[1] - each.interval[0])
-    low, high = (number(end, error) for end in each.interval)
-    return label, number(each.value, error), "", f"{low} to {high}", each.unit
+    low, high = (format_value(end, error) for end in each.interval)
+    return label, format_value(each.value, error), "", f"{low} to {high}", each.unit

@@ -1,4 +1,4 @@
-"""Records in and out of files. Each format is one module, loaded when its suffix is met."""
+"""Reading and writing records. Each format is one module, imported when a file with its suffix is used."""
 
 from __future__ import annotations
 
@@ -41,21 +41,57 @@ def read_record(
     resample: float | None = None,
     known_masses: Iterable[str] | None = None,
 ) -> Record:
-    """The record in a file of any known format, told by its suffix.
+    """Read a record from a file; its suffix says the format.
 
-    `channels` maps a channel, with a unit in brackets if need be, or "time", to a column by header or number from 1, where the
-    headers do not say it: {"x:m1[mm]": "LVDT 3"}. `rate` in Hz stands in for a time column (which is then ignored); `resample`
-    in Hz interpolates an uneven time to an even one; with `known_masses` a channel of any other mass is an error. What
-    was assumed on the way stands in `notes`. Raises RecordError for whatever cannot be read.
+    Parameters
+    ----------
+    path : str or Path
+        A file with the suffix ``.csv``, ``.txt``, ``.dat``, ``.tsv``, ``.mat``, ``.h5``, ``.hdf5``, ``.parquet``, ``.uff``,
+        ``.unv`` or ``.tdms``.
+    channels : mapping of str to str or int, optional
+        Column of each channel, or of ``"time"``, for columns whose header does not say it: the header of the column or its
+        number from 1. A channel may carry a unit in brackets: ``{"x:m1[mm]": "LVDT 3"}``.
+    rate : float, optional
+        Sampling rate in Hz of a file without a time column; a time column is then ignored.
+    resample : float, optional
+        Rate in Hz to which uneven times are interpolated.
+    known_masses : iterable of str, optional
+        Names of the masses of the structure; a channel of any other mass is then an error.
+
+    Returns
+    -------
+    Record
+        The record in SI units. Its `notes` say what was assumed while reading.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read; the error names file, line and channel where they are known.
+
+    See Also
+    --------
+    write_record : Write a record to a file.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "run.csv"
+    ...     rows = (f"{k / 100},{k % 7}" for k in range(100))
+    ...     _ = path.write_text("\n".join(["time,laser", *rows]))
+    ...     lw.read_record(path, channels={"x:m1[mm]": "laser"})
+    Record of 100 samples at 100 Hz, 0 to 0.99 s: x:m1
     """
     path = Path(path)
-    _refuse_absent(path)
+    _check_exists(path)
     module = _module(path.suffix, path)
     try:
         table: Table = module.read_table(path)
     except (RecordError, MemoryError):
         raise
-    except Exception as error:  # the format libraries raise all kinds of errors on a file that is damaged
+    except Exception as error:  # format libraries raise all kinds of errors on a damaged file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
     masses = None if known_masses is None else tuple(known_masses)
@@ -63,34 +99,62 @@ def read_record(
 
 
 def write_record(record: Record, path: str | Path) -> None:
-    """Write a record in the format of the suffix: .csv, .mat (v5), .h5, .hdf5 or .parquet.
+    """Write a record to a file in the format of its suffix.
 
-    What was seen comes back exactly: times, values and missing samples; all but CSV keep noise, source and notes too. The
-    truth of a simulated record is not written. The file appears whole or not at all. Raises RecordError where that fails.
+    Times, values and missing samples are read back exactly. All formats but CSV also keep noise, source and notes; the truth
+    of a simulated record is not written. The file appears complete or not at all.
+
+    Parameters
+    ----------
+    record : Record
+        The record to write.
+    path : str or Path
+        A path with the suffix ``.csv``, ``.mat`` (v5), ``.h5``, ``.hdf5`` or ``.parquet``.
+
+    Raises
+    ------
+    RecordError
+        If the suffix is another one or the file cannot be written.
+
+    See Also
+    --------
+    read_record : Read a record from a file.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "run.csv"
+    ...     lw.write_record(record, path)
+    ...     bool((lw.read_record(path).values == record.values).all())
+    True
     """
     path = Path(path)
     if path.suffix.lower() not in _WRITABLE:
         raise RecordError(
-            f"a record is not written as {path.suffix or 'a file without a suffix'}; use one of {', '.join(_WRITABLE)}",
+            f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(_WRITABLE)}",
             path,
         )
     module = _module(path.suffix, path)
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        module.write(record, part)
-        part.replace(path)
+        module.write(record, partial)
+        partial.replace(path)
     except OSError as error:
         raise RecordError(f"cannot be written: {error.strerror or error}", path) from error
     finally:
-        part.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
 
 
 def _module(suffix: str, path: Path) -> ModuleType:
     """The module of a format; RecordError for an unknown suffix and for a library that is not installed."""
     name = _MODULES.get(suffix.lower())
     if name is None:
-        what = f"the suffix {suffix!r} is unknown" if suffix else "the file has no suffix"
-        raise RecordError(f"{what}, so its format is too; known are {', '.join(_MODULES)}", path)
+        what = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
+        raise RecordError(f"{what}; choose from {', '.join(_MODULES)}", path)
     try:
         return import_module(f"{__name__}.{name}")
     except ModuleNotFoundError as error:
@@ -98,13 +162,13 @@ def _module(suffix: str, path: Path) -> ModuleType:
         if library not in _EXTRAS:
             raise
         raise RecordError(
-            f"{suffix} files need the library {library}, which comes with the extra 'files': pip install 'linkwise[files]'",
+            f"{suffix} files need the library {library}, which the extra 'files' installs: pip install 'linkwise[files]'",
             path,
         ) from error
 
 
-def _refuse_absent(path: Path) -> None:
-    """RecordError unless there is a file to read, with the name that may have been meant."""
+def _check_exists(path: Path) -> None:
+    """Raise RecordError unless there is a file to read; suggest a similar name."""
     if path.is_dir():
         raise RecordError("is a folder, not a record file", path)
     if path.is_file():
@@ -113,6 +177,6 @@ def _refuse_absent(path: Path) -> None:
         return
     folder = path.parent
     if not folder.is_dir():
-        raise RecordError(f"there is no folder {str(folder)!r}", path)
+        raise RecordError(f"the folder {str(folder)!r} does not exist", path)
     near = get_close_matches(path.name, [entry.name for entry in folder.iterdir() if entry.is_file()], n=1)
     raise RecordError(f"there is no such file{f'; did you mean {near[0]}?' if near else ''}", path)

@@ -1,4 +1,4 @@
-"""Named arrays, perhaps nested, to columns: for the formats that hold arrays rather than cells."""
+"""Named, possibly nested arrays to columns, for formats that hold arrays rather than cells."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from linkwise.files.table import Column
 def columns_of(tree: Mapping[str, Any]) -> tuple[Column, ...]:
     """One column per vector and per column of each matrix in `tree`, nested groups as `group/name`.
 
-    A matrix has its samples along its longer side, and its columns go by MATLAB's name for them, `data(:,2)`. Scalars and
-    whatever is no array of numbers hold no samples and are left out.
+    The samples of a matrix lie along its longer side, and its columns are named as in MATLAB, `data(:,2)`. Scalars and arrays
+    that are not numeric are left out.
     """
     return tuple(column for path, array in _leaves(tree, "") for column in _columns(path, array))
 

@@ -1,4 +1,4 @@
-"""From a table to a record: units, and the times at which the samples were taken."""
+"""From a table to a record: conversion of units, and the sampling times."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from linkwise.records.timeline import JITTER
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How a file is to be read; see `files.read_record`."""
+    """Arguments of `files.read_record`."""
 
     channels: Mapping[str, str | int]
     rate: float | None = None
@@ -30,7 +30,7 @@ class ReadOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """The moments (N,) in s; `rate` is set where they are even by statement, from `start` on."""
+    """Sampling times (N,) in s; `rate` in Hz and `start` in s where the file or the user states an even grid."""
 
     time: NDArray[Any]
     start: float = 0.0
@@ -38,26 +38,26 @@ class _Grid:
 
     @classmethod
     def even(cls, start: float, rate: float, count: int) -> _Grid:
-        """`count` moments, `rate` Hz from `start` in s."""
+        """`count` times at `rate` in Hz, the first at `start` in s."""
         return cls(start + np.arange(count) / rate, start, rate)
 
 
 def to_record(table: Table, file: str, options: ReadOptions) -> Record:
-    """The record in a table. Raises RecordError with file, line and channel."""
+    """The record in a table; RecordError names file, line and channel."""
     chosen = choose(table, file, options.channels, options.known_masses)
     columns = {choice.name: _in_si(table, file, choice) for choice in chosen if choice.name != "time"}
     notes = [*table.notes, *ignored(table, chosen)]
-    clock = next((choice for choice in chosen if choice.name == "time"), None)
-    if clock is not None and options.rate is not None:
-        notes.append(f"The time column was ignored for the given rate of {options.rate:g} Hz.")
-        clock = None
-    time = None if clock is None else _in_si(table, file, clock)
+    time_column = next((choice for choice in chosen if choice.name == "time"), None)
+    if time_column is not None and options.rate is not None:
+        notes.append(f"The time column was ignored in favour of the given rate of {options.rate:g} Hz.")
+        time_column = None
+    time = None if time_column is None else _in_si(table, file, time_column)
     count = len(next(iter(columns.values())))
     grid, lines = _grid(table, file, time, options.rate, count), table.lines
     if options.resample is not None:
         notes.append(
             f"Resampled from {len(grid.time)} samples to {options.resample:g} Hz by quintic splines; "
-            "the noise of neighbouring samples is no longer independent."
+            "noise of neighbouring samples is no longer independent."
         )
         start, columns = resample_evenly(grid.time, columns, options.resample, file=file, lines=lines)
         grid, lines = _Grid.even(start, options.resample, len(next(iter(columns.values())))), None
@@ -76,9 +76,9 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
 
 
 def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None, count: int) -> _Grid:
-    """The stated grid where it is the only one or agrees with the time column, which else decides."""
+    """The stated even grid if there is no time column or it agrees; otherwise the times of the column."""
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"a rate of {rate!r} Hz cannot be; it is a number above 0", file)
+        raise RecordError(f"rate must be positive, got {rate!r} Hz", file, arguments=("rate",))
     stated = table.rate if rate is None else rate
     if stated is not None and np.isfinite(stated) and stated > 0.0:
         even = _Grid.even(table.start if rate is None else 0.0, float(stated), count)
@@ -87,26 +87,30 @@ def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None
     if time is not None:
         return _Grid(time)
     raise RecordError(
-        f"there is no time column; {listing(table)}. Call it `time` (in s, or time[ms]), map it with "
-        "--channel time=COLUMN, or give the sampling rate with --rate HZ",
+        f"there is no time column; {listing(table)}. Name it `time` (in s, or `time[ms]`), map a column to it "
+        "(`channels`), or give the sampling rate (`rate`)",
         file,
         table.header_line,
+        arguments=("channels", "rate"),
     )
 
 
 def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
-    """(N,) values of a chosen column in SI units; whole numbers without a unit stay whole, so that they are noted."""
+    """(N,) values of a chosen column in SI units; integers without a unit stay integers, so that a note mentions them."""
     column = table.columns[choice.column]
     if column.values is None:
-        advice = "leave the cell of a missing sample empty"
+        advice, arguments = "leave the cell of a missing sample empty", ()
         if choice.name == "time":
-            advice = "times are seconds; for clock times give the rate instead (--rate HZ)"
+            advice, arguments = (
+                "times are in seconds; for clock times give the sampling rate instead (`rate`)",
+                ("rate",),
+            )
         text, line = (column.bad.text, column.bad.line) if column.bad else ("", None)
-        raise RecordError(f"{text!r} is no number; {advice}", file, line, choice.name)
+        raise RecordError(f"{text!r} is not a number; {advice}", file, line, choice.name, arguments=arguments)
     if not choice.unit:
         return column.values
     factor = si_factor(choice.unit, choice.kind, file=file, line=table.header_line, channel=choice.name)
     values = column.values.astype(np.float64)
     # 12 mm are 12 / 1000, rounded once; 12 * 1e-3 is rounded twice, and a time in ms would not lie on its grid
-    whole = round(1.0 / factor)
-    return values / whole if factor < 1.0 and 1.0 / whole == factor else values * factor
+    divisor = round(1.0 / factor)
+    return values / divisor if factor < 1.0 and 1.0 / divisor == factor else values * factor

@@ -1,4 +1,4 @@
-"""Lines of cells to columns of numbers: at once where all is well, else cell by cell to find what is not."""
+"""Lines of cells to columns of numbers: in one call where all are numbers, otherwise cell by cell."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ _MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--"}
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the cells of a line are parted: `delimiter`, None for white space, and the decimal point or comma."""
+    """How cells are separated: `delimiter`, None for white space, and whether the decimal mark is a comma."""
 
     delimiter: str | None
     decimal_comma: bool = False
 
     @classmethod
     def of(cls, header: str, body: list[str]) -> Dialect:
-        """Tab before semicolon before comma before white space; a comma that does not part cells is a decimal one."""
+        """Tab before semicolon before comma before white space; a comma that is not the delimiter is a decimal comma."""
         plain = _without_units(header)
         delimiter = next((mark for mark in ("\t", ";", ",") if mark in plain), None)
         if delimiter is None and body:
-            # one column, or several parted by a mark that the header does not need
+            # one column, or several separated by a delimiter that the header does not need
             delimiter = next((mark for mark in ("\t", ";") if mark in body[0]), None)
         return cls(delimiter, delimiter != "," and any("," in line for line in body))
 
     def split(self, line: str) -> list[str]:
-        """The cells of one line, quotes and outer spaces taken off."""
+        """The cells of one line without quotes and surrounding spaces."""
         if '"' in line:
             cells = next(csv.reader([line], delimiter=self.delimiter or " ", skipinitialspace=True))
             return [cell.strip() for cell in cells]
@@ -41,7 +41,7 @@ class Dialect:
 
 
 def _without_units(header: str) -> str:
-    """The header with what stands in quotes and brackets blanked: a comma there parts nothing."""
+    """The header with quoted and bracketed text blanked out: a comma there is not a delimiter."""
     depth, quoted, kept = 0, False, []
     for letter in header:
         quoted ^= letter == '"'
@@ -50,8 +50,8 @@ def _without_units(header: str) -> str:
     return "".join(kept)
 
 
-def number(cell: str) -> float | None:
-    """The number in a cell, NaN for one that says that it is missing, None for text."""
+def parse_number(cell: str) -> float | None:
+    """The number in a cell, NaN for a marker of a missing value, None for other text."""
     if cell.lower() in _MISSING:
         return float("nan")
     try:
@@ -65,18 +65,18 @@ def columns_of(
 ) -> tuple[Column, ...]:
     """One column per header from the lines `body` (N,), whose numbers in the file are `lines` (N,).
 
-    A column with text keeps its first bad cell. Raises RecordError for a line with too many or too few cells.
+    A column with text keeps its first invalid cell. Raises RecordError for a line with too many or too few cells.
     """
-    values = _all_at_once(body, len(headers), dialect)
+    values = _all_numbers(body, len(headers), dialect)
     if values is not None:
         return tuple(Column(header, values[:, i]) for i, header in enumerate(headers))
     rows = [dialect.split(line) for line in body]
-    _refuse_ragged(rows, lines, headers, dialect, file)
+    _check_row_lengths(rows, lines, headers, dialect, file)
     return tuple(_column(header, [row[i] for row in rows], lines) for i, header in enumerate(headers))
 
 
-def _all_at_once(body: list[str], count: int, dialect: Dialect) -> Floats | None:
-    """(N, count) numbers, None unless every line has exactly `count` of them."""
+def _all_numbers(body: list[str], count: int, dialect: Dialect) -> Floats | None:
+    """(N, count) numbers; None unless every line has exactly `count` numbers."""
     plain = [line.replace(",", ".") for line in body] if dialect.decimal_comma else body
     try:
         values = np.loadtxt(plain, delimiter=dialect.delimiter, comments=None, ndmin=2)
@@ -85,19 +85,19 @@ def _all_at_once(body: list[str], count: int, dialect: Dialect) -> Floats | None
     return values if values.shape == (len(body), count) else None
 
 
-def _refuse_ragged(
+def _check_row_lengths(
     rows: list[list[str]], lines: NDArray[np.int64], headers: list[str], dialect: Dialect, file: str
 ) -> None:
-    """RecordError for a line whose cells do not fit the header; empty ones too many at the end are let pass."""
+    """Raise RecordError for a line whose number of cells is not that of the header; empty extra cells are ignored."""
     count = len(headers)
     for row, line in zip(rows, lines, strict=True):
         if len(row) == count or (len(row) > count and not any(row[count:])):
             continue
         message = f"{len(row)} cell{'s' * (len(row) != 1)} where the header has {count}"
         if len(row) == 2 * count and dialect.delimiter == ",":
-            message += "; with decimal commas, the cells are to be parted by semicolons"
+            message += "; with decimal commas, separate the cells by semicolons"
         elif line == lines[-1] and len(row) < count:
-            message += "; was the file cut off in its last line?"
+            message += "; was the file truncated in its last line?"
         raise RecordError(message, file, int(line))
 
 
@@ -106,10 +106,10 @@ def _column(header: str, cells: list[str], lines: NDArray[np.int64]) -> Column:
     try:
         return Column(header, np.array([float(cell) if cell else np.nan for cell in cells]))
     except ValueError:
-        pass  # a word for a missing sample, a decimal comma, or text: one by one
+        pass  # a marker of a missing value, a decimal comma, or text: parse one by one
     values = np.empty(len(cells))
     for i, cell in enumerate(cells):
-        value = number(cell)
+        value = parse_number(cell)
         if value is None:
             return Column(header, None, BadCell(cell, int(lines[i])))
         values[i] = value

@@ -1,4 +1,4 @@
-"""Which column of a table is which channel: what the user mapped, then what the headers say."""
+"""Assignment of table columns to channels: first the mapping of the user, then the headers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SHOWN = 12  # columns listed in an error or a note
 
 @dataclass(frozen=True)
 class ColumnChoice:
-    """Column number `column` (from 0) holds `name`, "time" or a channel, in `unit` ("" for SI)."""
+    """Column number `column` (from 0) holds `name`, which is "time" or a channel, in `unit` ("" for SI)."""
 
     name: str
     column: int
@@ -33,29 +33,28 @@ def choose(
 ) -> tuple[ColumnChoice, ...]:
     """The columns of the record; see `files.read_record` for `channels` and `known_masses`.
 
-    Raises RecordError for a mapping that does not fit, a channel that stands twice, a mass that the structure does not
-    have, and a table without any channel.
+    Raises RecordError for an invalid mapping, a channel that occurs twice, an unknown mass, and a table without channels.
     """
     mapped = _mapped(table, file, channels)
     chosen = (*mapped, *_recognised(table, file, mapped, known_masses))
     if all(choice.name == "time" for choice in chosen):
         raise _nothing_recognised(table, file)
     for choice in chosen:
-        _refuse_unknown_mass(table, file, choice, known_masses)
+        _check_mass(table, file, choice, known_masses)
     return chosen
 
 
 def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
-    """A note on the columns that nothing uses."""
+    """A note on the columns that are not used."""
     used = {choice.column for choice in chosen}
-    left = [column.header for i, column in enumerate(table.columns) if i not in used and column.header]
-    if not left:
+    unused = [column.header for i, column in enumerate(table.columns) if i not in used and column.header]
+    if not unused:
         return []
-    return [f"Columns that are no channels were ignored: {_list(left)}."]
+    return [f"Columns that are not channels were ignored: {_list(unused)}."]
 
 
 def listing(table: Table) -> str:
-    """The columns there are, in words."""
+    """The columns of the table as a sentence."""
     if not table.named:
         return f"the file has no header and {len(table.columns)} columns, numbered from 1"
     return f"the columns are {_list([header or '(no name)' for header in table.headers])}"
@@ -67,39 +66,39 @@ def _list(names: list[str]) -> str:
 
 
 def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple[ColumnChoice, ...]:
-    """The columns that the user named."""
+    """The columns that the user mapped."""
     chosen: dict[str, ColumnChoice] = {}
     for key, column in channels.items():
-        heading = ColumnHeader.parse(key)
-        if heading.is_time:
+        header = ColumnHeader.parse(key)
+        if header.is_time:
             name = "time"
         else:
             try:
-                name = str(Channel.parse(heading.name))
+                name = str(Channel.parse(header.name))
             except RecordError as error:
-                raise RecordError(f"--channel {key}={column}: {error.message}", file) from error
+                raise RecordError(f"in `channels`: {error.message}", file, arguments=("channels",)) from error
         if name in chosen:
-            raise RecordError("--channel names it twice", file, channel=name)
+            raise RecordError("is mapped twice in `channels`", file, channel=name, arguments=("channels",))
         index = _find(table, file, key, column)
-        chosen[name] = ColumnChoice(
-            name, index, heading.unit or ColumnHeader.parse(table.headers[index]).unit
-        )
+        chosen[name] = ColumnChoice(name, index, header.unit or ColumnHeader.parse(table.headers[index]).unit)
     return tuple(chosen.values())
 
 
 def _find(table: Table, file: str, key: str, column: str | int) -> int:
-    """The index of a column by its header, its header without unit, the last part of its path, or its number from 1."""
+    """Index of a column given by its header, its header without unit, the last part of its path, or its number from 1."""
     wanted = str(column).strip()
-    headings = [ColumnHeader.parse(header) for header in table.headers]
+    headers = [ColumnHeader.parse(header) for header in table.headers]
     for names in (
         list(table.headers),
-        [heading.name for heading in headings],
-        [heading.leaf.name for heading in headings],
+        [header.name for header in headers],
+        [header.leaf.name for header in headers],
     ):
         if names.count(wanted) > 1:
             count = names.count(wanted)
             raise RecordError(
-                f"--channel {key}={column}: {count} columns are called that; use a number", file
+                f"{key} is mapped to {wanted!r}, the name of {count} columns; give the number of the column instead",
+                file,
+                arguments=("channels",),
             )
         if wanted in names:
             return names.index(wanted)
@@ -108,40 +107,44 @@ def _find(table: Table, file: str, key: str, column: str | int) -> int:
     near = get_close_matches(wanted, table.headers, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
     raise RecordError(
-        f"--channel {key}={column}: there is no such column; {hint}{listing(table)}", file, table.header_line
+        f"{key} is mapped to column {wanted!r}, which does not exist; {hint}{listing(table)}",
+        file,
+        table.header_line,
+        arguments=("channels",),
     )
 
 
 def _recognised(
     table: Table, file: str, mapped: tuple[ColumnChoice, ...], known_masses: tuple[str, ...] | None
 ) -> tuple[ColumnChoice, ...]:
-    """The columns whose headers say what they are, less what the user has mapped."""
+    """The columns whose headers name a channel or the time, except what the user has mapped."""
     taken = {choice.name for choice in mapped}
     used = {choice.column for choice in mapped}
-    found: dict[str, ColumnChoice] = {}
+    recognised: dict[str, ColumnChoice] = {}
     for index, column in enumerate(table.columns):
-        heading = _meaning(column, known_masses)
-        if heading is None or index in used:
+        header = _meaning(column, known_masses)
+        if header is None or index in used:
             continue
-        name = "time" if heading.is_time else str(heading.channel)
+        name = "time" if header.is_time else str(header.channel)
         if name in taken:
             continue
-        if name in found:
+        if name in recognised:
             raise RecordError(
-                f"columns {found[name].column + 1} and {index + 1} both hold it; rename one, "
-                f"or choose with --channel {name}=COLUMN",
+                f"columns {recognised[name].column + 1} and {index + 1} both have this name; rename one, "
+                "or map the channel to one of them (`channels`)",
                 file,
                 table.header_line,
                 name,
+                arguments=("channels",),
             )
-        found[name] = ColumnChoice(name, index, heading.unit)
-    return tuple(found.values())
+        recognised[name] = ColumnChoice(name, index, header.unit)
+    return tuple(recognised.values())
 
 
 def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHeader | None:
-    """What a column says it is; None for a column that says nothing known.
+    """The header that a column stands for; None for a column that names neither a channel nor the time.
 
-    A spelling that merely stands for a channel (`a_1` in MATLAB) does not count where it would name an unknown mass.
+    A spelling that only resembles a channel (`a_1` in MATLAB) does not count if it would name an unknown mass.
     """
     leaf = ColumnHeader.parse(column.header).leaf
     if leaf.is_time or leaf.channel is not None:
@@ -157,23 +160,23 @@ def _nothing_recognised(table: Table, file: str) -> RecordError:
     """The error for a table without a single channel."""
     if not table.named:
         return RecordError(
-            f"there is no header: the file starts with {table.opening!r}. A first line must name the columns, as in "
-            "`time,x:m1,x:m2`; or --channel time=1 --channel x:m1=2 maps them by number",
+            f"there is no header: the file starts with {table.opening!r}. The first line must name the columns, as in "
+            "`time,x:m1,x:m2`; or map columns by number, as in channels={'time': 1, 'x:m1': 2}",
             file,
             1,
+            arguments=("channels",),
         )
     return RecordError(
-        f"no channel is recognised; {listing(table)}. A channel is called KIND:MASS, such as x:m1 or a:m2[g]; "
-        "a column of another name is mapped with --channel x:m1=COLUMN",
+        f"no channel is recognised; {listing(table)}. Channels are named KIND:MASS, such as x:m1 or a:m2[g]; "
+        "map columns of other names, as in channels={'x:m1': 'laser'}",
         file,
         table.header_line,
+        arguments=("channels",),
     )
 
 
-def _refuse_unknown_mass(
-    table: Table, file: str, choice: ColumnChoice, known_masses: tuple[str, ...] | None
-) -> None:
-    """RecordError for a channel of a mass that the structure does not have."""
+def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tuple[str, ...] | None) -> None:
+    """Raise RecordError for a channel of a mass that the structure does not have."""
     if known_masses is None or choice.name == "time":
         return
     mass = Channel.parse(choice.name).mass

@@ -1,8 +1,8 @@
-"""HDF5: one data set per column, called by its channel, with its unit as an attribute.
+"""HDF5: one data set per column, named by its channel, with its unit as an attribute.
 
-Our own files hold `time` and one data set per channel at the root, each with the attribute `unit` and, where it is known,
-`noise`; the root has the attributes `format`, `version`, `start`, `rate`, `source` and `notes`. Read is any file whose data
-sets, in whatever groups, bear such names or are mapped to them.
+Files written by linkwise hold `time` and one data set per channel at the root, each with the attribute `unit` and, where it is
+known, `noise`; the root has the attributes `format`, `version`, `start`, `rate`, `source` and `notes`. Any other file can be
+read whose data sets, in any group, have such names or are mapped to them.
 """
 
 from __future__ import annotations
@@ -24,13 +24,15 @@ _UNITS = ("unit", "units", "Unit", "Units")
 
 
 def read_table(path: Path) -> Table:
-    """All data sets of numbers in the file; see `files.read_record`."""
+    """All numeric data sets of the file; see `files.read_record`."""
     if not h5py.is_hdf5(path):
-        raise RecordError("is no HDF5 file, whatever its suffix says", path)
+        raise RecordError("is not an HDF5 file, despite its suffix", path)
     with h5py.File(path, "r") as file:
         if file.attrs.get("format") == FORMAT and int(file.attrs.get("version", 0)) > VERSION:
+            version = file.attrs["version"]
             raise RecordError(
-                f"was written by a later linkwise (layout {file.attrs['version']}, known is {VERSION})", path
+                f"was written by a later version of linkwise (layout {version}; this version reads up to {VERSION})",
+                path,
             )
         tree: dict[str, Any] = {}
         noise: dict[str, float] = {}
@@ -55,14 +57,14 @@ def read_table(path: Path) -> Table:
 
 
 def _unit(item: h5py.Dataset) -> str:
-    """The unit of a data set in brackets, as it would stand in a header."""
+    """The unit of a data set in brackets, as in a column header."""
     unit = next((item.attrs[name] for name in _UNITS if name in item.attrs), "")
     unit = unit.decode() if isinstance(unit, bytes) else str(unit)
     return f"[{unit}]" if unit else ""
 
 
 def write(record: Record, path: Path) -> None:
-    """The layout at the top of this module."""
+    """Write the layout described at the top of this module."""
     with h5py.File(path, "w") as file:
         file.attrs["format"] = FORMAT
         file.attrs["version"] = VERSION

@@ -15,14 +15,14 @@ _TIME = frozenset({"time", "t"})
 
 @dataclass(frozen=True)
 class ColumnHeader:
-    """A header taken apart: `name` without its unit, `unit` as written ("" where none is)."""
+    """A column header: `name` without its unit, and `unit` as written ("" without one)."""
 
     name: str
     unit: str = ""
 
     @classmethod
     def parse(cls, text: str) -> ColumnHeader:
-        """Never fails: text without a unit at its end is all name."""
+        """Split a header; a text that does not end with a unit is all name."""
         text = text.strip().strip("\"'").strip()
         match = _UNIT.match(text)
         if match is None or not match[1]:
@@ -31,12 +31,12 @@ class ColumnHeader:
 
     @property
     def is_time(self) -> bool:
-        """True for `time` and `t`, whatever their case."""
+        """Whether the name is `time` or `t`, in upper or lower case."""
         return self.name.lower() in _TIME
 
     @property
     def channel(self) -> Channel | None:
-        """The channel that the name spells, None where it spells none."""
+        """The channel of this name; None if it is not the name of a channel."""
         kind, _, mass = (part.strip() for part in self.name.partition(":"))
         try:
             return Channel.parse(f"{kind}:{mass}")
@@ -45,15 +45,14 @@ class ColumnHeader:
 
     @property
     def leaf(self) -> ColumnHeader:
-        """The heading without the groups above it: `run1/x:m1[mm]` is x:m1 in mm."""
+        """The header without the groups above it: `run1/x:m1[mm]` is x:m1 in mm."""
         return ColumnHeader(self.name.rpartition("/")[2], self.unit)
 
 
 def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str) -> float:
-    """What a value in `unit` is multiplied by to be in the SI unit of `kind` (a kind of channel, or "time").
+    """Factor from `unit` to the SI unit of `kind` (a kind of channel, or "time").
 
-    `g` is the standard gravity for an acceleration, not the gram. Raises RecordError for a unit that is unknown or measures
-    something else.
+    For an acceleration, `g` is standard gravity. Raises RecordError for a unit that is unknown or of another quantity.
     """
     if not unit:
         return 1.0
@@ -62,7 +61,7 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
         return factor_to_si(unit, dimension)
     except LinkwiseError as error:
         message = (
-            f"{unit!r} is no unit of {quantity}; expected {dimension} or what converts to it. Correct the header, "
-            f"or name unit and column with --channel '{channel}[{dimension}]=COLUMN'"
+            f"{unit!r} is not a unit of {quantity}; expected {dimension} or a unit that converts to it. Correct the header, "
+            f"or map the column with its unit, as in channels={{'{channel}[{dimension}]': 'NAME'}}"
         )
-        raise RecordError(message, file, line, channel) from error
+        raise RecordError(message, file, line, channel, arguments=("channels",)) from error

@@ -1,4 +1,4 @@
-"""The lines of a text file, whatever program wrote it."""
+"""The lines of a text file in any common encoding."""
 
 from __future__ import annotations
 
@@ -7,41 +7,41 @@ from pathlib import Path
 
 from linkwise.errors import RecordError
 
-_MARKS = (  # the longer first: the mark of UTF-32 begins with that of UTF-16
+_BYTE_ORDER_MARKS = (  # the longer first: that of UTF-32 begins with that of UTF-16
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-_LOOK = 4096  # bytes from which an encoding is told
+_PROBE = 4096  # bytes from which the encoding is inferred
 
 
 def read_lines(path: Path) -> list[str]:
-    """The lines without their ends, LF, CRLF or CR.
+    """The lines of a text file without line ends (LF, CRLF or CR).
 
-    A byte order mark decides the encoding; without one it is UTF-8, UTF-16 where every other byte is zero, and else Windows
-    1252, in which older instruments write µ and ². Raises RecordError for what is no text.
+    A byte order mark decides the encoding. Without one it is UTF-16 where every other byte is zero, else UTF-8 if the content
+    is valid, else Windows 1252, in which older instruments write µ and ². Raises RecordError for a binary file.
     """
     content = path.read_bytes()
     try:
         text = content.decode(_encoding(content, path))
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
-        raise RecordError(f"is no text in {error.encoding}; save it as UTF-8", path, line) from error
+        raise RecordError(f"is not valid {error.encoding} text; save it as UTF-8", path, line) from error
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     while lines and not lines[-1].strip():
         lines.pop()
     if not lines:
-        raise RecordError("the file holds nothing but blank lines", path)
+        raise RecordError("the file contains only blank lines", path)
     return lines
 
 
 def _encoding(content: bytes, path: Path) -> str:
-    for mark, encoding in _MARKS:
+    for mark, encoding in _BYTE_ORDER_MARKS:
         if content.startswith(mark):
             return encoding
-    head = content[:_LOOK]
+    head = content[:_PROBE]
     if b"\0" in head:
         if head[1::2].count(0) > 0.8 * len(head[1::2]) and not head[::2].count(0):
             return "utf-16-le"

@@ -1,8 +1,8 @@
 """MATLAB files: read v4 to v7 through SciPy and v7.3 through HDF5, written as v5.
 
-A variable of MATLAB cannot be called x:m1; it is called x_m1. Ours hold `time`, one column vector per channel, `start`,
-`rate`, `source`, the cells `channels` and `variables` (which name is which) and `notes`, and `noise` (NaN where it is not
-known).
+A MATLAB variable cannot be named x:m1, so it is named x_m1. Files written by linkwise hold `time`, one column vector per
+channel, `start`, `rate`, `source`, the cells `channels` and `variables` (which channel is which variable) and `notes`, and
+`noise` (NaN where unknown).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from linkwise.files.table import Column, Table
 from linkwise.records.channel import UNITS
 from linkwise.records.record import Record
 
-_LONGEST = 63  # characters in the name of a MATLAB variable
+_NAME_LENGTH = 63  # longest name of a MATLAB variable
 _SPELLED = re.compile(rf"^({'|'.join(UNITS)})_(\w+)$")
 _RATES = ("rate", "fs", "Fs")
 _OWN = frozenset({"channels", "variables", "noise", "notes"})
 
 
 def read_table(path: Path) -> Table:
-    """All variables of numbers, those in structs as `struct/field`; see `files.read_record`."""
+    """All numeric variables, those in structs as `struct/field`; see `files.read_record`."""
     tree = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
     names = dict(zip(_texts(tree.get("variables")), _texts(tree.get("channels")), strict=False))
     samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
@@ -48,7 +48,7 @@ def read_table(path: Path) -> Table:
 
 
 def _named(column: Column, names: Mapping[str, str]) -> Column:
-    """The column with the channel that its variable stands for."""
+    """The column under the channel that its variable stands for."""
     leaf = column.header.rpartition("/")[2]
     if column.header in names:
         return replace(column, header=names[column.header])
@@ -57,7 +57,7 @@ def _named(column: Column, names: Mapping[str, str]) -> Column:
 
 
 def _scalar(value: Any) -> float | None:
-    """The number in an array of one, None for anything else."""
+    """The number in an array of size 1; None for anything else."""
     if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
         return float(value.flat[0])
     return float(value) if isinstance(value, (int, float)) else None
@@ -83,7 +83,7 @@ def _read_v73(path: Path) -> dict[str, Any]:
 
 
 def _from_hdf5(item: h5py.Group | h5py.Dataset, file: h5py.File) -> Any:
-    """One MATLAB value: structs are groups, arrays are stored transposed, text is numbers and cells are references."""
+    """One MATLAB value: structs are groups, arrays are transposed, text is numbers, cells are references."""
     if isinstance(item, h5py.Group):
         return {name: _from_hdf5(member, file) for name, member in item.items()}
     if "MATLAB_empty" in item.attrs:
@@ -97,7 +97,7 @@ def _from_hdf5(item: h5py.Group | h5py.Dataset, file: h5py.File) -> Any:
 
 
 def write(record: Record, path: Path) -> None:
-    """The variables at the top of this module, as MAT v5."""
+    """Write the variables described at the top of this module as MAT v5."""
     variables = _identifiers(record.channels)
     content: dict[str, Any] = {
         "time": record.time,
@@ -114,10 +114,10 @@ def write(record: Record, path: Path) -> None:
 
 
 def _identifiers(channels: tuple[str, ...]) -> tuple[str, ...]:
-    """A variable for each channel: letters, digits and underscores, none twice."""
-    found: list[str] = []
+    """A unique variable name of letters, digits and underscores for each channel."""
+    identifiers: list[str] = []
     for i, name in enumerate(channels):
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_LONGEST]
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_NAME_LENGTH]
         tail = f"_{i + 1}"
-        found.append(plain if plain not in found else plain[: _LONGEST - len(tail)] + tail)
-    return tuple(found)
+        identifiers.append(plain if plain not in identifiers else plain[: _NAME_LENGTH - len(tail)] + tail)
+    return tuple(identifiers)

@@ -32,7 +32,7 @@ def read_table(path: Path) -> Table:
 
 
 def _values(column: pyarrow.ChunkedArray) -> NDArray[Any]:
-    """The values of one column, NaN where Parquet has null."""
+    """The values of one column, NaN for null."""
     number = pyarrow.types.is_integer(column.type) or pyarrow.types.is_decimal(column.type)
     if number and (column.null_count or pyarrow.types.is_decimal(column.type)):
         column = column.cast(pyarrow.float64())
@@ -40,7 +40,7 @@ def _values(column: pyarrow.ChunkedArray) -> NDArray[Any]:
 
 
 def write(record: Record, path: Path) -> None:
-    """The columns `time` and one per channel, in SI units."""
+    """Write the columns `time` and one per channel, in SI units."""
     stated = {
         "start": record.start,
         "rate": record.rate,

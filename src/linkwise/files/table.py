@@ -1,4 +1,4 @@
-"""What every format is read into: columns under their headers, before anybody asks what they mean."""
+"""Columns under their headers: what every format is read into before headers are interpreted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class BadCell:
-    """The first cell of a column that is no number: its text and its line (None where the format has no lines)."""
+    """The first cell of a column that is not a number: its text, and its line (None where the format has no lines)."""
 
     text: str
     line: int | None = None
@@ -22,8 +22,8 @@ class BadCell:
 class Column:
     """One column of a file.
 
-    `values` (N,) real numbers, NaN where missing, or None where `bad` says which cell is no number. `meaning` is the channel
-    that a header stands for where the format cannot spell it (`x_m1` for x:m1 in MATLAB).
+    `values` (N,) are real numbers, NaN where missing, or None where `bad` is a cell that is not a number. `meaning` is the
+    channel that a header stands for where the format cannot spell it (`x_m1` for x:m1 in MATLAB).
     """
 
     header: str
@@ -33,7 +33,7 @@ class Column:
 
     @classmethod
     def of(cls, header: str, values: NDArray[Any], meaning: str = "") -> Column:
-        """A column of an array of any type; one that holds no real numbers is kept with its first cell as the reason."""
+        """A column from an array of any type; one that is not real numbers keeps its first cell as the reason."""
         if values.dtype.kind == "b":
             values = values.astype(np.int8)
         if values.dtype.kind in "iuf":
@@ -45,9 +45,9 @@ class Column:
 class Table:
     """All columns of a file, in its order.
 
-    `named` is False where the file has no header and columns go by their number; `opening` is then its first line. `lines`
-    (N,) and `header_line` count from 1, None where the format has no lines. `start` in s and `rate` in Hz are set where the
-    file states them beside or instead of a time column.
+    `named` is False where the file has no header and columns have numbers; `opening` is then its first line. `lines` (N,) and
+    `header_line` count from 1, None where the format has no lines. `start` in s and `rate` in Hz are set where the file
+    states them besides or instead of a time column.
     """
 
     columns: tuple[Column, ...]
@@ -63,5 +63,5 @@ class Table:
 
     @property
     def headers(self) -> tuple[str, ...]:
-        """The headers as they stand in the file."""
+        """The headers as written in the file."""
         return tuple(column.header for column in self.columns)

@@ -15,7 +15,8 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 def read_table(path: Path) -> Table:
     """All channels as `group/channel`; see `files.read_record`.
 
-    The step that the channels state (`wf_increment`) is the rate, if they state the same; else the file needs a time channel.
+    The rate follows from the sampling interval of the channels (`wf_increment`) if it is the same for all; otherwise the file
+    needs a time channel.
     """
     content = nptdms.TdmsFile.read(path)
     columns, rates, starts = [], [], []
@@ -32,6 +33,6 @@ def read_table(path: Path) -> Table:
 
 
 def _unit(channel: nptdms.TdmsChannel) -> str:
-    """The unit of a channel in brackets, as it would stand in a header, unless its name says it already."""
+    """The unit of a channel in brackets, as in a column header, unless its name ends with it."""
     unit = next((str(channel.properties[name]) for name in _UNITS if channel.properties.get(name)), "")
     return f"[{unit}]" if unit and not channel.name.rstrip().endswith((")", "]")) else ""

@@ -18,39 +18,41 @@ _NONE = frozenset({"", "NONE"})
 
 
 def read_table(path: Path) -> Table:
-    """One column per time response, called by its first ID line; see `files.read_record`.
+    """One column per time response, named by its first ID line; see `files.read_record`.
 
-    A response whose ID line names no channel stands for KIND:NODE, by the quantity and the node that the data set states.
-    Raises RecordError where there is none, and where responses do not share one time axis.
+    A response whose ID line does not name a channel stands for KIND:NODE, from the quantity and node of the data set. Raises
+    RecordError for a file without time responses and for responses that do not share one time axis.
     """
     sets = pyuff.UFF(str(path)).read_sets()
-    sets = [one for one in (sets if isinstance(sets, list) else [sets]) if one.get("type") == 58]
-    sets = [one for one in sets if one["func_type"] == _TIME_RESPONSE]
+    sets = [data for data in (sets if isinstance(sets, list) else [sets]) if data.get("type") == 58]
+    sets = [data for data in sets if data["func_type"] == _TIME_RESPONSE]
     if not sets:
-        raise RecordError("there is no time response (data set 58, function type 1) in it", path)
-    columns = tuple(_column(one) for one in sets)
+        raise RecordError("contains no time response (data set 58, function type 1)", path)
+    columns = tuple(_column(data) for data in sets)
     first = sets[0]
-    for one, column in zip(sets, columns, strict=True):
-        if one["abscissa_spacing"] != first["abscissa_spacing"] or not np.array_equal(one["x"], first["x"]):
-            raise RecordError(f"has another time axis than {columns[0].header}", path, channel=column.header)
+    for data, column in zip(sets, columns, strict=True):
+        if data["abscissa_spacing"] != first["abscissa_spacing"] or not np.array_equal(data["x"], first["x"]):
+            raise RecordError(
+                f"has a different time axis than {columns[0].header}", path, channel=column.header
+            )
     if first["abscissa_spacing"] != _EVEN:
         return Table((Column("time", np.asarray(first["x"])), *columns))
     return Table(columns, start=float(first["abscissa_min"]), rate=_rate(float(first["abscissa_inc"])))
 
 
-def _column(one: dict[str, Any]) -> Column:
-    kind = _KINDS.get(one["ordinate_spec_data_type"], "")
-    entity = one["rsp_ent_name"].strip()
-    place = entity if entity not in _NONE else str(one["rsp_node"])
-    label = one["id1"].strip()
+def _column(data: dict[str, Any]) -> Column:
+    kind = _KINDS.get(data["ordinate_spec_data_type"], "")
+    entity = data["rsp_ent_name"].strip()
+    place = entity if entity not in _NONE else str(data["rsp_node"])
+    label = data["id1"].strip()
     header = label if label not in _NONE else f"node {place}"
-    unit = one.get("ordinate_axis_units_lab", "").strip()
+    unit = data.get("ordinate_axis_units_lab", "").strip()
     unit = "" if unit in _NONE or header.endswith((")", "]")) else f"[{unit}]"
-    return Column.of(f"{header}{unit}", np.asarray(one["data"]), f"{kind}:{place}" if kind else "")
+    return Column.of(f"{header}{unit}", np.asarray(data["data"]), f"{kind}:{place}" if kind else "")
 
 
 def _rate(step: float) -> float:
-    """The rate of the fewest digits whose step prints as `step` does: the format keeps six digits of it."""
+    """The rate with the fewest digits whose interval prints as `step` does: the format keeps six digits of it."""
     printed = f"{step:.5e}"
     for digits in range(1, 16):
         rate = float(f"{1.0 / step:.{digits - 1}e}")

@@ -17,7 +17,7 @@ from linkwise.likelihood.fisher_information import Precision
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.text import columns, number
+from linkwise.text import align_columns, format_value
 
 DETECTION = 3.605  # deviations: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
 _MANY = 40  # rows of a table that anybody reads
@@ -245,7 +245,7 @@ def _table(limit: Limit) -> str:
 
 
 def _rows(rows: list[tuple[str, ...]]) -> str:
-    lines = columns(rows)
+    lines = align_columns(rows)
     left_out = len(lines) - 1 - _MANY
     if left_out > 0:
         lines = [*lines[: 1 + _MANY], f"  ... and {left_out} more; --json prints all"]
@@ -264,9 +264,9 @@ def _row(each: CoefficientEstimate) -> tuple[str, ...]:
     error = each.standard_error
     assert error is not None
     if not np.isfinite(error):
-        return each.name, number(each.value), "cannot be told", "", "", each.unit
+        return each.name, format_value(each.value), "cannot be told", "", "", each.unit
     share = _percent(100.0 * error / abs(each.value)) if each.value else ""
-    return each.name, number(each.value), f"{error:.2g}", share, f"{DETECTION * error:.2g}", each.unit
+    return each.name, format_value(each.value), f"{error:.2g}", share, f"{DETECTION * error:.2g}", each.unit
 
 
 def _percent(share: float) -> str:
@@ -287,7 +287,7 @@ def _wells(link: LinkLimit) -> list[tuple[str, ...]]:
 
 def _derived(label: str, each: DerivedQuantity) -> tuple[str, ...]:
     if each.interval is None:
-        return label, number(each.value), "cannot be told", each.unit
+        return label, format_value(each.value), "cannot be told", each.unit
     error = 0.25 * (each.interval[1] - each.interval[0])
-    low, high = (number(end, error) for end in each.interval)
-    return label, number(each.value, error), f"{low} to {high}", each.unit
+    low, high = (format_value(end, error) for end in each.interval)
+    return label, format_value(each.value, error), f"{low} to {high}", each.unit

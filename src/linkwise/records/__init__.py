@@ -1,1 +1,1 @@
-"""What was measured or simulated: channels on one time axis."""
+"""Measured and simulated data: channels on one time axis."""

@@ -1,4 +1,4 @@
-"""A channel: what is seen (a kind) and where (a mass or the base), written `KIND:MASS`."""
+"""Channels: a kind of quantity at a mass or the base, written `KIND:MASS`."""
 
 from __future__ import annotations
 
@@ -14,30 +14,27 @@ _RESERVED = frozenset(":[]()\"',;\t\n")
 
 @dataclass(frozen=True)
 class Channel:
-    """One sensor or one input. `kind` is a key of `UNITS`, `mass` the name of a mass, or "base" for the
-    moving base.
-    """
+    """One sensor or one input: `kind` is a key of `UNITS`, `mass` the name of a mass, or "base" for the moving base."""
 
     kind: str
     mass: str
 
     @classmethod
     def parse(cls, name: str) -> Channel:
-        """The channel called `name`, such as "x:m1"; RecordError for any other spelling."""
+        """The channel named `name`, such as "x:m1". Raises RecordError for a name that is not a channel."""
         kind, colon, mass = name.partition(":")
         if not colon or not mass or not kind:
             raise RecordError(
-                f"{name!r} is no channel: a channel is KIND:MASS, such as x:m1, with KIND one of "
-                f"{', '.join(UNITS)}"
+                f"{name!r} is not a channel: expected KIND:MASS, such as x:m1, with KIND one of {', '.join(UNITS)}"
             )
         if kind not in UNITS:
             known = ", ".join(f"{key} ({QUANTITIES[key]}, {unit})" for key, unit in UNITS.items())
-            raise RecordError(f"{name!r} is no channel: {kind!r} is none of the kinds {known}")
+            raise RecordError(f"{name!r} is not a channel: unknown kind {kind!r}; choose from {known}")
         if mass != mass.strip() or _RESERVED & set(mass):
-            raise RecordError(f"{name!r} is no channel: {mass!r} cannot be the name of a mass")
+            raise RecordError(f"{name!r} is not a channel: {mass!r} is not a valid name of a mass")
         if kind == "force" and mass == BASE:
             raise RecordError(
-                "'force:base' is no channel: a base is moved by x:base, v:base or a:base, not by a force"
+                "'force:base' is not a channel: a base is moved by x:base, v:base or a:base, not by a force"
             )
         return cls(kind, mass)
 
@@ -46,10 +43,10 @@ class Channel:
 
     @property
     def unit(self) -> str:
-        """The SI unit in which the channel is kept."""
+        """The SI unit of the channel."""
         return UNITS[self.kind]
 
     @property
     def is_input(self) -> bool:
-        """True for what drives the structure (applied force, base motion), False for how it answers."""
+        """True for what drives the structure (applied force, base motion), False for a response."""
         return self.kind == "force" or self.mass == BASE

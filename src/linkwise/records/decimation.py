@@ -9,8 +9,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 
-ATTENUATION = 80.0  # dB, for everything above the new Nyquist frequency
-PASSBAND = 0.8  # of the new Nyquist frequency: below it the gain is 1 within 10^(-ATTENUATION / 20)
+ATTENUATION = 80.0  # dB, above the new Nyquist frequency
+PASSBAND = 0.8  # of the new Nyquist frequency; there the gain is 1 within 10^(-ATTENUATION / 20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,12 +22,12 @@ class Lowpass:
 
     @property
     def length(self) -> int:
-        """Samples that one output needs."""
+        """Number of taps: samples that enter one output."""
         return len(self.taps)
 
     @property
     def half(self) -> int:
-        """Samples that are lost at each end."""
+        """Number of samples dropped at each end."""
         return len(self.taps) // 2
 
     @property
@@ -36,10 +36,10 @@ class Lowpass:
         return float(np.sqrt(np.sum(self.taps**2)))
 
     def apply(self, values: Floats) -> Floats:
-        """(N, C) filtered along time, thinned, cut at both ends: ((N - length) // factor + 1, C)."""
+        """`values` (N, C) filtered along time and decimated, both ends dropped: ((N - length) // factor + 1, C)."""
         size = (
             1 << (len(values) - 1).bit_length()
-        )  # wrap-around touches the first length - 1 outputs only, and these go
+        )  # wrap-around affects the first length - 1 outputs only, which are dropped
         spectrum = np.fft.rfft(values, size, axis=0) * np.fft.rfft(self.taps, size)[:, np.newaxis]
         filtered = np.fft.irfft(spectrum, size, axis=0)
         return np.ascontiguousarray(filtered[self.length - 1 : len(values) : self.factor])
@@ -47,13 +47,11 @@ class Lowpass:
 
 @lru_cache(maxsize=16)
 def lowpass(factor: int) -> Lowpass:
-    """The filter for decimation by `factor` >= 2: flat to `PASSBAND`, down by `ATTENUATION` from the new
-    Nyquist frequency on.
+    """The filter for decimation by `factor` >= 2: flat up to `PASSBAND`, `ATTENUATION` from the new Nyquist frequency on.
 
-    Kaiser's formulas for window shape and length (Oppenheim and Schafer, Discrete-Time Signal Processing,
-    section 7.5.3).
+    Kaiser's formulas for window shape and length (Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.5.3).
     """
-    nyquist = np.pi / factor  # rad per old sample
+    nyquist = np.pi / factor  # rad per sample before decimation
     width = (1.0 - PASSBAND) * nyquist
     beta = 0.1102 * (ATTENUATION - 8.7)
     half = int(np.ceil((ATTENUATION - 7.95) / (2.285 * width) / 2.0))

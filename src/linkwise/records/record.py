@@ -1,6 +1,4 @@
-"""What was seen: evenly sampled channels, measured or simulated, in SI units. Everything on the left ends
-here.
-"""
+"""The record: evenly sampled channels, measured or simulated, in SI units; the input of every estimator."""
 
 from __future__ import annotations
 
@@ -15,23 +13,60 @@ from numpy.typing import ArrayLike, NDArray
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
+from linkwise.records.checks import check_names, check_responses, check_values, column_notes
 from linkwise.records.decimation import lowpass
+from linkwise.records.synthetic_noise import white_noise
 from linkwise.records.timeline import Timeline
 from linkwise.records.truth import SimulationTruth
+
+_EDGE = 1e-6  # of a sampling interval: a time typed in decimals is meant to hit its sample
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
-    """N samples of C channels at `start` + k/`rate`.
+    """N samples of C channels at the times ``start + k/rate``; immutable.
 
-    `values` (N, C) float64, read-only, in the SI unit of each channel, NaN where a sample is missing;
-    `noise` the standard deviation of a channel where the user knows it; `simulated` the truth, for a
-    simulated record only; `source` says where the record comes from and `notes` what was done to it on the
-    way, each a sentence for the user.
+    Build a measured record with `Record.from_arrays` or `read_record`, which also check it for dead and duplicated sensors;
+    a simulated structure may well have a mass at rest or two that move alike.
 
-    Raises RecordError for shapes that do not fit, names that are no channels or stand twice, and infinite
-    values. What makes a *measured* record useless (a dead sensor, one sensor under two names) is refused by
-    `from_arrays`, since a simulated structure may well have a mass that rests or two that move alike.
+    Parameters
+    ----------
+    start : float
+        Time of the first sample in s.
+    rate : float
+        Sampling rate in Hz.
+    channels : tuple of str
+        Names ``KIND:MASS`` of the C channels, with KIND one of ``x`` (m), ``v`` (m/s), ``a`` (m/s^2) and ``force`` (N), and
+        MASS the name of a mass or ``base``.
+    values : array of shape (N, C)
+        Samples in the SI unit of each channel, NaN where a sample is missing; read-only.
+    noise : mapping of str to float, optional
+        Standard deviation of the noise of channels for which it is known, in the unit of the channel.
+    simulated : SimulationTruth, optional
+        The noise-free motion behind a simulated record.
+    source : str, optional
+        Where the record comes from.
+    notes : tuple of str, optional
+        What was assumed or done, one sentence each.
+
+    Raises
+    ------
+    RecordError
+        If shapes do not match, a name is not a channel or is listed twice, or a value is infinite.
+
+    See Also
+    --------
+    read_record : Read a record from a file.
+    simulate : Simulate a record.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> record
+    Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2
+    >>> record.between(0.1, 0.2).channel("x:m1").shape
+    (101,)
     """
 
     start: float
@@ -48,47 +83,10 @@ class Record:
         object.__setattr__(self, "rate", float(self.rate))
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "notes", tuple(self.notes))
-        object.__setattr__(self, "values", _frozen(self.values))
+        object.__setattr__(self, "values", _read_only(self.values))
         object.__setattr__(self, "noise", MappingProxyType(dict(self.noise)))
-        self._check_names()
-        self._check_values()
-
-    def _check_names(self) -> None:
-        for name in self.channels:
-            Channel.parse(name)
-        twice = [name for i, name in enumerate(self.channels) if name in self.channels[:i]]
-        if twice:
-            raise RecordError("stands twice in the record; a channel may stand once", channel=twice[0])
-        for name, sigma in self.noise.items():
-            if name not in self.channels:
-                raise RecordError(
-                    f"noise is given for a channel that is not there; there are {self._listed}", channel=name
-                )
-            if not (np.isfinite(sigma) and sigma >= 0.0):
-                raise RecordError(
-                    f"a standard deviation of {sigma!r} cannot be; it is a number >= 0", channel=name
-                )
-
-    def _check_values(self) -> None:
-        if not (np.isfinite(self.rate) and self.rate > 0.0):
-            raise RecordError(f"a sampling rate of {self.rate!r} Hz cannot be; it is a number above 0")
-        if not np.isfinite(self.start):
-            raise RecordError(f"a record cannot start at {self.start!r} s")
-        if self.values.ndim != 2 or self.values.shape[1] != len(self.channels):
-            raise RecordError(
-                f"values have the shape {self.values.shape}, expected (samples, {len(self.channels)}) for "
-                f"the channels {self._listed}"
-            )
-        if not self.channels or not len(self.values):
-            raise RecordError("a record needs at least one channel and one sample")
-        infinite = np.argwhere(np.isinf(self.values))
-        if len(infinite):
-            row, column = infinite[0]
-            raise RecordError(
-                f"the value at {self.start + row / self.rate:g} s is infinite; a sample that is missing is "
-                "NaN",
-                channel=self.channels[column],
-            )
+        check_names(self.channels, self.noise)
+        check_values(self.start, self.rate, self.channels, self.values)
 
     @classmethod
     def from_arrays(
@@ -102,34 +100,70 @@ class Record:
         file: str | None = None,
         lines: NDArray[np.int64] | None = None,
     ) -> Record:
-        """A measured record from a time column in s and one array per channel name, in SI units.
+        """Build a measured record from a time column and one array per channel.
 
-        The time must be even but for the rounding of printed figures; steps that are whole multiples are
-        gaps, filled with missing samples. `file` and `lines` (N,) are for the errors of a file reader.
-        Raises RecordError for an uneven time, unequal lengths, fewer than 32 samples, a response that is
-        constant, missing throughout or equal to another.
+        Parameters
+        ----------
+        time : array of shape (N,)
+            Sampling times in s, even up to the rounding of printed digits. Steps that are multiples of the sampling interval
+            are gaps, filled with missing samples.
+        channels : mapping of str to array of shape (N,)
+            Samples of each channel in its SI unit, NaN where missing.
+        noise, source, notes
+            As of `Record`.
+        file : str, optional
+            Name of the file, for errors.
+        lines : array of shape (N,), optional
+            Line of each sample in the file, for errors.
+
+        Returns
+        -------
+        Record
+            The record, with notes on what was assumed.
+
+        Raises
+        ------
+        RecordError
+            If times are uneven, lengths differ, there are fewer than 32 samples, or a response is constant, missing
+            throughout or equal to another.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> import numpy as np
+        >>> time = np.arange(200) / 100.0
+        >>> lw.Record.from_arrays(time, {"x:m1": 1e-3 * np.sin(20.0 * time)})
+        Record of 200 samples at 100 Hz, 0 to 1.99 s: x:m1
         """
-        moments = np.asarray(time)
-        if moments.ndim != 1 or moments.dtype.kind not in "iuf":
+        times = np.asarray(time)
+        if times.ndim != 1 or times.dtype.kind not in "iuf":
             raise RecordError(
-                f"time must be one column of numbers, not {moments.dtype} of shape {moments.shape}", file
+                f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}",
+                file,
             )
-        timeline = Timeline.fit(moments, file=file, lines=lines)
-        told = [*notes, *timeline.notes]
+        timeline = Timeline.fit(times, file=file, lines=lines)
+        all_notes = [*notes, *timeline.notes]
         values = np.full((timeline.count, len(channels)), np.nan)
         for column, (name, array) in enumerate(channels.items()):
             samples = np.asarray(array)
-            if samples.shape != moments.shape:
+            if samples.shape != times.shape:
                 raise RecordError(
-                    f"has the shape {samples.shape}, the time {moments.shape}", file, channel=name
+                    f"has shape {samples.shape}, but time has shape {times.shape}", file, channel=name
                 )
-            told += _samples_notes(name, samples, file, lines)
+            all_notes += column_notes(name, samples, file, lines)
             values[timeline.index, column] = samples
         values.setflags(write=False)
-        _refuse_dead(tuple(channels), values, file)
+        check_responses(tuple(channels), values, file)
         origin = source or (file or "")
         return cls(
-            timeline.start, timeline.rate, tuple(channels), values, noise or {}, None, origin, tuple(told)
+            timeline.start,
+            timeline.rate,
+            tuple(channels),
+            values,
+            noise or {},
+            None,
+            origin,
+            tuple(all_notes),
         )
 
     def __len__(self) -> int:
@@ -137,81 +171,81 @@ class Record:
 
     def __repr__(self) -> str:
         last = self.start + (len(self) - 1) / self.rate
-        absent = int(self.missing.sum())
-        gaps = f"; {absent} samples missing" if absent else ""
+        missing = int(self.missing.sum())
+        gaps = f"; {missing} samples missing" if missing else ""
         span = f"{len(self)} samples at {self.rate:g} Hz, {self.start:g} to {last:g} s"
-        return f"Record of {span}: {self._listed}{gaps}"
+        return f"Record of {span}: {self._channel_list}{gaps}"
 
     @property
-    def _listed(self) -> str:
+    def _channel_list(self) -> str:
         return ", ".join(self.channels) or "no channels"
 
     @cached_property
     def time(self) -> Floats:
-        """(N,) s, read-only."""
-        return _frozen(self.start + np.arange(len(self)) / self.rate)
+        """Sampling times in s, shape (N,), read-only."""
+        return _read_only(self.start + np.arange(len(self)) / self.rate)
 
     @property
     def step(self) -> float:
-        """The sampling interval in s."""
+        """Sampling interval in s."""
         return 1.0 / self.rate
 
     @property
     def duration(self) -> float:
-        """From the first sample to the last, in s."""
+        """Time in s from the first sample to the last."""
         return (len(self) - 1) / self.rate
 
     @cached_property
     def missing(self) -> Bools:
-        """(N, C), True where a sample is missing."""
-        absent = np.isnan(self.values)
-        absent.setflags(write=False)
-        return absent
+        """True where a sample is missing, shape (N, C), read-only."""
+        mask = np.isnan(self.values)
+        mask.setflags(write=False)
+        return mask
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """The channels that tell how the structure moved."""
+        """Channels that measure the motion of the masses."""
         return tuple(name for name in self.channels if not Channel.parse(name).is_input)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The channels that tell what drove it: applied forces and base motion."""
+        """Channels that drive the structure: applied forces and base motion."""
         return tuple(name for name in self.channels if Channel.parse(name).is_input)
 
     @property
     def masses(self) -> tuple[str, ...]:
-        """The masses with a sensor on them, in order of appearance."""
+        """Names of the masses with a response channel, in order of appearance."""
         return tuple(dict.fromkeys(Channel.parse(name).mass for name in self.responses))
 
     def unit(self, name: str) -> str:
-        """The SI unit of a channel."""
+        """SI unit of a channel, such as ``"m/s"``. Raises RecordError if it is not in the record."""
         self._column(name)
         return Channel.parse(name).unit
 
     def _column(self, name: str) -> int:
         if name not in self.channels:
-            raise RecordError(f"is not in the record; there are {self._listed}", channel=name)
+            raise RecordError(f"is not in the record; the channels are {self._channel_list}", channel=name)
         return self.channels.index(name)
 
     def channel(self, name: str) -> Floats:
-        """(N,) read-only values of one channel; RecordError lists what there is."""
+        """Samples of one channel, shape (N,), read-only. Raises RecordError if it is not in the record."""
         return self.values[:, self._column(name)]
 
     def select(self, names: Iterable[str]) -> Record:
-        """The same record with these channels only, in this order."""
-        chosen = tuple(names)
-        columns = [self._column(name) for name in chosen]
-        noise = {name: self.noise[name] for name in chosen if name in self.noise}
-        return replace(self, channels=chosen, values=self.values[:, columns], noise=noise)
+        """The record with these channels only, in this order. Raises RecordError if one is not in the record."""
+        names = tuple(names)
+        columns = [self._column(name) for name in names]
+        noise = {name: self.noise[name] for name in names if name in self.noise}
+        return replace(self, channels=names, values=self.values[:, columns], noise=noise)
 
     def __getitem__(self, which: slice) -> Record:
         if not isinstance(which, slice) or which.step not in (None, 1):
             raise RecordError(
-                "a record is cut as record[first:last], without a step; record.decimate(factor) thins it out"
+                "records are sliced as record[first:last] without a step; record.decimate(factor) reduces the rate"
             )
         first, last, _ = which.indices(len(self))
         if last <= first:
-            raise RecordError(f"record[{first}:{last}] holds nothing; the record has {len(self)} samples")
+            raise RecordError(f"record[{first}:{last}] is empty; the record has {len(self)} samples")
         return replace(
             self,
             start=self.start + first / self.rate,
@@ -222,90 +256,127 @@ class Record:
     def between(self, earliest: float, latest: float) -> Record:
         """The samples from `earliest` to `latest` in s, both included; either may be infinite.
 
-        Raises RecordError where there is no sample between them, and for a time that is no number.
+        Raises RecordError if there are none, or if a time is NaN.
         """
         if np.isnan(earliest) or np.isnan(latest):
-            raise RecordError(f"a record is cut between two times, got {earliest:g} and {latest:g} s")
-        edge = 1e-6  # of a step: a bound that was typed in decimals is meant to hit the sample
+            raise RecordError(
+                f"times must be numbers, got {earliest:g} and {latest:g} s", arguments=("earliest", "latest")
+            )
         ends = np.array([earliest - self.start, latest - self.start]) * self.rate
         ends = np.clip(ends, -1.0, len(self))
-        first = max(0, int(np.ceil(ends[0] - edge)))
-        last = min(len(self), int(np.floor(ends[1] + edge)) + 1)
+        first = max(0, int(np.ceil(ends[0] - _EDGE)))
+        last = min(len(self), int(np.floor(ends[1] + _EDGE)) + 1)
         if last <= first:
             end = self.start + self.duration
             raise RecordError(
                 f"no sample between {earliest:g} and {latest:g} s; the record runs from {self.start:g} to "
-                f"{end:g} s"
+                f"{end:g} s",
+                arguments=("earliest", "latest"),
             )
         return self[first:last]
 
     def decimate(self, factor: int) -> Record:
-        """Every `factor`-th sample behind an anti-alias filter (see `decimation.lowpass` for its figures).
+        """Reduce the sampling rate, behind a linear-phase anti-alias filter.
 
-        The filter is symmetric, so nothing shifts in time; the samples at both ends that it cannot reach are
-        dropped. Known noise is reduced as the filter reduces white noise; the truth of a simulated record is
-        picked, not filtered. Raises RecordError where samples are missing and where less than one sample
-        would be left.
+        Samples at both ends, where the filter is incomplete, are dropped; nothing shifts in time. Known noise is reduced as
+        the filter reduces white noise. The truth of a simulated record is picked, not filtered.
+
+        Parameters
+        ----------
+        factor : int
+            Every `factor`-th sample is kept.
+
+        Returns
+        -------
+        Record
+            The record at ``rate / factor``, flat to 80 % of its Nyquist frequency and attenuated by 80 dB above it.
+
+        Raises
+        ------
+        RecordError
+            If `factor` is not a positive integer, samples are missing, or the record is shorter than the filter.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+        >>> record.decimate(2).rate
+        500.0
         """
         if isinstance(factor, bool) or int(factor) != factor or factor < 1:
-            raise RecordError(f"a record is decimated by a whole number above 0, not by {factor!r}")
+            raise RecordError(f"factor must be a positive integer, got {factor!r}")
         if factor == 1:
             return self
         if self.missing.any():
             name = self.channels[int(np.argmax(self.missing.any(axis=0)))]
             raise RecordError(
-                "samples are missing, and no filter crosses a gap; cut whole pieces with record.between "
-                "first",
+                "samples are missing, and the anti-alias filter cannot bridge a gap; select a complete piece with "
+                "record.between first",
                 channel=name,
             )
-        filter_ = lowpass(int(factor))
-        if len(self) < filter_.length:
+        antialias = lowpass(int(factor))
+        if len(self) < antialias.length:
             raise RecordError(
                 f"{len(self)} samples are too few to decimate by {factor}: its anti-alias filter spans "
-                f"{filter_.length}"
+                f"{antialias.length}"
             )
-        values = filter_.apply(self.values)
-        kept = slice(filter_.half, len(self) - filter_.half, int(factor))
+        kept = slice(antialias.half, len(self) - antialias.half, int(factor))
         return replace(
             self,
-            start=self.start + filter_.half / self.rate,
+            start=self.start + antialias.half / self.rate,
             rate=self.rate / factor,
-            values=values,
-            noise={name: sigma * filter_.noise_gain for name, sigma in self.noise.items()},
+            values=antialias.apply(self.values),
+            noise={name: sigma * antialias.noise_gain for name, sigma in self.noise.items()},
             simulated=self.simulated and self.simulated.rows(kept),
             notes=(
                 *self.notes,
-                f"Decimated by {factor}; {filter_.half} samples at each end went into the filter.",
+                f"Decimated by {factor}; {antialias.half} samples at each end were dropped, where the filter is incomplete.",
             ),
         )
 
     def with_noise(self, decibel: float, *, seed: int) -> Record:
-        """White Gaussian noise on every response, at this signal-to-noise ratio per channel.
+        """Add white Gaussian noise to every response.
 
-        METHODS section 2 and the paper: sigma^2 = mean(x^2) 10^(-dB/10), x the channel as it is, mean
-        included; missing samples do not count. Each channel draws from its own generator, made from `seed`
-        and the channel's name, so its noise is the same whatever other channels there are. What was added
-        stands in `simulated.noise` as part of the truth, not in `noise`: a user would not know it (noise
-        that was known before is forgotten, since it is no longer the whole).
+        The variance is ``mean(x**2) * 10**(-decibel/10)`` of each channel x. Each has its own generator, seeded by `seed` and
+        its name, so its noise does not depend on the other channels. The standard deviations are stored in `simulated.noise`,
+        as part of the truth, not in `noise`, since a user would not know them.
+
+        Parameters
+        ----------
+        decibel : float
+            Signal-to-noise ratio per channel in dB.
+        seed : int
+            Seed of the generators.
+
+        Returns
+        -------
+        Record
+            The record with noise.
+
+        Raises
+        ------
+        RecordError
+            If `decibel` is not finite.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+        >>> sorted(record.with_noise(20.0, seed=1).simulated.noise)
+        ['x:m1', 'x:m2']
         """
         if not np.isfinite(decibel):
             raise RecordError(
-                f"a signal-to-noise ratio of {decibel!r} dB cannot be; leave the noise out instead"
+                f"decibel must be finite, got {decibel!r}; without noise, use the record as it is"
             )
         values = self.values.copy()
         added = {}
         for name in self.responses:
-            column = self._column(name)
-            samples = values[:, column]
-            sigma = (
-                float(np.sqrt(np.nanmean(samples**2) * 10.0 ** (-decibel / 10.0)))
-                if not np.isnan(samples).all()
-                else 0.0
-            )
-            generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
-            samples += sigma * generator.standard_normal(len(self))
-            before = self.simulated.noise.get(name, 0.0) if self.simulated else 0.0
-            added[name] = float(np.hypot(sigma, before))
+            samples = values[:, self._column(name)]
+            noise, sigma = white_noise(name, samples, decibel, seed)
+            samples += noise
+            earlier = self.simulated.noise.get(name, 0.0) if self.simulated else 0.0
+            added[name] = float(np.hypot(sigma, earlier))
         values.setflags(write=False)
         return replace(
             self,
@@ -316,59 +387,10 @@ class Record:
         )
 
 
-def _frozen(values: ArrayLike) -> Floats:
+def _read_only(values: ArrayLike) -> Floats:
     """`values` as a read-only float64 array in C order, copied unless it is one already."""
     array = np.asarray(values)
     if array.flags.writeable or array.dtype != np.float64 or not array.flags.c_contiguous:
         array = np.array(array, dtype=np.float64, order="C")
         array.setflags(write=False)
     return array
-
-
-def _samples_notes(
-    name: str, samples: NDArray[np.generic], file: str | None, lines: NDArray[np.int64] | None
-) -> list[str]:
-    """What the user should know of one measured column (N,); RecordError unless it holds real, finite numbers."""
-    if samples.dtype.kind not in "iuf":
-        raise RecordError(f"must be real numbers, not {samples.dtype}", file, channel=name)
-    if samples.dtype.kind in "iu":
-        return [
-            f"{name}: whole numbers, taken as they are in {Channel.parse(name).unit}; counts need a unit."
-        ]
-    infinite = np.flatnonzero(np.isinf(samples))
-    if len(infinite):
-        row = int(infinite[0])
-        line = None if lines is None else int(lines[row])
-        where = "" if line else f" (sample {row})"
-        message = f"the value is infinite{where}; an overload is no sample, leave its cell empty"
-        raise RecordError(message, file, line, name)
-    absent = int(np.isnan(samples).sum())
-    return [f"{name}: {absent} of {len(samples)} samples are missing."] if absent else []
-
-
-def _refuse_dead(names: tuple[str, ...], values: Floats, file: str | None) -> None:
-    """RecordError for a response that says nothing: missing throughout, constant, or a copy of another."""
-    seen: dict[bytes, str] = {}
-    for column, name in enumerate(names):
-        if Channel.parse(name).is_input:
-            continue
-        samples = values[:, column]
-        there = samples[~np.isnan(samples)]
-        if not len(there):
-            raise RecordError("every sample is missing; leave the channel out", file, channel=name)
-        if np.all(there == there[0]):
-            raise RecordError(
-                f"every sample is {there[0]:g}: a sensor that does not move tells nothing; leave the "
-                "channel out",
-                file,
-                channel=name,
-            )
-        peak = np.max(np.abs(there))
-        key = (
-            np.append(samples / peak, peak).astype(np.float32).tobytes()
-        )  # alike but for the rounding of units
-        if key in seen:
-            raise RecordError(
-                f"holds the same samples as {seen[key]}; one of them is not what it says", file, channel=name
-            )
-        seen[key] = name

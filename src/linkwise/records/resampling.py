@@ -1,4 +1,4 @@
-"""An uneven time made even: quintic splines through the samples as they were taken."""
+"""Interpolation of unevenly sampled channels to an even rate, by quintic splines."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.records.timeline import FEWEST, refuse_disorder
+from linkwise.records.timeline import MIN_SAMPLES, check_increasing
 
 ORDER = 5
-FINEST = 100.0  # samples made of each at most: more hold nothing that is not in these
-WIDEST = 3.0  # typical steps: across a longer gap a spline invents motion
+FINEST = 100.0  # times the mean rate: a finer grid holds nothing new
+WIDEST = 3.0  # median steps: across a longer gap a spline would invent motion
 
 
 def resample_evenly(
@@ -25,58 +25,59 @@ def resample_evenly(
     file: str | None = None,
     lines: NDArray[np.int64] | None = None,
 ) -> tuple[float, dict[str, Floats]]:
-    """Start in s and each column (N,) at start + k/`rate`, within the span of `time` (N,).
+    """Start time in s, and each column at start + k/`rate` within the span of `time` (N,) in s.
 
-    Missing samples are left out of the spline; across more than `WIDEST` typical steps without one, samples stay missing.
-    Raises RecordError for a time that is not in order, for a rate below the mean rate of the samples, which would fold high
-    frequencies into low ones, and for one above `FINEST` times as much.
+    Missing samples are left out of the spline; in gaps of more than `WIDEST` median steps the result is missing. Raises
+    RecordError for times that do not increase, for a rate below the mean sampling rate, which would cause aliasing, and for
+    one above `FINEST` times it.
     """
-    moments = np.asarray(time, dtype=np.float64)
-    refuse_disorder(moments, file, lines)
-    mean = (len(moments) - 1) / (moments[-1] - moments[0])
+    times = np.asarray(time, dtype=np.float64)
+    check_increasing(times, file, lines)
+    mean = (len(times) - 1) / (times[-1] - times[0])
     if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"a rate of {rate!r} Hz cannot be; it is a number above 0", file)
+        raise RecordError(f"rate must be positive, got {rate!r} Hz", file, arguments=("resample",))
     if rate < 0.999 * mean:
         raise RecordError(
-            f"resampling to {rate:g} Hz folds what is above {rate / 2:g} Hz into what is below, since the record has "
-            f"{mean:.6g} Hz "
-            f"on average; resample to at least that and decimate the record afterwards",
+            f"resampling to {rate:g} Hz would alias content above {rate / 2:g} Hz, since the record has {mean:.6g} Hz "
+            "on average; resample to at least that rate, then decimate the record",
             file,
+            arguments=("resample",),
         )
     if rate > FINEST * mean:
         raise RecordError(
-            f"resampling to {rate:g} Hz makes more than {FINEST:g} samples of each, since the record has {mean:.6g} Hz on "
-            f"average; resample to {FINEST * mean:.6g} Hz at most",
+            f"resampling to {rate:g} Hz is finer than needed, since the record has {mean:.6g} Hz on average; resample to at "
+            f"most {FINEST * mean:.6g} Hz",
             file,
+            arguments=("resample",),
         )
-    step = float(np.median(np.diff(moments)))
-    count = int(np.floor((moments[-1] - moments[0]) * rate + 1e-6)) + 1
-    grid = np.minimum(moments[0] + np.arange(count) / rate, moments[-1])
-    return float(moments[0]), {
-        name: _interpolated(moments, np.asarray(values, dtype=np.float64), grid, WIDEST * step, name, file)
+    step = float(np.median(np.diff(times)))
+    count = int(np.floor((times[-1] - times[0]) * rate + 1e-6)) + 1
+    grid = np.minimum(times[0] + np.arange(count) / rate, times[-1])
+    return float(times[0]), {
+        name: _interpolated(times, np.asarray(values, dtype=np.float64), grid, WIDEST * step, name, file)
         for name, values in columns.items()
     }
 
 
 def _interpolated(
-    moments: Floats, values: Floats, grid: Floats, widest: float, name: str, file: str | None
+    times: Floats, values: Floats, grid: Floats, widest: float, name: str, file: str | None
 ) -> Floats:
-    """One column on the grid."""
-    if values.shape != moments.shape:
-        raise RecordError(f"has the shape {values.shape}, the time {moments.shape}", file, channel=name)
-    there = ~np.isnan(values)
+    """One column at the times `grid`; NaN in gaps wider than `widest` in s."""
+    if values.shape != times.shape:
+        raise RecordError(f"has shape {values.shape}, but time has shape {times.shape}", file, channel=name)
+    present = ~np.isnan(values)
     if np.isinf(values).any():
         raise RecordError(
-            "has infinite values; an overload is no sample, leave its cell empty", file, channel=name
+            "has infinite values; leave the cells of overloaded samples empty", file, channel=name
         )
-    if there.sum() < FEWEST:
+    if present.sum() < MIN_SAMPLES:
         raise RecordError(
-            f"{there.sum()} samples are too few; a record needs at least {FEWEST}", file, channel=name
+            f"{present.sum()} samples are too few; a record needs at least {MIN_SAMPLES}", file, channel=name
         )
-    known = moments[there]
-    smooth: Floats = scipy.interpolate.make_interp_spline(known, values[there], k=ORDER)(grid)
+    known = times[present]
+    interpolated: Floats = scipy.interpolate.make_interp_spline(known, values[present], k=ORDER)(grid)
     after = np.clip(np.searchsorted(known, grid), 1, len(known) - 1)
-    hollow = (known[after] - known[after - 1] > widest) & (grid != known[after]) & (grid != known[after - 1])
+    in_gap = (known[after] - known[after - 1] > widest) & (grid != known[after]) & (grid != known[after - 1])
     outside = (grid < known[0]) | (grid > known[-1])
-    smooth[hollow | outside] = np.nan
-    return smooth
+    interpolated[in_gap | outside] = np.nan
+    return interpolated

@@ -1,11 +1,11 @@
-"""What a simulation knows beside the record that a sensor would have made: the truth."""
+"""The truth behind a simulated record: noise-free motion, energies and predictability."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol, final
+from typing import TYPE_CHECKING, Protocol
 
 from linkwise.arrays import Floats
 
@@ -15,33 +15,48 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class EnergyBalance:
-    """Where the energy went, in J, counted from the start of the simulation; time on axis 0, L links in file
-    order.
+    """Energies in J of a simulated structure, counted from the start of the simulation.
 
-    `put_in` (N,) holds what was there at the start and all work done since; `kinetic` (N,) and `potential`
-    (N, L) what is stored; `dissipated` (N, L) what each link has taken away.
+    Attributes
+    ----------
+    supplied : array of shape (N,)
+        Energy at the start, and all work done on the structure since.
+    kinetic : array of shape (N,)
+        Kinetic energy of the masses.
+    potential : array of shape (N, L)
+        Energy stored in each of the L links.
+    dissipated : array of shape (N, L)
+        Energy dissipated by each link since the start.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> balance = record.simulated.energy
+    >>> bool(abs(balance.residual).max() < 1e-12 * balance.supplied[0])
+    True
     """
 
-    put_in: Floats
+    supplied: Floats
     kinetic: Floats
     potential: Floats
     dissipated: Floats
 
     @property
     def residual(self) -> Floats:
-        """(N,) J: stored and dissipated less put in; zero but for the integrator's error."""
-        kept: Floats = self.kinetic + self.potential.sum(axis=1) + self.dissipated.sum(axis=1)
-        return kept - self.put_in
+        """Energy stored and dissipated less energy supplied, in J, shape (N,): the error of the integration."""
+        accounted: Floats = self.kinetic + self.potential.sum(axis=1) + self.dissipated.sum(axis=1)
+        return accounted - self.supplied
 
     def rows(self, which: slice) -> EnergyBalance:
         """The balance at the samples of a slice; energies still count from the start of the simulation."""
         return EnergyBalance(
-            self.put_in[which], self.kinetic[which], self.potential[which], self.dissipated[which]
+            self.supplied[which], self.kinetic[which], self.potential[which], self.dissipated[which]
         )
 
 
 class MotionDiagnostics(Protocol):
-    """What a simulation can tell but that costs more than the motion itself: worked out when somebody asks."""
+    """Results of a simulation that cost more than the motion itself: computed on first use."""
 
     @property
     def energy(self) -> EnergyBalance:
@@ -49,48 +64,56 @@ class MotionDiagnostics(Protocol):
 
     @property
     def horizon(self) -> float | None:
-        """The time in s past which a double-precision orbit cannot be trusted; None where it can throughout."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """An account that is known."""
-
-    energy: EnergyBalance
-    horizon: float | None = None
+        """Time in s past which a double-precision orbit cannot be trusted; None where it can throughout."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulationTruth:
-    """The motion behind a simulated record, sample by sample, free of noise.
+    """The noise-free motion behind a simulated record, sample by sample.
 
-    `displacement` and `velocity` (N, n) in m and m/s in the structure's order of masses, relative to the
-    ground; `base` (N,) the base displacement in m, None without one; `noise` the standard deviation that was
-    added to each channel. `account` gives energies and horizon of the whole simulation; `samples` are the
-    numbers of those of its samples that are left here, None for all.
+    Attributes
+    ----------
+    structure : Structure
+        The structure that was simulated.
+    displacement, velocity : array of shape (N, n)
+        Motion in m and m/s of the n masses, in the order of the structure, relative to the ground.
+    base : array of shape (N,) or None
+        Displacement of the base in m; None without a moving base.
+    diagnostics : MotionDiagnostics
+        Energies and predictability horizon of the whole simulation, computed on first use.
+    noise : mapping of str to float
+        Standard deviation of the noise added to each channel, in its SI unit.
+    samples : range or None
+        Indices of the samples of the simulation that are left in this record; None for all.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> record.simulated.velocity.shape
+    (501, 2)
     """
 
     structure: Structure
     displacement: Floats
     velocity: Floats
     base: Floats | None
-    account: MotionDiagnostics
+    diagnostics: MotionDiagnostics
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: range | None = None
 
     @cached_property
     def energy(self) -> EnergyBalance:
-        """The energy balance at these samples; the first look at it costs about as much as the simulation."""
-        energy = self.account.energy
+        """The energy balance at these samples; the first access costs about as much as the simulation."""
+        energy = self.diagnostics.energy
         if self.samples is None:
             return energy
         return energy.rows(slice(self.samples.start, self.samples.stop, self.samples.step))
 
     @property
     def horizon(self) -> float | None:
-        """The time in s past which a double-precision orbit cannot be trusted; None where it can throughout."""
-        return self.account.horizon
+        """Time in s past which a double-precision orbit cannot be trusted; None where it can throughout."""
+        return self.diagnostics.horizon
 
     def rows(self, which: slice) -> SimulationTruth:
         """The truth at the samples of a slice."""

@@ -16,7 +16,7 @@ from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.sweep_text import map_headline, map_rows
 from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.arrays import Floats
-from linkwise.atomic import ABSORPTION, to_json, whole_folder
+from linkwise.atomic import ABSORPTION, atomic_folder, to_json
 from linkwise.model.toml_file import format_structure, write_structure
 from linkwise.plot import save
 from linkwise.plot.absorption import Bands, crossings_figure, decay_figure, energy_figure
@@ -41,7 +41,7 @@ def write_absorption(
     told = answer if isinstance(answer, AbsorptionIntervals) else None
     found = answer.found if isinstance(answer, AbsorptionIntervals) else answer
     bands = None if told is None else (told.lower, told.upper)
-    with whole_folder(Path(folder), ABSORPTION) as partial:
+    with atomic_folder(Path(folder), ABSORPTION) as partial:
         _write_histories(found, bands, partial)
         progress(0.2, "figures")
         save(decay_figure(found, bands), partial / "decay")
@@ -71,7 +71,7 @@ def write_absorption_map(
     found: AbsorptionMap, folder: str | Path, *, progress: Progress = lambda fraction, now: None
 ) -> Path:
     """Write absorption.json, map.csv, map.png, map.svg and report.html of a sweep into `folder`, as `write_absorption`."""
-    with whole_folder(Path(folder), ABSORPTION) as partial:
+    with atomic_folder(Path(folder), ABSORPTION) as partial:
         grids = np.meshgrid(*(axis.values for axis in found.axes), indexing="ij")
         names = [axis.name for axis in found.axes] + [each.name for each in found.quantities]
         table = [grid.ravel() for grid in grids] + list(found.values.reshape(-1, len(found.quantities)).T)

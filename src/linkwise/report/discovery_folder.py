@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
-from linkwise.atomic import whole_folder
+from linkwise.atomic import atomic_folder
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.scoring import term_score, truth_beside
 from linkwise.estimates.estimate import Estimate
@@ -37,7 +37,7 @@ def write_discovery(
     result = discovery_of(found, truth)
     beside = None if truth is None else truth_beside(found.structure, truth)
     found = replace(found, estimate=_by_names_found(found.estimate))
-    with whole_folder(Path(folder)) as partial:
+    with atomic_folder(Path(folder)) as partial:
         progress(0.0, "graph")
         figures = {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}
         for name, draw in figures.items():

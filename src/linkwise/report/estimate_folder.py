@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.atomic import RESULT, to_json, whole_folder
+from linkwise.atomic import RESULT, atomic_folder, to_json
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.model.structure import Structure
@@ -37,7 +37,7 @@ def write_result(
     something else. `truth` adds the true forces to the figures and their NMSE; `progress` is told the fraction done.
     """
     result = result_of(estimate, truth)
-    with whole_folder(Path(folder)) as partial:
+    with atomic_folder(Path(folder)) as partial:
         pictured = write_links(estimate, partial, truth, lambda fraction, now: progress(0.7 * fraction, now))
         page = report(
             estimate, version=result["version"], pictured=pictured, truth=truth, nmse=result.get("nmse_percent", {}),

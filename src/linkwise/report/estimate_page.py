@@ -19,7 +19,7 @@ from linkwise.model.toml_file import format_structure
 from linkwise.plot.force import force_title
 from linkwise.plot.force_view import force_view
 from linkwise.plot.interactive import force_page, histories_page
-from linkwise.text import error_number, number
+from linkwise.text import format_error, format_value
 
 TEMPLATES = Environment(
     loader=PackageLoader("linkwise", "report"),
@@ -137,21 +137,24 @@ def _row(found: CoefficientEstimate, true: float | None) -> CoefficientRow:
     error = found.standard_error
     return CoefficientRow(
         name=found.name,
-        value=number(found.value, error),
+        value=format_value(found.value, error),
         unit=found.unit,
-        error="" if error is None else error_number(error),
-        interval="" if found.interval is None else " … ".join(number(end, error) for end in found.interval),
+        error="" if error is None else format_error(error),
+        interval=""
+        if found.interval is None
+        else " … ".join(format_value(end, error) for end in found.interval),
         known=found.known,
-        true="" if true is None else number(true),
+        true="" if true is None else format_value(true),
     )
 
 
 def _derived(found: DerivedQuantity) -> str:
     if found.interval is None:
-        return f"{found.name}: {number(found.value)} {found.unit}"
+        return f"{found.name}: {format_value(found.value)} {found.unit}"
     low, high = found.interval
     error = (high - low) / 4.0  # close enough for the number of digits
-    return f"{found.name}: {number(found.value, error)} {found.unit} (95 %: {number(low, error)} … {number(high, error)})"
+    value, low_text, high_text = (format_value(number, error) for number in (found.value, low, high))
+    return f"{found.name}: {value} {found.unit} (95 %: {low_text} … {high_text})"
 
 
 def _true_mass(truth: Structure, name: str) -> float | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from linkwise.atomic import whole_file
+from linkwise.atomic import atomic_file
 from linkwise.paper.captions import motion_captions
 from linkwise.paper.figures_2_to_5 import figure_2, figure_3, figure_4, figure_5
 from linkwise.paper.figures_6_7 import figure_6, figure_7
@@ -65,7 +65,7 @@ def write_study_report(folder: str | Path, *, progress: Progress = lambda fracti
     progress(1.0, "page")
     if told.comparison.cells:
         _write_table(told.comparison, told.table.methods, home / "table_2.csv")
-    with whole_file(home / "report.html") as page:
+    with atomic_file(home / "report.html") as page:
         page.write_text(study_page(told, shown, version=version("linkwise")), encoding="utf-8")
     return home / "report.html"
 
@@ -149,7 +149,7 @@ def _keep(figure: Figure, folder: Path, name: str) -> str:
 def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> None:
     """Table 2: the paper's value and, for every method, median and quantiles in %, median time in s, cycles and failures."""
     columns = ("percent", "low", "high", "ratio", "seconds", "cycles", "failed")
-    with whole_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:
+    with atomic_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         names = [f"{method}: {column}" for method in methods for column in columns]
         writer.writerow(["snr_db", "masses", "paper: percent", *names])

@@ -66,7 +66,7 @@ def energy_balance(
     at_start = potential_energy(structure, x, None if base is None else base.value(np.zeros(1))).sum()
     gained = np.cumsum(gained, axis=0)
     return EnergyBalance(
-        put_in=gained[:, links] + at_start + kinetic_energy(structure, v)[0],
+        supplied=gained[:, links] + at_start + kinetic_energy(structure, v)[0],
         kinetic=kinetic_energy(structure, velocity),
         potential=potential,
         dissipated=np.ascontiguousarray(gained[:, :links]),

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from linkwise.atomic import whole_file
+from linkwise.atomic import atomic_file
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows
 from linkwise.study.summary import cell_record, study_summary
@@ -26,14 +26,14 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
     folder = Path(folder)
     rows = read_rows(folder)
     cells = study_summary(folder).cells
-    with whole_file(folder / ROWS) as path:
+    with atomic_file(folder / ROWS) as path:
         _write_csv(path, list(_EMPTY), [row_record(row) for row in rows])
-    with whole_file(folder / SUMMARY) as path:
+    with atomic_file(folder / SUMMARY) as path:
         summary = [cell_record(cell) for cell in cells]
         _write_csv(path, list(summary[0]), summary)
     written = [folder / ROWS, folder / SUMMARY]
     if rows and find_spec("pyarrow") is not None:
-        with whole_file(folder / PARQUET) as path:
+        with atomic_file(folder / PARQUET) as path:
             import_module("linkwise.study.parquet").write([row_record(row) for row in rows], path)
         written.append(folder / PARQUET)
     return tuple(written)

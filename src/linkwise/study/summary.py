@@ -9,7 +9,7 @@ from typing import Any
 
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
-from linkwise.text import columns
+from linkwise.text import align_columns
 from linkwise.verdict import Verdict
 
 
@@ -42,7 +42,7 @@ class StudySummary:
                 ("method", "median %", "worst %", "failed", "untrusted", "of", "seconds")
             ]
             lines += [_line(cell_record(cell)) for cell in group]
-            blocks.append("\n".join([f"{structure}, {level:g} dB", *columns(lines)]))
+            blocks.append("\n".join([f"{structure}, {level:g} dB", *align_columns(lines)]))
         reasons = [
             f"! {cell.structure}, {cell.snr_db:g} dB, {cell.method} failed {count} times: {reason}"
             for cell in self.cells

@@ -1,0 +1,99 @@
+"""Checks of records: names and values of any record, and what a measured record should not contain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.arrays import Floats
+from linkwise.errors import RecordError
+from linkwise.records.channel import Channel
+
+
+def check_names(channels: Sequence[str], noise: Mapping[str, float]) -> None:
+    """Raise RecordError for a name that is not a channel or is listed twice, and for invalid noise."""
+    for name in channels:
+        Channel.parse(name)
+    repeated = [name for i, name in enumerate(channels) if name in channels[:i]]
+    if repeated:
+        raise RecordError("is listed twice", channel=repeated[0])
+    for name, sigma in noise.items():
+        if name not in channels:
+            raise RecordError(
+                f"noise is given for a channel that is not in the record; the channels are {', '.join(channels)}",
+                channel=name,
+            )
+        if not (np.isfinite(sigma) and sigma >= 0.0):
+            raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)
+
+
+def check_values(start: float, rate: float, channels: Sequence[str], values: Floats) -> None:
+    """Raise RecordError for an invalid start in s or rate in Hz, and for values that are not (N, C) or are infinite."""
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise RecordError(f"rate must be positive and finite, got {rate!r} Hz")
+    if not np.isfinite(start):
+        raise RecordError(f"start must be finite, got {start!r} s")
+    if values.ndim != 2 or values.shape[1] != len(channels):
+        raise RecordError(
+            f"values have the shape {values.shape}, expected (samples, {len(channels)}) for "
+            f"the channels {', '.join(channels)}"
+        )
+    if not channels or not len(values):
+        raise RecordError("a record needs at least one channel and one sample")
+    infinite = np.argwhere(np.isinf(values))
+    if len(infinite):
+        row, column = infinite[0]
+        raise RecordError(
+            f"the value at {start + row / rate:g} s is infinite; mark a missing sample by NaN",
+            channel=channels[column],
+        )
+
+
+def column_notes(
+    name: str, samples: NDArray[np.generic], file: str | None, lines: NDArray[np.int64] | None
+) -> list[str]:
+    """Notes on one measured column (N,). Raises RecordError unless it holds real, finite numbers."""
+    if samples.dtype.kind not in "iuf":
+        raise RecordError(f"must be real numbers, got {samples.dtype}", file, channel=name)
+    if samples.dtype.kind in "iu":
+        return [f"{name}: integers were taken as values in {Channel.parse(name).unit}; counts need a unit."]
+    infinite = np.flatnonzero(np.isinf(samples))
+    if len(infinite):
+        row = int(infinite[0])
+        line = None if lines is None else int(lines[row])
+        where = "" if line else f" (sample {row})"
+        message = f"the value is infinite{where}; leave the cell of an overloaded sample empty"
+        raise RecordError(message, file, line, name)
+    missing = int(np.isnan(samples).sum())
+    return [f"{name}: {missing} of {len(samples)} samples are missing."] if missing else []
+
+
+def check_responses(names: tuple[str, ...], values: Floats, file: str | None) -> None:
+    """Raise RecordError for a response without information: missing throughout, constant, or a copy of another.
+
+    `values` (N, C) are the columns of the channels `names`; inputs may be constant or equal.
+    """
+    seen: dict[bytes, str] = {}
+    for column, name in enumerate(names):
+        if Channel.parse(name).is_input:
+            continue
+        samples = values[:, column]
+        present = samples[~np.isnan(samples)]
+        if not len(present):
+            raise RecordError("every sample is missing; leave the channel out", file, channel=name)
+        if np.all(present == present[0]):
+            raise RecordError(
+                f"every sample is {present[0]:g}: a constant channel carries no information; leave it out",
+                file,
+                channel=name,
+            )
+        peak = np.max(np.abs(present))
+        # single precision, so that copies in different units compare equal
+        key = np.append(samples / peak, peak).astype(np.float32).tobytes()
+        if key in seen:
+            raise RecordError(
+                f"has the same samples as {seen[key]}; one of the two is mislabelled", file, channel=name
+            )
+        seen[key] = name
