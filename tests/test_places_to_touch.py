@@ -86,7 +86,7 @@ def test_a_function_of_laws_is_one_entry(places: Places) -> None:
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=2.0, rate=500.0)
     truth = record.simulated
     assert truth is not None
-    put_in = truth.energy.put_in.max()
+    put_in = truth.energy.supplied.max()
     assert abs(truth.energy.residual).max() < 1e-12 * put_in  # energies are those of the antiderivative
     asked = lw.parse_structure(
         SPRING.format(coefficients='{ F = { start = 10.0 }, s = 0.02, c = "unknown" }')

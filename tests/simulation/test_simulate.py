@@ -215,8 +215,8 @@ def sampled(end: float, start: float = 0.0) -> Sampled:
 
 
 REFUSED = {
-    "no duration": ({"duration": 0.0}, "a duration of 0.0 s cannot be simulated; it is a number above 0"),
-    "no rate": ({"rate": -1.0}, "rate must be positive, got -1.0 Hz simulated"),
+    "no duration": ({"duration": 0.0}, "duration must be positive and finite, got 0.0 s"),
+    "no rate": ({"rate": -1.0}, "rate must be positive and finite, got -1.0 Hz"),
     "one sample": ({"duration": 0.001}, "0.001 s at 100 Hz is less than one sampling interval"),
     "too many samples": ({"rate": 1e15}, "at 1e+15 Hz are 1e+15 samples, more than memory holds; simulate a sh"),
     "neither": ({"duration": None}, "say how long and how often: duration in s and rate in Hz, or times"),
@@ -231,7 +231,7 @@ REFUSED = {
     "force": ({"forces": {"x": "1"}}, "there is no mass 'x' that could be driven by a force; the masses are m1, m2"),
     "short": ({"forces": {"m1": sampled(0.9)}}, "on m1 is sampled from 0 to 0.9 s, but the simulation runs from 0 to 1 s"),
     "no base": ({"base": "sin(t)"}, 'no link holds on to it: write "base" for "ground"'),
-    "sensor": ({"sensors": ["q:m1"]}, "no sensor can be had: 'q:m1' is no channel: 'q' is none of the kinds x"),
+    "sensor": ({"sensors": ["q:m1"]}, "no sensor can be had: 'q:m1' is not a channel: unknown kind 'q'; choose from x"),
     "input": ({"sensors": ["force:m1"]}, "force:m1 is an input; it is in the record whenever it drives the structure"),
     "no sensor": ({"sensors": ()}, 'name at least one sensor: a kind, "x", "v" or "a"'),
     "blind": ({"sensors": ["x:m9"]}, "there is no mass 'm9' that could be seen by a sensor"),

@@ -80,7 +80,7 @@ def read_record(
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "run.csv"
     ...     rows = (f"{k / 100},{k % 7}" for k in range(100))
-    ...     _ = path.write_text("\n".join(["time,laser", *rows]))
+    ...     _ = path.write_text("\\n".join(["time,laser", *rows]))
     ...     lw.read_record(path, channels={"x:m1[mm]": "laser"})
     Record of 100 samples at 100 Hz, 0 to 0.99 s: x:m1
     """

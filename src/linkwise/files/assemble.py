@@ -99,7 +99,8 @@ def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
     """(N,) values of a chosen column in SI units; integers without a unit stay integers, so that a note mentions them."""
     column = table.columns[choice.column]
     if column.values is None:
-        advice, arguments = "leave the cell of a missing sample empty", ()
+        advice = "leave the cell of a missing sample empty"
+        arguments: tuple[str, ...] = ()
         if choice.name == "time":
             advice, arguments = (
                 "times are in seconds; for clock times give the sampling rate instead (`rate`)",

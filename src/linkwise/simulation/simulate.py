@@ -127,7 +127,7 @@ def output_times(duration: float | None, rate: float | None, times: ArrayLike | 
         for what, value, unit in (("duration", duration, "s"), ("rate", rate, "Hz")):
             if not (np.isfinite(value) and value > 0.0):
                 raise SimulationError(
-                    f"a {what} of {value!r} {unit} cannot be simulated; it is a number above 0"
+                    f"{what} must be positive and finite, got {value!r} {unit}", arguments=(what,)
                 )
         if _SAMPLE_BYTES * duration * rate > available_memory():
             raise SimulationError(
