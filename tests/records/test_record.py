@@ -332,7 +332,9 @@ def test_decimation_picks_the_truth_at_the_same_instants() -> None:
     thin = whole.decimate(4)
     assert np.array_equal(present(thin.simulated).displacement[:, 0], np.rint(thin.time * RATE))
     assert len(present(thin.simulated).energy.supplied) == len(thin)
-    assert thin.notes == (f"Decimated by 4; {lowpass(4).half} samples at each end were dropped, where the filter is incomplete.",)
+    assert thin.notes == (
+        f"Decimated by 4; {lowpass(4).half} samples at each end were dropped, where the filter is incomplete.",
+    )
     assert whole.decimate(1) is whole
 
 
