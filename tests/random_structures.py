@@ -93,7 +93,8 @@ def _reach(
     structure = _structure(kilograms, names, pairs, [(_KINDS["linear"], numbers) for numbers in linear])
     record = lw.simulate(structure, release=release, duration=1.0, rate=RATE)
     x = np.stack([record.channel(f"x:{name}") for name in structure.mass_names], axis=1)
-    return 3.0 * np.std(structure.elongations(x), axis=0)
+    deviations: np.ndarray = np.std(structure.elongations(x), axis=0)
+    return 3.0 * deviations
 
 
 def _structure(

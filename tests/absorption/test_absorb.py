@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.absorption.decay import Decay
@@ -25,7 +26,8 @@ def structure(text: str, *masses: float, **values: float) -> Structure:
         name, ends, law = (each.strip() for each in part.split(":"))
         parsed = lw.Law.parse(law)
         numbers = {each: Coefficient.number(values[each]) for each in parsed.coefficients}
-        links.append(Link(name, tuple(ends.split("-")), parsed, numbers))
+        first, second = ends.split("-")
+        links.append(Link(name, (first, second), parsed, numbers))
     bodies = tuple(Mass(f"m{i}", Coefficient.number(m)) for i, m in enumerate(masses, start=1))
     return Structure("test", bodies, tuple(links))
 
@@ -163,7 +165,7 @@ def test_a_linear_absorber_may_be_named_and_harvested_from() -> None:
     assert found.sinks_share == pytest.approx(found.sinks[0].share + harvest.share, rel=1e-12)
     with_sinks, without = found.settled
     assert with_sinks is not None and without is not None and with_sinks < 0.5 * without
-    assert found.masses[0].rms_reduction > 0.3 and not len(found.sinks[0].crossings)
+    assert present(found.masses[0].rms_reduction) > 0.3 and not len(found.sinks[0].crossings)
 
 
 def test_without_damping_nothing_settles() -> None:

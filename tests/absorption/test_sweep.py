@@ -50,8 +50,8 @@ def test_two_coefficients_of_the_sink() -> None:
             check(found, (i, j), single)
     shares = found["sinks_share"]
     best = found.best("sinks_share")
-    i, j = np.unravel_index(np.argmax(shares), shares.shape)
-    assert best == {"nes1.alpha": alphas[i], "nes1.beta": betas[j]}
+    row, column = np.unravel_index(np.argmax(shares), shares.shape)
+    assert best == {"nes1.alpha": alphas[row], "nes1.beta": betas[column]}
 
 
 @pytest.mark.parametrize("without", ["removed", "locked"])

@@ -33,7 +33,8 @@ def bistable(name: str, first: str, second: str) -> Link:
 
 def net_force(one: Structure, x: Floats) -> Floats:
     d = one.elongations(x, 0.0)
-    return one.incidence @ np.array([float(held.force(d[i])) for i, held in enumerate(one.links)])
+    force: Floats = one.incidence @ np.array([float(held.force(d[i])) for i, held in enumerate(one.links)])
+    return force
 
 
 def tangent_eigenvalues(one: Structure, x: Floats) -> Floats:

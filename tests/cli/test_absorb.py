@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
+from concurrent.futures import as_completed
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -244,10 +246,10 @@ def test_ctrl_c_ends_a_sweep_and_leaves_nothing(
     chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As the terminal does: it interrupts the main thread while others run."""
-    real, calls = survey_module.as_completed, []
+    calls: list[object] = []
 
-    def interrupted(futures: object) -> object:
-        for future in real(futures):
+    def interrupted(futures: Any) -> Iterator[object]:
+        for future in as_completed(futures):
             calls.append(future)
             yield future
             raise KeyboardInterrupt

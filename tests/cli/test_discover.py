@@ -49,7 +49,7 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
 
 
 def kept(result: dict[str, Any]) -> set[str]:
-    return {term["name"] for term in result["terms"] if term["kept"]}  # type: ignore[attr-defined]
+    return {term["name"] for term in result["terms"] if term["kept"]}
 
 
 TRUE = {"m1-ground.k", "m1-ground.c", "m2-m1.k", "m2-m1.k3", "m2-m1.c"}
@@ -67,7 +67,7 @@ def test_json_is_the_answer_of_the_library(files: Path, capsys: pytest.CaptureFi
     result = answer(capsys, *arguments(files))
     found = lw.discover(lw.read_record(files / "run.csv"), {"m1": 1.0, "m2": 0.01})
     assert kept(result) == TRUE and "truth" not in result
-    values = [term["value"] for term in result["terms"]]  # type: ignore[attr-defined]
+    values = [term["value"] for term in result["terms"]]
     assert values == pytest.approx([term.value for term in found.terms], rel=1e-8)  # same numerics
 
 
@@ -81,8 +81,8 @@ def test_several_records_terms_and_parts_reach_the_search(
         "d",
         "d**3",
         "tanh(v/0.01)",
-    }  # type: ignore[attr-defined]
-    assert result["fit"]["samples"] == 2 * 2 * 1501  # type: ignore[index]
+    }
+    assert result["fit"]["samples"] == 2 * 2 * 1501
 
 
 def test_folder_and_its_structure_are_the_next_input(
@@ -98,7 +98,7 @@ def test_folder_and_its_structure_are_the_next_input(
     lw.write_structure(structure.unknown("all"), tmp_path / "unknown.toml")
     capsys.readouterr()
     result = answer(capsys, "identify", str(files / "run.csv"), str(tmp_path / "unknown.toml"))
-    for link in result["links"]:  # type: ignore[attr-defined]
+    for link in result["links"]:
         for name, each in link["coefficients"].items():
             before = structure.link(link["name"]).values[name]
             assert (
@@ -120,9 +120,9 @@ def test_what_is_known_stays_and_what_is_known_not_to_be_stays_out(
     beside = ["--structure", str(known), "--truth", str(files / "chain.toml")]
     result = answer(capsys, "discover", str(files / "run.csv"), *beside)
     assert kept(result) == {"spring.c", *(name for name in TRUE if name.startswith("m2-m1"))}
-    tested = {term["name"] for term in result["terms"]}  # type: ignore[attr-defined]
+    tested = {term["name"] for term in result["terms"]}
     assert "spring.k2" not in tested and not any(name.startswith("m2-ground") for name in tested)
-    assert result["truth"]["missing"] == result["truth"]["extra"] == []  # type: ignore[index]
+    assert result["truth"]["missing"] == result["truth"]["extra"] == []
 
 
 def test_a_mass_at_rest_is_told_before_the_work_and_left_out(
@@ -145,7 +145,7 @@ def test_an_answer_not_to_be_trusted_has_exit_code_3(
 ) -> None:
     real = lw.discover
 
-    def unsettled(*nouns: object, **named: Any) -> lw.Discovery:
+    def unsettled(*nouns: Any, **named: Any) -> lw.Discovery:
         found = real(*nouns, **named)
         return replace(found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED))
 
@@ -160,7 +160,7 @@ def test_ctrl_c_ends_with_the_best_so_far(
     """The third step is never taken."""
     steps, step = iter(range(100)), anneal._step
 
-    def interrupted(*nouns: object) -> object:
+    def interrupted(*nouns: Any) -> object:
         if next(steps) == 2:
             raise KeyboardInterrupt
         return step(*nouns)

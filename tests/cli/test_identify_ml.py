@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.cli import run
@@ -54,7 +55,7 @@ def answer(files: Path, *options: str, record: str = "run.csv", code: int = 0) -
     return found
 
 
-def alpha(result: dict[str, Any]) -> dict[str, float]:
+def alpha(result: dict[str, Any]) -> Any:
     sink = next(link for link in result["links"] if link["name"] == "nes1")
     return sink["coefficients"]["alpha"]
 
@@ -105,9 +106,12 @@ def test_a_robust_loss_is_chosen_by_name(
 ) -> None:
     asked: list[object] = []
     identify = lw.identify
-    monkeypatch.setattr(
-        lw, "identify", lambda *nouns, **options: asked.append(options["loss"]) or identify(*nouns, **options)
-    )
+
+    def watched(*nouns: Any, **options: Any) -> lw.Estimate:
+        asked.append(options["loss"])
+        return identify(*nouns, **options)
+
+    monkeypatch.setattr(lw, "identify", watched)
     run(arguments(files, "--robust", word, record="outliers.csv"))
     assert asked == [loss]
 
@@ -117,7 +121,7 @@ def test_known_noise_reaches_the_fit(
 ) -> None:
     """The true noise is believed; noise stated a hundred times too small cannot explain what is left."""
     clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    noise = clean.with_noise(30.0, seed=1).simulated.noise
+    noise = present(clean.with_noise(30.0, seed=1).simulated).noise
     known = [f"--noise-of={name}={sigma}" for name, sigma in noise.items()]
     chi_square = answer(files, *known)["fit"]["chi_square_per_sample"]
     # 2000 samples: five deviations of chi-square
@@ -180,7 +184,7 @@ def test_ctrl_c_returns_the_best_so_far(
     steps = iter(range(100))
     step = anneal._step
 
-    def interrupted(*nouns: object) -> object:
+    def interrupted(*nouns: Any) -> object:
         if next(steps) == 2:
             raise KeyboardInterrupt
         return step(*nouns)

@@ -55,18 +55,17 @@ def test_another_scatter_gives_the_sandwich() -> None:
     regression, random = Regression.drawn(4), np.random.default_rng(4)
     h, g = regression.quadratic.h, regression.quadratic.g
     root = random.normal(size=(7, 7)) * np.sqrt(h.diagonal())[:, None]
-    quadratic = QuadraticModel(regression.quadratic.names, h, g, root @ root.T)
+    scatter = root @ root.T
+    quadratic = QuadraticModel(regression.quadratic.names, h, g, scatter)
     inverse = np.linalg.inv(h)
-    deviation = np.sqrt((inverse @ quadratic.scatter @ inverse).diagonal())
+    deviation = np.sqrt((inverse @ scatter @ inverse).diagonal())
     np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=1e-6)
     numbers, values, z, _ = quadratic.outside([0, 2, 3])
     for number, value, each in zip(numbers.tolist(), values, z, strict=True):
         some = np.ix_([0, 2, 3, number], [0, 2, 3, number])
         inverse = np.linalg.inv(h[some])
         assert value == pytest.approx((inverse @ g[[0, 2, 3, number]])[-1], rel=SAME)
-        assert each == pytest.approx(
-            value / np.sqrt((inverse @ quadratic.scatter[some] @ inverse)[-1, -1]), rel=SAME
-        )
+        assert each == pytest.approx(value / np.sqrt((inverse @ scatter[some] @ inverse)[-1, -1]), rel=SAME)
 
 
 def test_a_column_that_is_another_one_cannot_be_told() -> None:

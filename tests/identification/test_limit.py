@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 from scipy.integrate import solve_ivp
 
 import linkwise as lw
@@ -46,7 +47,8 @@ def motion(structure: lw.Structure, start: np.ndarray, times: np.ndarray) -> np.
     found = solve_ivp(
         rates, (times[0], times[-1]), start, method="DOP853", t_eval=times, rtol=1e-11, atol=1e-13
     )
-    return found.y.T
+    states: np.ndarray = found.y.T
+    return states
 
 
 def dense_covariance(structure: lw.Structure, found: lw.Limit, sensor: int) -> np.ndarray:
@@ -82,7 +84,8 @@ def dense_covariance(structure: lw.Structure, found: lw.Limit, sensor: int) -> n
     told = np.flatnonzero(fisher.diagonal() > 0.0)
     scale = np.sqrt(fisher.diagonal()[told])
     inverse = np.linalg.inv(fisher[np.ix_(told, told)] / np.outer(scale, scale)) / np.outer(scale, scale)
-    return inverse[:p, :p]
+    covariance: np.ndarray = inverse[:p, :p]
+    return covariance
 
 
 @pytest.mark.parametrize("kind", ["x", "v"])
@@ -142,7 +145,8 @@ def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
     again = lw.limit(chain, release=RELEASE, impulses=(lw.Impulse("m1", 1.0, 0.6),), **plan)
     late = again.record.simulated
     assert late is not None and np.isfinite(again.standard_errors).all()
-    assert again.coefficient("spring1.k").standard_error < released.coefficient("spring1.k").standard_error
+    errors = [present(each.coefficient("spring1.k").standard_error) for each in (again, released)]
+    assert errors[0] < errors[1]
 
 
 def test_forces_and_the_base_drive_it() -> None:
@@ -164,7 +168,7 @@ def test_forces_and_the_base_drive_it() -> None:
     assert np.isfinite(pushed.standard_errors).all()
     free = lw.limit(mounted, base="0", release={"x:m1": 0.01}, unknown=("mount", "mass:m1"), **plan)
     assert "seen only together" in free.findings[0] and "m1.mass" in free.findings[0]
-    assert np.isinf(free.coefficient("m1.mass").standard_error)
+    assert np.isinf(present(free.coefficient("m1.mass").standard_error))
 
 
 def test_what_sensors_cannot_tell_is_said() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.cli import run
@@ -117,7 +118,7 @@ def test_more_terms_explain_more_of_the_beam(beam: lw.Record) -> None:
         "k*d + k2*d**2 + k3*d**3 + k4*d**4 + k5*d**5 + c*v + c2*v*d + c3*v*d**2 + c4*v*d**4 + f0",
     ]
     fits = [lw.identify(beam, oscillator(law, 1.0), method="weak") for law in laws]
-    left = [fit.chi_square_per_sample for fit in fits]
+    left = [present(fit.chi_square_per_sample) for fit in fits]
     assert left == sorted(left, reverse=True) and left[0] > 10 * left[-1]
     assert [fit.trusted for fit in fits[:-1]] == [False, False, False]
     assert "of its forces, which is" in fits[0].message

@@ -31,7 +31,8 @@ class Runs:
     def z(self) -> np.ndarray:
         """(R, p) errors in standard errors."""
         values = np.stack([fit.values for fit in self.fits])
-        return (values - self.true) / np.sqrt([np.diag(fit.covariance) for fit in self.fits])
+        scaled: np.ndarray = (values - self.true) / np.sqrt([np.diag(fit.covariance) for fit in self.fits])
+        return scaled
 
 
 @lru_cache
@@ -102,10 +103,8 @@ def test_standard_errors_are_what_the_errors_are(many: Runs) -> None:
 
 def test_intervals_cover_as_often_as_they_say(many: Runs) -> None:
     for number, name in enumerate(many.names):
-        inside = [
-            fit.coefficient(name).interval[0] < many.true[number] < fit.coefficient(name).interval[1]
-            for fit in many.fits
-        ]
+        intervals = [present(fit.coefficient(name).interval) for fit in many.fits]
+        inside = [low < many.true[number] < high for low, high in intervals]
         assert 0.92 <= np.mean(inside) <= 0.98, name
 
 
@@ -129,7 +128,7 @@ def test_errors_are_as_small_as_information_allows(many: Runs) -> None:
     for name in ("nes1.alpha", "nes1.beta"):
         number = many.names.index(name)
         error = np.mean([(fit.values[number] - many.true[number]) ** 2 for fit in many.fits])
-        assert error < 1.25 * bound.coefficient(name).standard_error ** 2
+        assert error < 1.25 * present(bound.coefficient(name).standard_error) ** 2
 
 
 def test_a_wrong_noise_model_is_caught_each_time() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 
 from linkwise.likelihood.anneal import covariance
 from linkwise.likelihood.bordered_system import BorderedSystem, Damping
@@ -58,7 +59,7 @@ def equations(request: pytest.FixtureRequest) -> BorderedSystem:
 
 def test_solves_as_a_dense_matrix_does(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
-    nodes, border = equations.factor().solve(np.ones(P, bool))
+    nodes, border = present(present(equations.factor()).solve(np.ones(P, bool)))
     expected = np.linalg.solve(matrix, gradient)
     # same numerics: condition 1e3 at most
     assert np.concatenate([nodes.ravel(), border]) == pytest.approx(expected, rel=1e-8, abs=1e-10)
@@ -70,7 +71,7 @@ def test_damping_stands_on_the_diagonal(equations: BorderedSystem) -> None:
     random = np.random.default_rng(6)
     added = random.uniform(1.0, 2.0, len(gradient))
     damping = Damping(added[:-P].reshape(equations.diagonal.shape[:2]), added[-P:])
-    nodes, border = equations.factor(damping).solve(np.ones(P, bool))
+    nodes, border = present(present(equations.factor(damping)).solve(np.ones(P, bool)))
     expected = np.linalg.solve(matrix + np.diag(added), gradient)
     assert np.concatenate([nodes.ravel(), border]) == pytest.approx(expected, rel=1e-8, abs=1e-10)
 
@@ -78,13 +79,13 @@ def test_damping_stands_on_the_diagonal(equations: BorderedSystem) -> None:
 def test_what_is_held_does_not_move(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
     free = np.array([True, False, True])
-    nodes, border = equations.factor().solve(free)
+    nodes, border = present(present(equations.factor()).solve(free))
     moving = np.concatenate([np.ones(len(gradient) - P, bool), free])
     expected = np.zeros_like(gradient)
     expected[moving] = np.linalg.solve(matrix[np.ix_(moving, moving)], gradient[moving])
     assert border[1] == 0.0
     assert np.concatenate([nodes.ravel(), border]) == pytest.approx(expected, rel=1e-8, abs=1e-10)
-    nodes, border = equations.factor().solve(np.zeros(P, bool))
+    nodes, border = present(present(equations.factor()).solve(np.zeros(P, bool)))
     assert not border.any()
     assert nodes.ravel() == pytest.approx(np.linalg.solve(matrix[:-P, :-P], gradient[:-P]), rel=1e-8)
 
@@ -103,7 +104,7 @@ def test_covariance_is_the_corner_of_the_inverse(equations: BorderedSystem) -> N
 
 def test_log_determinant_is_that_of_the_whole(equations: BorderedSystem) -> None:
     matrix, _ = dense(equations)
-    factor = equations.factor()
+    factor = present(equations.factor())
     assert factor.log_determinant(np.ones(P, bool)) == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
     free = np.array([False, True, True])
     moving = np.concatenate([np.ones(len(matrix) - P, bool), free])
@@ -124,8 +125,8 @@ def test_what_is_not_positive_has_no_factor(equations: BorderedSystem) -> None:
 def test_a_border_that_the_nodes_explain_has_no_solution(equations: BorderedSystem) -> None:
     # the corner less what the nodes take from it is negative: nothing determines the border
     bad = replace(equations, corner=equations.corner - 1e4 * np.eye(P))
-    assert bad.factor().solve(np.ones(P, bool)) is None
-    assert bad.factor().solve(np.zeros(P, bool)) is not None
+    assert present(bad.factor()).solve(np.ones(P, bool)) is None
+    assert present(bad.factor()).solve(np.zeros(P, bool)) is not None
 
 
 def test_a_border_that_ran_away_has_no_factor(equations: BorderedSystem) -> None:

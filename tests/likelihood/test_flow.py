@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from present import present
 from problems import THREE, truth
 
 import linkwise as lw
@@ -51,7 +52,7 @@ def exact_inputs(starts: np.ndarray, step: float, steps: int) -> Inputs:
 
 def states(record: lw.Record, every: int) -> np.ndarray:
     """(2, n, K) the true states at each `every`-th sample."""
-    motion = record.simulated
+    motion = present(record.simulated)
     return np.stack([motion.displacement[::every].T, motion.velocity[::every].T])
 
 
@@ -119,13 +120,15 @@ def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
     record = driven(three)
     found = flow_inputs([record], three, [81], samples=5, refine=2)
     exact = exact_inputs(np.arange(81) * 5e-3, 5e-4, 10)
-    assert found.force.shape == exact.force.shape and found.base.shape == exact.base.shape
+    force, base = present(found.force), present(found.base)
+    exact_force, exact_base = present(exact.force), present(exact.base)
+    assert force.shape == exact_force.shape and base.shape == exact_base.shape
     middle = slice(10, 70)  # away from the ends, where samples stand on one side only
     # 100 dB of stop band is 1e-5 of the signal; its slope is taken by the spline through four points a sample
-    assert np.abs(found.force - exact.force)[..., middle].max() < 1e-4 * 5.0
-    assert np.abs(found.base - exact.base)[:, :, 0, middle].max() < 1e-4 * 1e-3
-    assert np.abs(found.base - exact.base)[:, :, 1, middle].max() < 1e-3 * 0.3
-    assert not found.force[:, :, [0, 2]].any()
+    assert np.abs(force - exact_force)[..., middle].max() < 1e-4 * 5.0
+    assert np.abs(base - exact_base)[:, :, 0, middle].max() < 1e-4 * 1e-3
+    assert np.abs(base - exact_base)[:, :, 1, middle].max() < 1e-3 * 0.3
+    assert not force[:, :, [0, 2]].any()
 
 
 def test_records_are_cut_into_segments_with_their_own_steps(three: lw.Structure) -> None:
@@ -178,7 +181,7 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, asked: lw.Struc
             size = np.abs(difference).max()
             # single precision leaves 1e-6 of each step; steps of a whole sample err by (h omega)^4, 0.4^4
             limit = 2e-2 if refine == 1 else 2e-4
-            assert np.abs(ours[..., column, :] - difference).max() < limit * size, column
+            assert np.abs(present(ours)[..., column, :] - difference).max() < limit * size, column
 
 
 def test_tangents_have_their_declared_order(three: lw.Structure, asked: lw.Structure) -> None:
@@ -193,7 +196,8 @@ def test_tangents_have_their_declared_order(three: lw.Structure, asked: lw.Struc
         h = np.full(len(time), step)
         orbit = flow(system.at(theta), start, h, 5 * refine, exact_inputs(time, step, 5 * refine))
         *_, (state, _) = tangents(system.at(theta), orbit, h, scale, theta)
-        return state / np.array([1.0, step])[:, None, None, None]
+        scaled: np.ndarray = state / np.array([1.0, step])[:, None, None, None]
+        return scaled
 
     exact = end(16)
     size = np.abs(exact).max(axis=(1, 3), keepdims=True)  # each sensitivity by its own size

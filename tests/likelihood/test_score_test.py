@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 from problems import THREE
 
 import linkwise as lw
@@ -110,7 +111,9 @@ def fitted(
 ) -> tuple[LikelihoodFit, lw.Structure]:
     """A fit that begins a little off."""
     asked = true.unknown("all")
-    start = np.array([1.02 * true.coefficient(parameter.name).value for parameter in asked.parameters])
+    start = np.array(
+        [1.02 * present(true.coefficient(parameter.name).value) for parameter in asked.parameters]
+    )
     fit = likelihood_fit(records, asked, start, spread=0.05 * np.abs(start), options=options)
     return fit, asked
 

@@ -248,7 +248,7 @@ def test_nodes_start_where_the_sensors_say(three: lw.Structure) -> None:
     found = start_states(record, lw.bnes_chain(2), sigma, 5)
     at = segment_nodes([found], 5)
     assert at.shape == (2, 2, 401)
-    true = record.simulated
+    true = present(record.simulated)
     for i, name in enumerate(("x:m1", "x:m2")):
         error = np.sqrt(np.mean((found.x[i] - true.displacement[:, i])[20:-20] ** 2))
         assert error < sigma[name]  # smoothing takes noise away

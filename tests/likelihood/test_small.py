@@ -45,7 +45,8 @@ def slow(record: lw.Record) -> OptimizeResult:
             rate, (0.0, record.time[-1]), unknown[:4], t_eval=record.time, args=tuple(unknown[4:]),
             method="DOP853", rtol=1e-9, atol=1e-12,
         )  # fmt: skip
-        return ((x - run.y[:2]) / sigma).ravel()
+        scaled: np.ndarray = (x - run.y[:2]) / sigma
+        return scaled.ravel()
 
     start = np.concatenate([[0.0, 0.0, 1.0, 0.0], START]) / scale
     found = least_squares(residuals, start, jac="3-point", xtol=1e-10, ftol=1e-12)

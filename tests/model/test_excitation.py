@@ -29,7 +29,7 @@ def wave(
 def error(sampled: Sampled, frequency: float = FREQUENCY) -> float:
     """Largest error away from the ends, where a spline has neighbours on both sides."""
     time = np.linspace(0.6, 1.4, 5001)
-    return np.abs(sampled.value(time) - np.sin(2 * np.pi * frequency * time)).max()
+    return float(np.abs(sampled.value(time) - np.sin(2 * np.pi * frequency * time)).max())
 
 
 def test_a_time_function_has_values_and_a_derivative() -> None:
@@ -108,14 +108,17 @@ def test_band_limited_samples_need_not_be_many() -> None:
             "a spline of order 4 cannot be had; the orders are 0, 1, 3, 5, 7",
         ),
         (lambda: Sampled(0.0, -1.0, np.ones(9)), "sampled at -1.0 Hz"),
-        (lambda: Sampled(0.0, 10.0, [1, 2, np.nan, 4, 5, 6]), "sample 2 of an input, at 0.2 s, is nan"),
-        (lambda: Sampled(0.0, 10.0, ["a", "b"]), "the samples of an input must be numbers"),
+        (
+            lambda: Sampled(0.0, 10.0, np.array([1, 2, np.nan, 4, 5, 6])),
+            "sample 2 of an input, at 0.2 s, is nan",
+        ),
+        (lambda: Sampled(0.0, 10.0, np.array(["a", "b"])), "the samples of an input must be numbers"),
         (lambda: Impulse("m1", np.inf), "an impulse of inf N s at 0.0 s cannot be"),
         (lambda: Impulse("m1", 1.0, -1.0), "the time is not before the start, 0"),
-        (lambda: Excitation.of(release={"x:m1": "far"}), "the release x:m1 is 'far', which is no number"),
+        (lambda: Excitation.of(release={"x:m1": "far"}), "the release x:m1 is 'far', which is no number"),  # type: ignore[dict-item]
         (lambda: Excitation.of(release={"x:m1": np.nan}), "a structure starts from finite numbers"),
         (
-            lambda: Excitation.of(forces={"m1": [1.0]}),
+            lambda: Excitation.of(forces={"m1": [1.0]}),  # type: ignore[dict-item]
             "the force on m1 is given as list; give an expression of t",
         ),
         (lambda: Excitation.of(base=True), "the motion of the base is given as bool"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -261,7 +262,7 @@ def test_kinks_are_those_of_the_motion() -> None:
 
 def test_results_are_read_only_and_of_the_common_shape() -> None:
     law = Law.parse("k*d + F")
-    values = {"k": np.array([1.0, 2.0, 3.0]), "F": 0.5}
+    values: dict[str, Any] = {"k": np.array([1.0, 2.0, 3.0]), "F": 0.5}
     d = np.zeros((4, 1))
     partials = law.partials(d, 0.0, values)
     arrays = [partials.force, partials.by_d, partials.by_v, *partials.by_coefficient.values()]

@@ -26,8 +26,10 @@ def test_decay_shows_every_primary_mass_with_and_without(eight: lw.Absorption) -
     figure = decay_figure(eight)
     assert [axes.get_ylabel() for axes in figure.axes] == ["m1\nmm", "m3\nmm", "m5\nmm", "m7\nmm"]
     without, with_sinks, *_ = figure.axes[1].get_lines()
-    np.testing.assert_allclose(with_sinks.get_ydata(), 1000.0 * eight.with_sinks.x[:, 2], rtol=1e-12)
-    np.testing.assert_allclose(without.get_ydata(), 1000.0 * eight.without.x[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(
+        np.asarray(with_sinks.get_ydata()), 1000.0 * eight.with_sinks.x[:, 2], rtol=1e-12
+    )
+    np.testing.assert_allclose(np.asarray(without.get_ydata()), 1000.0 * eight.without.x[:, 1], rtol=1e-12)
     assert "chaos: one motion of many" in labels(figure) and "settled with sinks" not in labels(figure)
     assert "envelope, 95 % of draws" not in labels(figure)
 
@@ -42,9 +44,10 @@ def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.A
     panels = []
     for axes in figure.axes:
         bands = {band.get_label(): band for band in axes.collections}
-        top = max(float(path.vertices[:, 1].max()) for band in bands.values() for path in band.get_paths())
+        paths = [path for band in bands.values() for path in band.get_paths()]
+        top = max(float(np.asarray(path.vertices)[:, 1].max()) for path in paths)
         assert top == pytest.approx(100.0, abs=1e-6)
-        panels.append({name: tuple(band.get_facecolor()[0]) for name, band in bands.items()})
+        panels.append({name: tuple(np.asarray(band.get_facecolor())[0]) for name, band in bands.items()})
     both = set(panels[0]) & set(panels[1])
     assert {"spring1", "spring4", "still there"} <= both and all(
         panels[0][name] == panels[1][name] for name in both

@@ -132,7 +132,7 @@ def words(figure: Figure) -> set[str]:
 
 
 def line_styles(figure: Figure) -> list[str]:
-    return [line.get_linestyle() for line in figure.axes[0].lines]
+    return [str(line.get_linestyle()) for line in figure.axes[0].lines]
 
 
 def test_graph_shows_masses_kinds_and_kilograms(found: lw.Discovery) -> None:
@@ -180,9 +180,10 @@ def test_parts_that_nothing_joins_stand_apart() -> None:
 def test_path_marks_the_chosen_point(found: lw.Discovery) -> None:
     path, runners = path_figure(found).axes
     [chosen] = [line for line in path.lines if line.get_label() == "chosen"]
-    assert chosen.get_xydata().tolist() == [[5, 0.0]]
+    assert np.asarray(chosen.get_xydata()).tolist() == [[5, 0.0]]
     criterion = next(line for line in path.lines if str(line.get_label()).startswith("criterion"))
-    assert criterion.get_ydata().min() == 0.0 and len(criterion.get_xdata()) == len(found.path)
+    heights = np.asarray(criterion.get_ydata())
+    assert heights.min() == 0.0 and len(heights) == len(found.path)
     assert [label.get_text() for label in runners.get_yticklabels()] == [
         each.change for each in found.runners_up
     ]

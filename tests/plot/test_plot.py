@@ -46,7 +46,7 @@ def waves(count: int, *, gap: slice | None = None, samples: int = 500) -> lw.Rec
 )
 def test_scale_brings_numbers_near_one(largest: float, expected: tuple[float, str]) -> None:
     factor, unit = scale(largest, "m")
-    assert (factor, unit) == (pytest.approx(expected[0], rel=1e-12), expected[1])
+    assert factor == pytest.approx(expected[0], rel=1e-12) and unit == expected[1]
 
 
 def test_envelope_keeps_every_extreme_and_every_gap() -> None:

@@ -24,7 +24,7 @@ def folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.Te
 
 def page_of(estimate: lw.Estimate, **options: Any) -> str:
     """The page without its 4 MB of script."""
-    page = report(estimate, **{"version": "1.2.3", "pictured": (), **options})  # type: ignore[arg-type]
+    page = report(estimate, **{"version": "1.2.3", "pictured": (), **options})
     return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
 
 

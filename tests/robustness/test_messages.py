@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -77,7 +78,7 @@ def test_a_record_with_long_headers(
 
 
 def test_lack_of_memory_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def exhausted(*_: object, **__: object) -> None:
+    def exhausted(*_: object, **__: Any) -> None:
         raise MemoryError("Unable to allocate 43.7 TiB")
 
     monkeypatch.setattr(lw, "bnes_chain", exhausted)

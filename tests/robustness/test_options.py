@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ def test_a_record_runs_to_infinity_and_from_there(record: lw.Record) -> None:
 
 def test_a_segment_longer_than_the_test_is_the_whole_test() -> None:
     """Identity: there is one segment, however much longer it might be."""
-    test = {"duration": 0.5, "rate": 500.0, "noise": 20.0, "release": {"v:m1": 1.0}}
+    test: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "noise": 20.0, "release": {"v:m1": 1.0}}
     near, far = (lw.limit(lw.bnes_chain(2), segment=segment, **test) for segment in (0.6, 1e9))
     assert near.to_dict()["coefficients"] == far.to_dict()["coefficients"]
 

@@ -9,7 +9,7 @@ import linkwise as lw
 from linkwise.absorption.crossings import crossings, distinct
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
-from linkwise.simulation.batch import LANES, can_batch, run_batch
+from linkwise.simulation.batch import LANES, BatchResult, can_batch, run_batch
 from linkwise.simulation.schedule import RunSchedule
 from linkwise.simulation.simulate import SimulatedMotion
 
@@ -26,7 +26,7 @@ def tops(runs: int) -> list[np.ndarray]:
     return [each[:runs] for each in TOPS]
 
 
-def agree(batch: object, run: int, schedule: RunSchedule) -> None:
+def agree(batch: BatchResult, run: int, schedule: RunSchedule) -> None:
     """Double precision throughout against the first steps in 80 bits: same numerics, before chaos multiplies it."""
     motion = SimulatedMotion.of(schedule)
     energy, size = motion.energy, np.abs(motion.displacement).max()

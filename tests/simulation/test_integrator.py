@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from linkwise.simulation import integrator as engine
 from linkwise.simulation.link_forces import LinkForces
 from linkwise.simulation.run import RunOptions, integrate
 from linkwise.simulation.schedule import RunSchedule
-from linkwise.simulation.simulate import simulate
+from linkwise.simulation.simulate import SimulatedMotion, simulate
 
 
 def by_scipy(structure: Structure, excitation: Excitation, times: Floats, method: str = "DOP853") -> Floats:
@@ -33,7 +34,8 @@ def by_scipy(structure: Structure, excitation: Excitation, times: Floats, method
 
     start = RunSchedule(structure, excitation, times).start
     answer = solve_ivp(slope, (0.0, times[-1]), start, method, times, rtol=1e-11, atol=1e-13, max_step=0.02)
-    return answer.y.T
+    states: Floats = answer.y.T
+    return states
 
 
 LAWS = [
@@ -50,7 +52,7 @@ LAWS = [
 
 
 @pytest.mark.parametrize(("law", "values"), LAWS, ids=[law for law, _ in LAWS])
-def test_every_law_moves_as_scipy_moves_it(law: str, values: dict[str, float]) -> None:
+def test_every_law_moves_as_scipy_moves_it(law: str, values: dict[str, Any]) -> None:
     structure = oscillator(law, mass=0.7, **values)
     excitation = Excitation.of({"v:m1": 0.8, "x:m1": 0.01}, forces={"m1": "2*cos(5*t)"})
     record = simulate(
@@ -171,7 +173,8 @@ def test_a_gap_is_met_exactly(law: str) -> None:
     structure = oscillator(law, kc=4e4, g=0.1)
     record = simulate(structure, release={"v:m1": 2.0}, duration=0.2, rate=1000.0)
     assert record.values[:, 0] == pytest.approx(contact(record.time, 2.0, 0.1, 200.0), abs=1e-13)
-    assert len(present(record.simulated).diagnostics.run.kinks) == 2
+    motion = present(record.simulated).diagnostics
+    assert isinstance(motion, SimulatedMotion) and len(motion.run.kinks) == 2
     energy = present(record.simulated).energy
     assert np.abs(energy.residual).max() < 1e-12 * energy.supplied.max()
 

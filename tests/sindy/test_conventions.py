@@ -17,7 +17,7 @@ from linkwise.records.record import Record
 from linkwise.signals.states import differentiate
 from linkwise.simulation.simulate import simulate
 from linkwise.sindy.conventions import CONVENTIONS, MEANING, Convention, noisy_states
-from linkwise.sindy.force_reading import READINGS, monomial_force, monomial_nmse
+from linkwise.sindy.force_reading import READINGS, Reading, monomial_force, monomial_nmse
 from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.least_squares import LeastSquares
 from linkwise.sindy.regression.regressor import RegressionFit
@@ -42,7 +42,7 @@ def _deviations(noisy: np.ndarray, clean: np.ndarray, decibel: float) -> np.ndar
 
 
 @pytest.mark.parametrize(("convention", "noisy"), [("states", "xv"), ("derivatives", "a")])
-def test_noise_goes_where_the_convention_says(record: Record, convention: str, noisy: str) -> None:
+def test_noise_goes_where_the_convention_says(record: Record, convention: Convention, noisy: str) -> None:
     states, clean = noisy_states(record, convention, 20.0, seed=1000), differentiate(record)
     for kind in "xva":
         if kind in noisy:
@@ -114,7 +114,7 @@ def test_what_cannot_be_a_study_is_refused(record: Record) -> None:
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("link", ["nes1", "nes2"])
 def test_an_exact_fit_gives_the_exact_force(
-    record: Record, exact: RegressionFit, reading: str, link: str
+    record: Record, exact: RegressionFit, reading: Reading, link: str
 ) -> None:
     d, force = monomial_force(exact, CHAIN, link, record, reading=reading)
     sink, primary = CHAIN.link(link).between

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 
 from linkwise.study.cells import StudyTable
 from linkwise.study.definition import Study
@@ -50,9 +51,9 @@ def test_cells_stand_in_order_and_carry_medians(study: Study) -> None:
     )
     assert table.masses == {"two": 2, "four": 4}
     assert (table.expected, table.missing, table.failed) == (32, 0, 0)
-    cell = table.cell("two", 20.0, "ml")
+    cell = present(table.cell("two", 20.0, "ml"))
     assert (cell.nmse, cell.low, cell.high, cell.seconds) == (3.0, 1.0, 9.0, 2.5)
-    assert cell.median_row.seed == 1000  # 4 and 2 are as close to 3: the first seed
+    assert present(cell.median_row).seed == 1000  # 4 and 2 are as close to 3: the first seed
     assert cell.share_above(3.0) == 0.5
     assert table.cell("two", 30.0, "ml") is None
 
@@ -62,25 +63,25 @@ def test_a_failed_case_counts_as_worse_than_any_answer(study: Study) -> None:
         replace(one, status=FAILED, links={}, reason="it diverged") if one.seed > 1000 + 1 else one
         for one in rows(study, [4.0, 1.0, 0.0, 0.0])
     ]
-    cell = StudyTable.of(study, given).cell("two", 20.0, "ml")
+    cell = present(StudyTable.of(study, given).cell("two", 20.0, "ml"))
     assert (cell.nmse, cell.low, cell.high) == (None, 1.0, None)  # half of them failed
     assert cell.done == 4 and cell.reasons == (("it diverged", 2),)
     assert cell.median_row is None and cell.share_above(100.0) == 0.5
-    one_failed = StudyTable.of(study, given[:-8]).cell("two", 20.0, "ml")
+    one_failed = present(StudyTable.of(study, given[:-8]).cell("two", 20.0, "ml"))
     assert (one_failed.done, one_failed.nmse) == (3, 4.0)
 
 
 def test_an_error_that_is_no_number_is_a_failure(study: Study) -> None:
     table = StudyTable.of(study, [row(case, np.nan) for case in study.cases()])
-    assert table.failed == 32 and table.cell("two", 20.0, "ml").nmse is None
+    assert table.failed == 32 and present(table.cell("two", 20.0, "ml")).nmse is None
 
 
 def test_missing_cells_are_counted_and_strangers_left_out(study: Study) -> None:
     given = [one for one in rows(study, [1.0] * 4) if one.structure == "two"]
     stranger = row(Case("two", 20.0, "ml", 7), 1e9)
     table = StudyTable.of(study, [*given, stranger])
-    assert table.missing == 16 and table.cell("two", 20.0, "ml").nmse == 1.0
-    empty = table.cell("four", 20.0, "ml")
+    assert table.missing == 16 and present(table.cell("two", 20.0, "ml")).nmse == 1.0
+    empty = present(table.cell("four", 20.0, "ml"))
     assert (empty.done, empty.expected, empty.masses) == (0, 4, 4)
     assert (empty.nmse, empty.low, empty.seconds, empty.median_row) == (None, None, None, None)
     assert np.isnan(empty.share_above(1.0))

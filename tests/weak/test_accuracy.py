@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 
@@ -37,7 +38,7 @@ def test_sinks_and_standard_errors(n: int, decibel: float) -> None:
         sinks = [link for link in fit.structure.links if link.name.startswith("nes")]
         errors.append(np.mean([lw.nmse(chain.link(sink.name), sink, record) for sink in sinks]))
         found = [fit.coefficient(name) for name in truth]
-        z.append([(each.value - truth[each.name]) / each.standard_error for each in found])
+        z.append([(each.value - truth[each.name]) / present(each.standard_error) for each in found])
     assert np.median(errors) <= LEVELS[decibel]
     assert 0.8 <= np.sqrt(np.mean(np.square(z))) <= 1.2
 
@@ -62,9 +63,9 @@ def test_intervals_and_bands_cover() -> None:
         fit = lw.identify(record.with_noise(25.0, seed=seed), chain.unknown("all"), method="weak")
         sink = fit.link("nes1")
         _, lower, upper = fit.force_band("nes1", d)
-        derived = [(sink.wells[1], 0.01), (sink.barrier, 0.0025), (sink.frequencies[0], frequency)]
-        intervals = [(fit.coefficient(name).interval, value) for name, value in truth.items()]
-        intervals += [(each.interval, value) for each, value in derived]
+        derived = [(sink.wells[1], 0.01), (present(sink.barrier), 0.0025), (sink.frequencies[0], frequency)]
+        intervals = [(present(fit.coefficient(name).interval), value) for name, value in truth.items()]
+        intervals += [(present(each.interval), value) for each, value in derived]
         held.append(
             [low <= value <= high for (low, high), value in intervals]
             + list((lower <= force) & (force <= upper))

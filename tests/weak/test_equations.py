@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def oscillator(law: str, base: str = "ground", **values: float) -> lw.Structure:
         ("F*tanh(v/s)", {"F": 2.0, "s": 0.3}),
     ],
 )
-def test_the_force_that_makes_a_motion_leaves_nothing(law: str, values: dict[str, float]) -> None:
+def test_the_force_that_makes_a_motion_leaves_nothing(law: str, values: dict[str, Any]) -> None:
     """w = 2 x'' + f(x, x') on a motion of two tones: the weak equation is an identity, to the alias of phi (1e-6 of the
     forces); where v is not integrated by parts to the smoothing of v (1e-5).
     """
