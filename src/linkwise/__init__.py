@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from linkwise.analysis.equilibria import Equilibrium, equilibria
     from linkwise.analysis.modes import modes
     from linkwise.analysis.wells import barrier, wells
-    from linkwise.discovery.discover import discover, foreseen
+    from linkwise.discovery.discover import check_discovery, discover
     from linkwise.discovery.result import Discovery
-    from linkwise.discovery.scoring import TermScore, term_score, truth_beside
+    from linkwise.discovery.scoring import TermScore, align_truth, term_score
     from linkwise.discovery.terms import parse_terms
     from linkwise.errors import (
         IdentificationError,
@@ -138,15 +138,16 @@ __all__ = [
     "absorption_intervals",
     "absorption_map",
     "absorption_of",
+    "align_truth",
     "barrier",
     "bnes_chain",
+    "check_discovery",
     "differentiate",
     "discover",
     "discovery_of",
     "equilibria",
     "equivalent",
     "export_study",
-    "foreseen",
     "format_structure",
     "free_run",
     "identify",
@@ -176,7 +177,6 @@ __all__ = [
     "study_summary",
     "term_score",
     "to_si",
-    "truth_beside",
     "wells",
     "write_absorption",
     "write_absorption_map",
@@ -204,12 +204,12 @@ _HOMES = {
     "sindy.conventions": ("CONVENTIONS", "noisy_states"),
     "signals.states": ("differentiate",),
     "estimates.describing_function": ("Equivalent", "equivalent"),
-    "discovery.discover": ("discover", "foreseen"),
+    "discovery.discover": ("check_discovery", "discover"),
     "report.discovery_folder": ("write_discovery",),
     "report.discovery_json": ("discovery_of",),
     "discovery.result": ("Discovery",),
     "discovery.terms": ("parse_terms",),
-    "discovery.scoring": ("TermScore", "term_score", "truth_beside"),
+    "discovery.scoring": ("TermScore", "align_truth", "term_score"),
     "analysis.equilibria": ("Equilibrium", "equilibria"),
     "errors": (
         "IdentificationError",
@@ -266,7 +266,9 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _DEPRECATED = {
     "Classical": Deprecated("PhysicsInformedSindy", since="0.2.0", until="0.4.0"),
     "Knowledge": Deprecated("Posterior", since="0.2.0", until="0.4.0"),
+    "foreseen": Deprecated("check_discovery", since="0.2.0", until="0.4.0"),
     "read_knowledge": Deprecated("read_posterior", since="0.2.0", until="0.4.0"),
+    "truth_beside": Deprecated("align_truth", since="0.2.0", until="0.4.0"),
 }
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 
 import linkwise as lw
-from linkwise.discovery.candidates import Candidates, candidates
+from linkwise.discovery.candidates import Candidates, all_candidates
 from linkwise.discovery.terms import parse_terms
 
 TERMS = parse_terms("v, d, d**3")
@@ -44,11 +44,11 @@ def structure(links: str, names: Sequence[str] = ("a", "b", "c")) -> lw.Structur
 
 def stated(links: str = STATED) -> Candidates:
     given = structure(links)
-    return candidates(given.masses, TERMS, stated=given.links)
+    return all_candidates(given.masses, TERMS, stated=given.links)
 
 
 def test_every_pair_and_every_mass_with_the_ground() -> None:
-    found = candidates(masses("a", "b", "c"), TERMS)
+    found = all_candidates(masses("a", "b", "c"), TERMS)
     assert [pair.between for pair in found.pairs] == [
         ("a", "ground"), ("b", "ground"), ("b", "a"), ("c", "ground"), ("c", "a"), ("c", "b"),
     ]  # fmt: skip
@@ -64,7 +64,7 @@ def test_every_pair_and_every_mass_with_the_ground() -> None:
 @pytest.mark.parametrize("n", [2, 5, 10])
 def test_a_base_that_moves_is_one_more_end(n: int) -> None:
     names = [f"m{i}" for i in range(n)]
-    at_rest, moved = (candidates(masses(*names), TERMS, base=base) for base in (False, True))
+    at_rest, moved = (all_candidates(masses(*names), TERMS, base=base) for base in (False, True))
     assert len(at_rest.pairs) == n * (n + 1) // 2
     assert set(moved.pairs) - set(at_rest.pairs) == {
         pair for pair in moved.pairs if pair.between[1] == "base"
@@ -73,12 +73,12 @@ def test_a_base_that_moves_is_one_more_end(n: int) -> None:
 
 
 def test_dampers_are_told_from_springs() -> None:
-    found = candidates(masses("a"), parse_terms("v, d, v*abs(v)"))
+    found = all_candidates(masses("a"), parse_terms("v, d, v*abs(v)"))
     assert [entry.is_damper for entry in found.entries] == [True, False, False]
 
 
 def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first() -> None:
-    found = candidates(masses("a", "b"), TERMS).structure(["b-a.c", "a-ground.k", "b-a.k3"])
+    found = all_candidates(masses("a", "b"), TERMS).structure(["b-a.c", "a-ground.k", "b-a.k3"])
     assert [(link.name, link.between, link.law.text) for link in found.links] == [
         ("a-ground", ("a", "ground"), "k*d"),
         ("b-a", ("b", "a"), "k3*d**3 + c*v"),
@@ -88,22 +88,23 @@ def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first() -
 
 def test_the_terms_of_a_link_are_told_from_one_of_them() -> None:
     found = stated()
-    assert found.sharing(["frame.k3", "c-a.c"]) == {"frame.k3", "c-a.c", "c-a.k", "c-a.k3"}
-    assert found.sharing(["frame.k"]) == frozenset()  # stated, and no candidate
+    assert found.on_links_of(["frame.k3", "c-a.c"]) == {"frame.k3", "c-a.c", "c-a.k", "c-a.k3"}
+    assert found.on_links_of(["frame.k"]) == frozenset()  # stated, and no candidate
 
 
 def test_a_link_has_one_set_of_coefficients_that_both_ends_feel() -> None:
-    found = candidates(masses("a", "b"), TERMS)
+    found = all_candidates(masses("a", "b"), TERMS)
     assert not {entry.name for entry in found.entries} & {"a-b.k", "a-b.c", "a-b.k3"}
-    place = [link.name for link in found.everything.links].index("b-a")
-    assert found.everything.incidence.toarray()[:, place].tolist() == [-1.0, 1.0]
+    place = [link.name for link in found.full_structure.links].index("b-a")
+    assert found.full_structure.incidence.toarray()[:, place].tolist() == [-1.0, 1.0]
 
 
 def test_a_mass_in_the_air_is_refused_with_what_to_do() -> None:
     with pytest.raises(
-        lw.IdentificationError, match=r"what holds b, c: no term .* above .*Hit it .* offer more terms;"
+        lw.IdentificationError,
+        match=r"no link to b, c was found: none .* above the noise\. Excite .* offer more terms;",
     ):
-        candidates(masses("a", "b", "c"), TERMS).structure(["a-ground.k"])
+        all_candidates(masses("a", "b", "c"), TERMS).structure(["a-ground.k"])
 
 
 def test_what_is_stated_stays_and_the_rest_may_join_it() -> None:
@@ -120,7 +121,7 @@ def test_what_is_stated_stays_and_the_rest_may_join_it() -> None:
 def test_a_link_without_a_law_is_known_not_to_be() -> None:
     found = stated()
     assert not any(set(pair.between) == {"a", "b"} for pair in found.pairs)
-    assert "none" not in [link.name for link in found.everything.links]
+    assert "none" not in [link.name for link in found.full_structure.links]
 
 
 def test_a_coefficient_of_zero_is_a_term_known_not_to_be() -> None:
@@ -142,10 +143,10 @@ def test_two_stated_links_of_one_pair_are_one_pair() -> None:
             '[[link]]\nname = "b"\nbetween = ["b", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
             '[[link]]\nname = "c"\nbetween = ["c", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
         ),
-        candidates(masses("c", "b-c", "a-b", "a"), TERMS),  # "a-b" with "c", and "a" with "b-c"
+        all_candidates(masses("c", "b-c", "a-b", "a"), TERMS),  # "a-b" with "c", and "a" with "b-c"
     ],
     ids=["a stated link", "hyphens"],
 )
 def test_names_do_not_clash(found: Candidates) -> None:
     assert len(found.by_name) == len(found.entries)
-    assert len(found.everything.links) == len(found.pairs)
+    assert len(found.full_structure.links) == len(found.pairs)

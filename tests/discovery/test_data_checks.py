@@ -38,25 +38,28 @@ def quieted(record: lw.Record, **share: float) -> lw.Record:
 
 
 def test_a_good_record_needs_no_warning(record: lw.Record, chain: lw.Structure) -> None:
-    assert lw.foreseen(record, masses(chain)) == ()
+    assert lw.check_discovery(record, masses(chain)) == ()
 
 
 def test_a_mass_without_a_sensor_is_refused_by_name(record: lw.Record, chain: lw.Structure) -> None:
     seen = record.select(("x:m1", "x:m3"))
     with pytest.raises(
-        lw.IdentificationError, match=r"no sensor shows m2 and m4: .* channel x:m2, map .* or identify"
+        lw.IdentificationError,
+        match=r"no channel measures the motion of m2 and m4, .*; add a channel x:m2, or identify",
     ):
-        lw.foreseen(seen, masses(chain))
-    with pytest.raises(lw.IdentificationError, match="no sensor shows m2 and m4"):
+        lw.check_discovery(seen, masses(chain))
+    with pytest.raises(lw.IdentificationError, match="no channel measures the motion of m2 and m4"):
         lw.discover(seen, masses(chain))
-    with pytest.raises(lw.IdentificationError, match="no sensor shows m2: links cannot be discovered"):
-        lw.foreseen([record, record.select(("x:m1", "x:m3", "x:m4"))], masses(chain))  # in one of two records
+    with pytest.raises(lw.IdentificationError, match="no channel measures the motion of m2, and links"):
+        lw.check_discovery(
+            [record, record.select(("x:m1", "x:m3", "x:m4"))], masses(chain)
+        )  # in one of two records
 
 
 def test_any_kind_of_sensor_shows_a_mass(chain: lw.Structure) -> None:
     every = lw.simulate(chain, release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
     mixed = every.with_noise(20.0, seed=1000).select(("x:m1", "v:m2", "a:m3", "x:m4"))
-    assert lw.foreseen(mixed, masses(chain)) == ()
+    assert lw.check_discovery(mixed, masses(chain)) == ()
 
 
 @pytest.mark.parametrize("kind", ["v", "a"])
@@ -66,12 +69,12 @@ def test_a_base_whose_displacement_is_not_there_is_refused(
     """It would be left out without a word, and its links found elsewhere."""
     moved = np.column_stack([record.values, np.sin(150.0 * np.arange(len(record)) / record.rate)])
     based = replace(record, channels=(*record.channels, "x:base"), values=moved, simulated=None)
-    assert lw.foreseen(based, masses(chain)) == ()
+    assert lw.check_discovery(based, masses(chain)) == ()
     lost = replace(based, channels=(*record.channels, f"{kind}:base"))
     with pytest.raises(
-        lw.IdentificationError, match=f"{kind}:base but not the displacement .* give a channel x:base"
+        lw.IdentificationError, match=f"{kind}:base but not the displacement .* add a channel x:base"
     ):
-        lw.foreseen(lost, masses(chain))
+        lw.check_discovery(lost, masses(chain))
 
 
 def test_motion_that_is_none_is_refused(record: lw.Record, chain: lw.Structure) -> None:
@@ -79,29 +82,29 @@ def test_motion_that_is_none_is_refused(record: lw.Record, chain: lw.Structure) 
     with pytest.raises(
         lw.IdentificationError, match="no motion above the noise in any channel, so no structure"
     ):
-        lw.foreseen(still, masses(chain))
+        lw.check_discovery(still, masses(chain))
     offset = replace(still, values=still.values + 0.1)  # a sensor's offset is no motion
     with pytest.raises(lw.IdentificationError, match="no motion above the noise in any channel"):
-        lw.foreseen(offset, masses(chain))
+        lw.check_discovery(offset, masses(chain))
 
 
 def test_masses_at_rest_are_named(record: lw.Record, chain: lw.Structure) -> None:
-    (one,) = lw.foreseen(quieted(record, m4=0.0), masses(chain))
+    (one,) = lw.check_discovery(quieted(record, m4=0.0), masses(chain))
     assert one.startswith("m4 did not move above the noise and is left out") and one.endswith(
-        "Hit nearer to it."
+        "Excite the structure nearer to it."
     )
-    (two,) = lw.foreseen(quieted(record, m2=0.0, m4=0.0), masses(chain))
+    (two,) = lw.check_discovery(quieted(record, m2=0.0, m4=0.0), masses(chain))
     assert two.startswith("m2 and m4 did not move above the noise and are left out") and two.endswith(
         "nearer to them."
     )
     # another record in which they move makes up for it
-    assert lw.foreseen([quieted(record, m4=0.0), quieted(record)], masses(chain)) == ()
+    assert lw.check_discovery([quieted(record, m4=0.0), quieted(record)], masses(chain)) == ()
 
 
 def test_masses_that_hardly_move_are_named(record: lw.Record, chain: lw.Structure) -> None:
     rms = float(np.std(record.channel("x:m2")))
     faint = quieted(record, m2=NOISE / rms)  # 0 dB
-    assert lw.foreseen(faint, masses(chain)) == (
+    assert lw.check_discovery(faint, masses(chain)) == (
         "m2 hardly moved above the noise: weak terms of links there will be missed.",
     )
 
@@ -113,42 +116,42 @@ def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
     with pytest.raises(
         lw.IdentificationError, match=r"156 samples over 4 masses for 40 candidates.*record 40 samples"
     ):
-        lw.foreseen(record[:39], masses(chain))
-    told = lw.foreseen(record[:40], masses(chain))
+        lw.check_discovery(record[:39], masses(chain))
+    told = lw.check_discovery(record[:40], masses(chain))
     assert told[-1] == "160 samples for 40 candidates are few: weak terms will be missed; record for longer."
-    fewer = lw.foreseen(record[:39], masses(chain), terms="linear")  # or allow fewer terms
+    fewer = lw.check_discovery(record[:39], masses(chain), terms="linear")  # or allow fewer terms
     assert len(fewer) >= 1
-    assert lw.foreseen(record[:300], masses(chain)) == ()
+    assert lw.check_discovery(record[:300], masses(chain)) == ()
 
 
 def test_two_short_records_count_together(record: lw.Record, chain: lw.Structure) -> None:
     half = record[:120]
-    assert any("are few" in each for each in lw.foreseen(half, masses(chain)))
-    assert not any("are few" in each for each in lw.foreseen([half, half], masses(chain)))
+    assert any("are few" in each for each in lw.check_discovery(half, masses(chain)))
+    assert not any("are few" in each for each in lw.check_discovery([half, half], masses(chain)))
 
 
 def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure) -> None:
     """A mass that copies another: a link to the one looks like a link to the other."""
-    assert lw.foreseen(quieted(clean), masses(chain)) == ()
+    assert lw.check_discovery(quieted(clean), masses(chain)) == ()
     values = clean.values.copy()
     values[:, 3] = values[:, 2]
-    (told,) = lw.foreseen(quieted(replace(clean, values=values)), masses(chain))
+    (told,) = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
     assert told == (
-        "m3 and m4 moved alike, with differences lost in the noise: a link to one of them may be told as a link to another. "
-        "Hit them one by one."
+        "m3 and m4 moved together, with differences below the noise: a link to one of them may be found as a link to another. "
+        "Excite them one at a time."
     )
     wave = np.sin(150.0 * np.arange(len(clean)) / clean.rate)
     values[:, 3] += (
         4.0 * NOISE * wave
     )  # 16 / 2 of the power of the noise, and the difference has that of both channels
-    (told,) = lw.foreseen(quieted(replace(clean, values=values)), masses(chain))
-    assert "m3 and m4 moved alike, with differences down to 6 dB above the noise: " in told
+    (told,) = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
+    assert "m3 and m4 moved together, with differences down to 6 dB above the noise: " in told
 
 
 def test_what_was_foreseen_stands_with_the_answer(chain: lw.Structure) -> None:
     two = lw.bnes_chain(2)
     clean = lw.simulate(two, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
     record = clean.with_noise(5.0, seed=1000)
-    told = lw.foreseen(record, masses(two))
+    told = lw.check_discovery(record, masses(two))
     assert told
     assert set(told) <= set(lw.discover(record, masses(two)).remarks)

@@ -10,8 +10,8 @@ from judged import masses, terms
 
 import linkwise as lw
 from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.discover import candidate_pool
-from linkwise.discovery.evidence import evidence, exchange_remarks
+from linkwise.discovery.discover import candidates_for
+from linkwise.discovery.evidence import exchange_remarks, term_evidence
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.selection import Selection
@@ -31,7 +31,7 @@ class Case:
 
     def refitted(self, *, add: str = "", drop: str = "") -> tuple[float, dict[str, float]]:
         """Least cost and values of the answer with one decision turned round."""
-        pool = candidate_pool([self.record], masses(self.truth), "cubic")
+        pool = candidates_for([self.record], masses(self.truth), "cubic")
         names = {term.name for term in self.found.kept} - {drop} | ({add} if add else set())
         structure = pool.structure(names)
         starts = {term.name: (term.value, term.standard_error) for term in self.found.terms}
@@ -141,7 +141,7 @@ def test_runners_up_are_one_step_away_best_first(case: Case) -> None:
 
 def select_structure(h: np.ndarray, g: np.ndarray) -> Selection:
     """A choice of the first two of some terms of the two-mass chain, about a parabola that is made up."""
-    pool = candidate_pool(
+    pool = candidates_for(
         [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
     )
     names = ("m1-ground.k", "m2-m1.k", "m2-ground.k")
@@ -154,7 +154,8 @@ def test_what_this_record_hardly_tells_apart_is_said() -> None:
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.99], [0.0, 0.99, 1.0]])
     (told,) = exchange_remarks(select_structure(h, np.array([100.0, 50.0, 49.95])))
     assert told == (
-        "This record hardly tells m2-m1.k from m2-ground.k: with the other in its place the criterion is only 5.0 higher."
+        "This record hardly distinguishes m2-m1.k from m2-ground.k: with the other in its place the criterion is only 5.0 "
+        "higher."
     )
 
 
@@ -163,16 +164,16 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
     """However much would be lost without it and without the other."""
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, lean], [0.0, lean, 1.0]])
     made = select_structure(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
-    pool = candidate_pool(
+    pool = candidates_for(
         [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
     )
-    told = evidence(made, pool, trusted=True)
-    kept = [term for term in told if term.kept]
+    evidence = term_evidence(made, pool, trusted=True)
+    kept = [term for term in evidence if term.kept]
     assert {term.name for term in kept if term.certain} == certain
     assert len(kept) == 2 and min(term.margin for term in kept) > 1000.0
-    (dropped,) = (term for term in told if not term.kept)
+    (dropped,) = (term for term in evidence if not term.kept)
     assert dropped.margin > CERTAIN and dropped.certain == (lean == 0.0)
-    assert not any(term.certain for term in evidence(made, pool, trusted=False))
+    assert not any(term.certain for term in term_evidence(made, pool, trusted=False))
 
 
 def test_what_it_tells_apart_is_not() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.discovery.discover import candidate_pool
-from linkwise.discovery.inactive_terms import inactive_remark, inactive_terms
+from linkwise.discovery.data_checks import inactive_remark, inactive_terms
+from linkwise.discovery.discover import candidates_for
 from linkwise.weak.displacements import read_displacements
 
 TERMS = "v, d, contact(0.004), friction(0.01)"
@@ -52,8 +52,8 @@ def soft() -> lw.Record:
 
 
 def inactive(*records: lw.Record) -> set[str]:
-    pool = candidate_pool(records, MASSES, TERMS)
-    motions = [read_displacements(record, pool.everything) for record in records]
+    pool = candidates_for(records, MASSES, TERMS)
+    motions = [read_displacements(record, pool.full_structure) for record in records]
     return set(inactive_terms(motions, [record.rate for record in records], pool))
 
 
@@ -93,11 +93,13 @@ def test_smooth_terms_and_gaps_are_not_taken_for_silence(hard: lw.Record) -> Non
     values = hard.values.copy()
     values[500:700, 0] = np.nan
     assert inactive(replace(hard, values=values)) == set()
-    pool = candidate_pool([hard], MASSES, "v, d**3, v*abs(v)")
-    assert inactive_terms([read_displacements(hard, pool.everything)], [hard.rate], pool) == ()
+    pool = candidates_for([hard], MASSES, "v, d**3, v*abs(v)")
+    assert inactive_terms([read_displacements(hard, pool.full_structure)], [hard.rate], pool) == ()
 
 
 def test_few_are_named_and_the_rest_counted() -> None:
     assert inactive_remark(()) == ()
     [told] = inactive_remark([f"m{k}-ground.kc" for k in range(9)])
-    assert told.startswith("m0-ground.kc, m1-ground.kc") and "m5-ground.kc and 3 more never acted" in told
+    assert (
+        told.startswith("m0-ground.kc, m1-ground.kc") and "m5-ground.kc and 3 more were never active" in told
+    )

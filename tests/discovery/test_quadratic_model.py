@@ -7,7 +7,7 @@ import pytest
 from regressions import Regression
 
 import linkwise as lw
-from linkwise.discovery.candidates import candidates
+from linkwise.discovery.candidates import all_candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.terms import parse_terms
@@ -31,7 +31,7 @@ def test_a_choice_is_its_least_squares(chosen: list[int]) -> None:
 @pytest.mark.parametrize("chosen", [[], *CHOICES[:-1]], ids=str)
 def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
     regression = Regression.drawn(2)
-    numbers, values, z, part = regression.quadratic.outside(chosen)
+    numbers, values, z, part = regression.quadratic.additions(chosen)
     assert numbers.tolist() == [number for number in range(7) if number not in chosen]
     for number, value, each, stands in zip(numbers, values, z, part, strict=True):
         together, deviations, _ = regression.least_squares([*chosen, number])
@@ -44,7 +44,7 @@ def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
 
 def test_z_squared_is_what_a_coefficient_takes_off_the_cost() -> None:
     quadratic = Regression.drawn(3).quadratic
-    numbers, _, z, _ = quadratic.outside([1, 4])
+    numbers, _, z, _ = quadratic.additions([1, 4])
     for number, each in zip(numbers, z, strict=True):
         gain = quadratic.cost([1, 4]) - quadratic.cost([1, 4, number])
         assert each**2 == pytest.approx(gain, rel=SAME)
@@ -60,7 +60,7 @@ def test_another_scatter_gives_the_sandwich() -> None:
     inverse = np.linalg.inv(h)
     deviation = np.sqrt((inverse @ scatter @ inverse).diagonal())
     np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=1e-6)
-    numbers, values, z, _ = quadratic.outside([0, 2, 3])
+    numbers, values, z, _ = quadratic.additions([0, 2, 3])
     for number, value, each in zip(numbers.tolist(), values, z, strict=True):
         some = np.ix_([0, 2, 3, number], [0, 2, 3, number])
         inverse = np.linalg.inv(h[some])
@@ -71,7 +71,7 @@ def test_another_scatter_gives_the_sandwich() -> None:
 def test_a_column_that_is_another_one_cannot_be_told() -> None:
     regression = Regression.drawn(5, size=3)
     doubled = Regression(np.column_stack([regression.columns, 2.0 * regression.columns[:, 1]]), regression.y)
-    numbers, values, z, part = doubled.quadratic.outside([0, 1])
+    numbers, values, z, part = doubled.quadratic.additions([0, 1])
     assert numbers.tolist() == [2, 3]
     assert np.isfinite(values[0]) and z[0] != 0.0
     assert np.isnan(values[1]) and z[1] == 0.0 and abs(part[1]) < 1e-9
@@ -83,11 +83,11 @@ def test_columns_that_move_together_have_no_solution() -> None:
     with pytest.raises(np.linalg.LinAlgError):
         together.quadratic.solve([0, 2])
     empty = Regression(columns * [1.0, 0.0], columns[:, 1])
-    with pytest.raises(np.linalg.LinAlgError, match="a column is empty"):
+    with pytest.raises(np.linalg.LinAlgError, match="a column is zero"):
         empty.quadratic.solve([0, 1])
 
 
-POOL = candidates(
+POOL = all_candidates(
     [lw.Mass(name, lw.Coefficient.number(1.0)) for name in ("a", "b", "c")], parse_terms("v, d, d**3")
 )
 NAMES = tuple(POOL.by_name)  # of a-ground, b-ground, b-a, c-ground, c-a and c-b
@@ -109,7 +109,7 @@ def test_what_is_stated_costs_nothing() -> None:
         '[[mass]]\nname = "a"\nmass = 1.0\n[[link]]\nname = "frame"\nbetween = ["a", "ground"]\nlaw = "k*d"\n'
         'coefficients = { k = "unknown" }\n'
     )
-    pool = candidates(held.masses, parse_terms("v, d, d**3"), stated=held.links)
+    pool = all_candidates(held.masses, parse_terms("v, d, d**3"), stated=held.links)
     penalty = Penalty.of(pool, ("frame.k", "frame.c", "frame.k3"), 100)
     assert penalty.pair.tolist() == [-1, 0, 0]
     assert penalty.total([0]) == 0.0

@@ -50,7 +50,7 @@ def test_ends_may_be_exchanged(law: str) -> None:
     """The force that the true link exerts on m2 is the same, whichever end its law is written for."""
     names = lw.Law.parse(law).coefficients
     true = structure(SPRING, ("gap", "m1 m2", law, {name: 0.3 + k for k, name in enumerate(names)}))
-    here = lw.truth_beside(structure(SPRING, SINK), true).link("m2-m1")
+    here = lw.align_truth(structure(SPRING, SINK), true).link("m2-m1")
     d, v = np.random.default_rng(1).normal(size=(2, 50))
     np.testing.assert_allclose(here.force(d, v), -true.link("gap").force(-d, -v), rtol=1e-12, atol=1e-12)
     assert here.between == ("m2", "m1") and here.values["k3"] == 0.0
@@ -60,7 +60,7 @@ def test_a_factor_or_a_number_in_a_law_is_no_other_term() -> None:
     true = structure(("spring", "m1 ground", "30000*d + c*v", {"c": 1.0}), SINK)
     found = structure(("m1-ground", "m1 ground", "k*2*d + c*v", {"k": 15000.0, "c": 1.0}), SINK)
     assert lw.term_score(found, true).exact
-    assert lw.truth_beside(found, true).link("m1-ground").values == pytest.approx(
+    assert lw.align_truth(found, true).link("m1-ground").values == pytest.approx(
         {"k": 15000.0, "c": 1.0}, rel=1e-12
     )
 
@@ -80,10 +80,12 @@ def test_a_coefficient_of_zero_is_no_term() -> None:
 
 def test_a_false_link_has_no_force_in_truth(chain: lw.Structure) -> None:
     stray = ("m2-ground", "m2 ground", "k*d", {"k": 3.0})
-    assert lw.truth_beside(structure(SPRING, SINK, stray), chain).link("m2-ground").values == {"k": 0.0}
+    assert lw.align_truth(structure(SPRING, SINK, stray), chain).link("m2-ground").values == {"k": 0.0}
 
 
 def test_other_masses_cannot_be_compared(chain: lw.Structure) -> None:
     found = structure(SPRING, ("x", "big m1", "k*d", {"k": 1.0}), masses="m1 big")
-    with pytest.raises(lw.StructureError, match="has no mass big, so nothing can be compared; it has m1, m2"):
+    with pytest.raises(
+        lw.StructureError, match="does not have the mass big, so the two cannot be compared; it has m1, m2"
+    ):
         lw.term_score(found, chain)

@@ -11,7 +11,7 @@ from judged import masses
 import linkwise as lw
 from linkwise.discovery import screen as module
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.discover import candidate_pool
+from linkwise.discovery.discover import candidates_for
 from linkwise.discovery.displacements import with_displacements
 from linkwise.discovery.screen import ScreenResult, screen
 from linkwise.weak.displacements import read_displacements
@@ -26,9 +26,9 @@ def chain_record(decibel: float, seed: int) -> lw.Record:
 
 
 def run(record: lw.Record, structure: lw.Structure) -> tuple[ScreenResult, Candidates]:
-    pool = candidate_pool([record], masses(structure), "cubic")
+    pool = candidates_for([record], masses(structure), "cubic")
     seen = with_displacements(record, pool.masses)
-    return screen([seen], [read_displacements(seen, pool.everything)], pool), pool
+    return screen([seen], [read_displacements(seen, pool.full_structure)], pool), pool
 
 
 def elastic(names: frozenset[str], pool: Candidates) -> set[str]:

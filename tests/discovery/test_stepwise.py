@@ -12,7 +12,13 @@ from regressions import Regression
 
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.stepwise import MoveKind, backward_elimination, best, local_search, ranked_moves
+from linkwise.discovery.stepwise import (
+    MoveKind,
+    backward_elimination,
+    best_subset,
+    local_search,
+    ranked_moves,
+)
 
 SIZE = 8
 DRAWS = range(1000, 1040)
@@ -50,11 +56,11 @@ def test_a_move_gains_what_it_says(swaps: bool) -> None:
     assert len(found) == 5 + 3 + 3 * swaps
     before = criterion(quadratic, penalty, chosen)
     for move in found:
-        after = sorted({*chosen, *([] if move.in_ is None else [move.in_])} - {move.out})
+        after = sorted({*chosen, *([] if move.added is None else [move.added])} - {move.dropped})
         assert move.gain == pytest.approx(before - criterion(quadratic, penalty, after), rel=1e-8, abs=1e-8)
 
 
-@pytest.mark.parametrize("search", [local_search, best])
+@pytest.mark.parametrize("search", [local_search, best_subset])
 @pytest.mark.parametrize("start", [[], list(range(SIZE)), [1, 6]], ids=str)
 def test_a_search_ends_where_no_single_move_gains_and_never_above_its_start(
     search: Callable[..., list[int]], start: list[int]
@@ -71,7 +77,7 @@ def test_the_best_of_all_choices_is_found_in_nine_of_ten(start: list[int]) -> No
     found = []
     for seed in DRAWS:
         quadratic, penalty = problem(seed)
-        reached = criterion(quadratic, penalty, best(quadratic, penalty, start))
+        reached = criterion(quadratic, penalty, best_subset(quadratic, penalty, start))
         assert reached >= least(seed) - 1e-9
         found.append(reached < least(seed) + 1e-9)
     assert np.mean(found) >= 0.9
@@ -79,14 +85,14 @@ def test_the_best_of_all_choices_is_found_in_nine_of_ten(start: list[int]) -> No
 
 def test_one_search_alone_is_caught_more_often() -> None:
     """Three starts are there for a reason: on the same draws the first alone misses more."""
-    missed = {local_search: 0, best: 0}
+    missed = {local_search: 0, best_subset: 0}
     for seed in DRAWS:
         quadratic, penalty = problem(seed)
         for search in missed:
             missed[search] += (
                 criterion(quadratic, penalty, search(quadratic, penalty, [])) > least(seed) + 1e-9
             )
-    assert missed[best] < missed[local_search]
+    assert missed[best_subset] < missed[local_search]
 
 
 def test_what_has_no_price_is_never_taken_away_or_added() -> None:
@@ -95,8 +101,8 @@ def test_what_has_no_price_is_never_taken_away_or_added() -> None:
         penalty.term, penalty.link, np.where(np.arange(SIZE) == 3, -1, penalty.pair), penalty.stated
     )
     heavy = Penalty(1e9, 1e9, free.pair, free.stated)
-    assert local_search(quadratic, heavy, [0, 3, 5]) == [3] == best(quadratic, heavy, [0, 3, 5])
-    assert not [move for move in ranked_moves(quadratic, free, [0, 5], swaps=True) if move.in_ == 3]
+    assert local_search(quadratic, heavy, [0, 3, 5]) == [3] == best_subset(quadratic, heavy, [0, 3, 5])
+    assert not [move for move in ranked_moves(quadratic, free, [0, 5], swaps=True) if move.added == 3]
 
 
 def test_a_term_on_a_link_that_stands_is_taken_before_one_on_a_new_link() -> None:
@@ -105,16 +111,16 @@ def test_a_term_on_a_link_that_stands_is_taken_before_one_on_a_new_link() -> Non
     g = np.array([100.0, 4.0, 4.2])
     penalty = Penalty(term=6.0, link=7.0, pair=np.array([0, 0, 1]), stated=frozenset())
     quadratic = QuadraticModel(("spring", "its damper", "a damper elsewhere"), h, g)
-    assert best(quadratic, penalty, [0]) == [0, 1]
-    assert best(quadratic, penalty, [0, 2]) == [0, 1]
+    assert best_subset(quadratic, penalty, [0]) == [0, 1]
+    assert best_subset(quadratic, penalty, [0, 2]) == [0, 1]
 
 
 def test_a_pair_that_is_stated_has_its_link_for_nothing() -> None:
     h, g = np.eye(2), np.array([3.0, 3.0])
     pair = np.array([0, 1])
     quadratic = QuadraticModel(("on a stated link", "on another"), h, g)
-    assert best(quadratic, Penalty(6.0, 7.0, pair, frozenset({0})), []) == [0]
-    assert best(quadratic, Penalty(6.0, 7.0, pair, frozenset()), []) == []
+    assert best_subset(quadratic, Penalty(6.0, 7.0, pair, frozenset({0})), []) == [0]
+    assert best_subset(quadratic, Penalty(6.0, 7.0, pair, frozenset()), []) == []
 
 
 def test_pruned_keeps_what_stands_above_the_limit_and_what_must_stay() -> None:
@@ -143,7 +149,7 @@ def test_columns_that_are_one_and_the_same_do_not_stop_the_search() -> None:
     regression = Regression.drawn(7, size=3)
     doubled = Regression(np.column_stack([regression.columns, regression.columns[:, 1]]), regression.y)
     penalty = Penalty(6.0, 7.0, np.array([0, 1, 2, 3]), frozenset())
-    found = best(doubled.quadratic, penalty, [0, 1])
+    found = best_subset(doubled.quadratic, penalty, [0, 1])
     assert len({1, 3} & set(found)) <= 1
     assert (
         criterion(doubled.quadratic, penalty, found) <= criterion(doubled.quadratic, penalty, [0, 1]) + 1e-9

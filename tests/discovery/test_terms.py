@@ -54,7 +54,7 @@ def test_a_list_reads_as_a_text_does() -> None:
 def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str) -> None:
     number = "(0.01)" if "{}" in FAMILIES[family] else ""
     for term in parse_terms(family + number):
-        law = Law.parse(term.written)
+        law = Law.parse(term.product)
         assert law.coefficients == (term.coefficient,)
         assert law.units[term.coefficient] == term.unit != "?"
         assert float(law.force(0.0, 0.0, {term.coefficient: 1.0})) == 0.0
@@ -62,8 +62,8 @@ def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str) -> N
 
 def test_a_sum_is_multiplied_as_a_whole() -> None:
     (term,) = parse_terms("gap(0.5)")
-    assert term.written == "kc*(max(d - 0.5, 0) + min(d + 0.5, 0))"
-    assert float(Law.parse(term.written).force(2.0, 0.0, {"kc": 3.0})) == 4.5
+    assert term.product == "kc*(max(d - 0.5, 0) + min(d + 0.5, 0))"
+    assert float(Law.parse(term.product).force(2.0, 0.0, {"kc": 3.0})) == 4.5
 
 
 def test_names_that_two_terms_would_share_are_numbered() -> None:
@@ -75,24 +75,24 @@ def test_names_that_two_terms_would_share_are_numbered() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", 'no terms are given; write a list such as "v, d, d**2, d**3"'),
-        (" , ", 'no terms are given; write a list such as "v, d, d**2, d**3"'),
-        ("friction", "the family friction needs the rate in m/s at which it saturates, a positive number in brackets, as in "
+        ("", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
+        (" , ", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
+        ("friction", "the family friction takes the rate in m/s at which it saturates, a positive number in brackets, as in "
          "friction(0.01); got 'friction'"),
-        ("friction(-1)", "needs the rate in m/s at which it saturates, a positive number in brackets, as in friction(0.01); "
+        ("friction(-1)", "takes the rate in m/s at which it saturates, a positive number in brackets, as in friction(0.01); "
          "got 'friction(-1)'"),
-        ("contact(nan)", "the family contact needs the elongation in m, either way, at which it closes, a positive number in "
-         "brackets"),
-        ("gap(0.1", "the family gap needs the elongation in m at which either side closes, a positive number in brackets"),
-        ("cubic(2)", "the family cubic takes no number; got 'cubic(2)'"),
-        ("k*d", "the term 'k*d' has the name 'k' in it: a term is a function of d and v alone, its coefficient is added; give "
-         "a number in its place"),
-        ("qubic", "the term 'qubic' has the name 'qubic' in it"),
+        ("contact(nan)", "the family contact takes the elongation in m, of either sign, at which it closes, a positive "
+         "number in brackets"),
+        ("gap(0.1", "the family gap takes the elongation in m at which either side closes, a positive number in brackets"),
+        ("cubic(2)", "the family cubic takes no argument; got 'cubic(2)'"),
+        ("k*d", "the term 'k*d' contains the name 'k': a term is a function of d and v alone, its coefficient is added; write "
+         "a number"),
+        ("qubic", "the term 'qubic' contains the name 'qubic'"),
         ("qubic", "or one of the families linear, cubic, bistable, quintic, quadratic-damping, friction, contact, gap"),
-        ("linear, d**0.5", "the term 'd**0.5' is no number for some d or v below zero, and links move both ways: write it "
+        ("linear, d**0.5", "the term 'd**0.5' is not a number for some negative d or v, and links move both ways; write it "
          "with abs and sign, as in sign(d)*sqrt(abs(d))"),
-        ("sqrt(v)", "the term 'sqrt(v)' is no number for some d or v below zero"),
-        ("3.0", "the term '3.0' depends neither on d nor on v: a constant force is no link"),
+        ("sqrt(v)", "the term 'sqrt(v)' is not a number for some negative d or v"),
+        ("3.0", "the term '3.0' depends neither on d nor on v; a constant force is not a link"),
     ],
 )  # fmt: skip
 def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str) -> None:
@@ -112,7 +112,9 @@ def test_what_no_law_can_be_is_refused_at_its_place(text: str, told: str) -> Non
 @pytest.mark.parametrize("text", ["d, 2*d", "cubic, d + d**3", "max(d, 0), min(d, 0), d"])
 def test_a_term_that_others_make_up_is_refused(text: str) -> None:
     last = text.split(", ")[-1]
-    with pytest.raises(lw.IdentificationError, match=re.escape(f"the term {last!r} says nothing beside ")):
+    with pytest.raises(
+        lw.IdentificationError, match=re.escape(f"the term {last!r} is a linear combination of ")
+    ):
         parse_terms(text)
 
 

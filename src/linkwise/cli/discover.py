@@ -43,7 +43,7 @@ class PriorOptions:
         return {name: _kilograms(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()}
 
     def keywords(self) -> Mapping[str, str]:
-        """Keyword arguments of `linkwise.discover` and `linkwise.foreseen`; terms that are none are wrong usage."""
+        """Keyword arguments of `linkwise.discover` and `linkwise.check_discovery`; UsageError for invalid terms."""
         if self.terms is None:
             return {}
         try:
@@ -148,7 +148,7 @@ def discover(
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
         step(0.0, "looking at the record")
-        for remark in lw.foreseen(records, masses, **asked):
+        for remark in lw.check_discovery(records, masses, **asked):
             tell(f"note: {remark}")
         found = lw.discover(records, masses, progress=step, **asked)
         if output is not None:

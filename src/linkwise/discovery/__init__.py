@@ -1,3 +1,3 @@
-"""Who is linked to whom, and by which law: choosing among all links and terms that could be (METHODS section 9)."""
+"""Discovery of structures: which links and terms a record shows among all candidates (METHODS section 9)."""
 
 from linkwise.discovery import text as text

@@ -1,4 +1,4 @@
-"""Every link that could be, with every term that it could have, and the structures that a choice among them makes."""
+"""Every link that a structure may have, with every candidate term, and the structures that a selection of them makes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from linkwise.model.structure import Structure
 
 @dataclass(frozen=True)
 class Pair:
-    """Two ends, and the links between them that are `stated`: known to be there, with all their terms."""
+    """Two ends, and the `stated` links between them, which the user knows to be there."""
 
     name: str
     between: tuple[str, str]
@@ -34,15 +34,15 @@ class CandidateTerm:
 
     @property
     def is_damper(self) -> bool:
-        """Whether its force is proportional to v, which every link's is in part, and weak equations hardly see."""
+        """Whether the term is linear damping, which weak equations can hardly judge."""
         return self.term.text == "v"
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All `entries` to choose from among `masses`, between `pairs`, with `terms` each less the `inactive` ones, by name.
+    """All candidate terms between `masses`: every one of `terms` on every one of `pairs`, except the `inactive` ones.
 
-    What is stated stays.
+    Stated links are part of every structure; `inactive` holds names of candidates.
     """
 
     masses: tuple[Mass, ...]
@@ -52,7 +52,7 @@ class Candidates:
 
     @cached_property
     def entries(self) -> tuple[CandidateTerm, ...]:
-        """Those of one pair stand together, in the order of `terms`."""
+        """The candidates, pair by pair, in the order of `terms`."""
         return tuple(
             CandidateTerm(name, number, term)
             for number, pair in enumerate(self.pairs)
@@ -62,79 +62,79 @@ class Candidates:
 
     @cached_property
     def by_name(self) -> Mapping[str, CandidateTerm]:
-        """The entries by their names."""
+        """The candidates by their names."""
         return {entry.name: entry for entry in self.entries}
 
-    def sharing(self, names: Collection[str]) -> frozenset[str]:
-        """The names of all entries of the links that some entries are of."""
+    def on_links_of(self, names: Collection[str]) -> frozenset[str]:
+        """The names of all candidates on the links that have at least one of the candidates in `names`."""
         linked = {self.by_name[name].pair for name in names if name in self.by_name}
         return frozenset(entry.name for entry in self.entries if entry.pair in linked)
 
     def structure(self, chosen: Collection[str], name: str = "discovered structure") -> Structure:
-        """What is stated and the `chosen` entries, by name, with unknown coefficients.
+        """The structure of the stated links and the `chosen` candidates, by name, with unknown coefficients.
 
-        Raises IdentificationError where a mass would hang in the air.
+        Raises IdentificationError if a mass has no link.
         """
         kept: dict[int, list[Term]] = {}
         for entry in self.entries:
             if entry.name in chosen:
                 kept.setdefault(entry.pair, []).append(entry.term)
         links = [
-            link for number, pair in enumerate(self.pairs) for link in _joined(pair, kept.get(number, []))
+            link for number, pair in enumerate(self.pairs) for link in _links(pair, kept.get(number, []))
         ]
-        held = {end for link in links for end in link.between}
-        loose = [mass.name for mass in self.masses if mass.name not in held]
-        if loose:
+        linked = {end for link in links for end in link.between}
+        free = [mass.name for mass in self.masses if mass.name not in linked]
+        if free:
             raise IdentificationError(
-                f"nothing in this record shows what holds {', '.join(loose)}: no term of any link to it stands above the "
-                "noise. Hit it harder, record for longer or offer more terms; a mass that is known to be held so is stated in "
-                "a structure file"
+                f"no link to {', '.join(free)} was found: none of its terms is above the noise. Excite the structure more "
+                "strongly, record for longer or offer more terms; a link that is known to be there can be stated in a "
+                "structure file"
             )
         return Structure(name, self.masses, tuple(links))
 
-    def without(self, masses: Collection[str]) -> Candidates:
-        """The same without some masses, except those that a stated link ends at."""
-        held = {end for pair in self.pairs for link in pair.stated for end in link.between}
-        gone = set(masses) - held
-        if not gone:
+    def without_masses(self, masses: Collection[str]) -> Candidates:
+        """The candidates without some masses; masses at the end of a stated link stay."""
+        stated = {end for pair in self.pairs for link in pair.stated for end in link.between}
+        removed = set(masses) - stated
+        if not removed:
             return self
         return replace(
             self,
-            masses=tuple(mass for mass in self.masses if mass.name not in gone),
-            pairs=tuple(pair for pair in self.pairs if gone.isdisjoint(pair.between)),
+            masses=tuple(mass for mass in self.masses if mass.name not in removed),
+            pairs=tuple(pair for pair in self.pairs if removed.isdisjoint(pair.between)),
         )
 
     @cached_property
-    def everything(self) -> Structure:
-        """All entries chosen."""
+    def full_structure(self) -> Structure:
+        """The structure of all candidates."""
         return self.structure(self.by_name.keys())
 
 
-def candidates(
+def all_candidates(
     masses: Sequence[Mass], terms: Sequence[Term], *, stated: Sequence[Link] = (), base: bool = False
 ) -> Candidates:
-    """Every pair of `masses` and every mass with the ground, and with the base where that moves.
+    """The candidates between every pair of `masses`, every mass and the ground, and, with `base`, every mass and the base.
 
-    The links of `stated` are known to be there with their laws; other terms may join them, except those whose coefficient is
-    a number there, 0 for a term that is known not to be. A link whose law is 0 is known not to be there. Raises StructureError
-    for a stated link to something that is no mass, and for a mass that stands twice or is unknown.
+    Links of `stated` are known to be there with their laws; other terms may join them, except terms whose coefficient is a
+    number there (0 excludes a term). A link whose law is 0 is known not to be there. Raises StructureError for a stated
+    link to something that is not a mass, and for a mass that is listed twice or unknown.
     """
-    _require_numbers(masses)
+    _require_known_masses(masses)
     names = {mass.name for mass in masses}
     known: dict[frozenset[str], list[Link]] = {}
     for link in stated:
         strange = [end for end in link.between if end not in names and end not in (GROUND, BASE)]
         if strange:
             raise StructureError(
-                f'"{strange[0]}" is neither a mass nor "ground" nor "base"; the masses are {", ".join(sorted(names))}',
+                f'"{strange[0]}" is not a mass; choose from "ground", "base" and the masses {", ".join(sorted(names))}',
                 f'link "{link.name}"',
             )
         known.setdefault(frozenset(link.between), []).append(link)
-    held = (BASE, GROUND) if base or any(BASE in link.between for link in stated) else (GROUND,)
+    supports = (BASE, GROUND) if base or any(BASE in link.between for link in stated) else (GROUND,)
     taken = {link.name for links in known.values() for link in links}
     pairs = []
     for number, mass in enumerate(masses):
-        for other in (*held, *(each.name for each in masses[:number])):
+        for other in (*supports, *(earlier.name for earlier in masses[:number])):
             links = tuple(known.get(frozenset((mass.name, other)), ()))
             if any(link.law.expression == Number(0.0) for link in links):
                 continue
@@ -149,39 +149,41 @@ def candidates(
     return Candidates(tuple(masses), tuple(pairs), tuple(terms))
 
 
-def _require_numbers(masses: Sequence[Mass]) -> None:
-    """StructureError for a mass that stands twice, or whose number is not known."""
+def _require_known_masses(masses: Sequence[Mass]) -> None:
+    """StructureError for a mass that is listed twice or unknown."""
     names = [mass.name for mass in masses]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
         raise StructureError(
-            f"the name is used {names.count(twice[0])} times; each mass needs its own", f'mass "{twice[0]}"'
+            f"the name is used {names.count(repeated[0])} times; each mass needs its own",
+            f'mass "{repeated[0]}"',
         )
     unknown = [mass.name for mass in masses if not mass.mass.known]
     if unknown:
         raise StructureError(
-            "it is unknown, and links are discovered between masses that are known, in their ratios at least; weigh it, or "
-            "identify it in a structure that you write down",
+            "the mass is unknown, and discovery needs all masses, at least in their ratios; weigh it, or identify it in a "
+            "structure of known links",
             f'mass "{unknown[0]}"',
         )
 
 
 def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
-    """The terms that the stated links of a pair do not have, under names that they do not use."""
+    """The terms that the stated links of a pair do not have, with coefficient names that those do not use."""
     taken = {name for link in pair.stated for name in link.law.coefficients}
-    there = {basis for link in pair.stated for basis in link.law.basis.values()}
-    left = [term for term in terms if term.law.expression not in there]
+    stated = {basis for link in pair.stated for basis in link.law.basis.values()}
+    candidates = [term for term in terms if term.law.expression not in stated]
     return [
-        Term(term.text, f"{term.coefficient}_added") if term.coefficient in taken else term for term in left
+        Term(term.text, f"{term.coefficient}_added") if term.coefficient in taken else term
+        for term in candidates
     ]
 
 
-def _joined(pair: Pair, terms: Sequence[Term]) -> tuple[Link, ...]:
-    """The links of a pair: those stated, the first of them with the chosen `terms` beside its own."""
+def _links(pair: Pair, terms: Sequence[Term]) -> tuple[Link, ...]:
+    """The links of a pair: the stated ones, with the chosen `terms` added to the law of the first."""
     if not terms:
         return pair.stated
     ordered = sorted(terms, key=lambda term: not term.elastic)
-    text = " + ".join(term.written for term in ordered)
+    text = " + ".join(term.product for term in ordered)
     new = {term.coefficient: Coefficient.unknown() for term in ordered}
     if not pair.stated:
         return (Link(pair.name, pair.between, Law.parse(text), new),)

@@ -1,13 +1,20 @@
-"""What a model costs beside its misfit: the extended Bayesian information criterion, on links and terms.
+"""The penalty on the size of a model: the extended Bayesian information criterion, on links and terms.
 
-Schwarz (1978) asks ln N of every coefficient; with hundreds of candidates something false then gets in by chance, so the
-choice itself has to be paid for as well (Chen and Chen 2008): a term costs the naming of one among its link's, a link the
-naming of one among all pairs and, being more than its first term, another ln N. So a second term on a link costs less than a
-new link, and a damper belongs where a spring stands.
+Schwarz's criterion costs ln N for each coefficient; with hundreds of candidates some false ones then enter by chance, so the
+extended criterion adds the cost of the choice itself. Here a term costs the choice of one among the terms of its link. A link
+costs, on top of its first term, another ln N and the choice of one among all pairs, so that a second term on a link costs less
+than a new link.
+
+References
+----------
+G. Schwarz, "Estimating the dimension of a model", Ann. Statist. 6 (1978).
+J. Chen and Z. Chen, "Extended Bayesian information criteria for model selection with large model spaces", Biometrika 95
+(2008).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +25,10 @@ from linkwise.discovery.candidates import Candidates
 
 @dataclass(frozen=True, eq=False)
 class Penalty:
-    """`term` and `link` in units of -2 log likelihood; `pair` (p,) the pair of each coefficient, -1 for what is not chosen.
+    """The penalties of a `term` and of a `link`, in units of -2 log likelihood.
 
-    `stated` pairs have a link whatever is chosen.
+    `pair` (p,) is the number of the pair that each coefficient belongs to, -1 for coefficients that are not selected and cost
+    nothing; the links of `stated` pairs cost nothing either.
     """
 
     term: float
@@ -30,7 +38,7 @@ class Penalty:
 
     @classmethod
     def of(cls, candidates: Candidates, names: tuple[str, ...], samples: int) -> Penalty:
-        """For coefficients of these names, those that are no candidates being free, and a record of so many samples."""
+        """The penalty for coefficients called `names` and records of `samples` samples in all."""
         by_name = candidates.by_name
         pairs = [by_name[name].pair if name in by_name else -1 for name in names]
         return cls(
@@ -41,7 +49,11 @@ class Penalty:
         )
 
     def total(self, chosen: list[int]) -> float:
-        """Of a choice, by numbers of its coefficients."""
+        """The penalty of a model with the coefficients `chosen`, by number."""
         pairs = self.pair[chosen]
         links = set(pairs.tolist()) - {-1} - self.stated
         return self.term * int(np.sum(pairs >= 0)) + self.link * len(links)
+
+    def pairs_of(self, chosen: Iterable[int]) -> set[int]:
+        """The numbers of the pairs that the coefficients `chosen` belong to."""
+        return {int(self.pair[k]) for k in chosen} - {-1}

@@ -1,4 +1,7 @@
-"""What can be foreseen of a discovery before any time is spent: masses at rest or alike, short records, no motion at all."""
+"""What can be said of a discovery before any time is spent.
+
+Masses at rest or moving together, records that are too short, no motion at all, candidate terms that were never active.
+"""
 
 from __future__ import annotations
 
@@ -6,157 +9,215 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+from scipy.sparse.csgraph import connected_components
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
+from linkwise.model.link import BASE, GROUND
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
+from linkwise.weak.displacements import MeasuredDisplacements
 
-_REST = 0.1  # of the noise's power: less motion than this is not seen (-10 dB)
-_FAINT = 3.0  # (5 dB): less tells little
-_APART = 30.0  # times the noise's power (15 dB) that the difference of two motions should have
-_ALIKE = 0.05  # of the smaller motion's power: a difference below it is what a stiff link leaves
-_FEWEST = 4  # samples a candidate, over all masses: below it a regression on all of them fits noise
-_FEW = 20
+_AT_REST = 0.1  # of the noise power (-10 dB): a motion below it cannot be seen
+_FAINT = 3.0  # times the noise power (5 dB): a motion below it determines little
+_SEPARATE = 30.0  # times the noise power (15 dB) that the difference of two motions should have
+_STIFF = 0.05  # of the power of the smaller motion: two masses on a stiff link differ by less
+_LEAST_SAMPLES = 4  # per candidate, over all masses: below it a regression on all candidates fits noise
+_ENOUGH_SAMPLES = 20
+_LEAST_ACTIVE = (
+    8  # samples in which a term is not zero: noise alone gives a few beyond the range of the motion
+)
+_NAMED = 6  # terms that a remark names
 
 
 @dataclass(frozen=True)
 class DataChecks:
-    """`told` in sentences; `resting` masses did not move, `alike` ones so much like another that links may be exchanged."""
+    """What the records cannot show, as sentences in `remarks`, and the masses concerned.
 
-    told: tuple[str, ...]
-    resting: tuple[str, ...]
-    alike: tuple[str, ...]
+    Masses `at_rest` did not move. Masses that are `collinear` moved so much like another one that links to either can be
+    exchanged.
+    """
+
+    remarks: tuple[str, ...]
+    at_rest: tuple[str, ...]
+    collinear: tuple[str, ...]
 
 
 def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
-    """What these records will not tell.
+    """What these records cannot show of the candidates.
 
-    Raises IdentificationError where they can tell nothing: a mass without a sensor, no motion above the noise, fewer samples
-    than a regression on all candidates needs.
+    Raises IdentificationError if nothing can be discovered: a mass without a sensor, a moving base without its displacement,
+    no motion above the noise, fewer samples than a regression on all candidates needs.
     """
     names = [mass.name for mass in candidates.masses]
     _require_sensors(records, names)
-    _require_base(records)
-    ratio = np.max([_motion(record, names) for record in records], axis=0)
-    resting = [name for name, each in zip(names, ratio, strict=True) if each < _REST]
-    if len(resting) == len(names):
+    _require_base_displacement(records)
+    ratios = np.max([_signal_to_noise(record, names) for record in records], axis=0)
+    at_rest = [name for name, ratio in zip(names, ratios, strict=True) if ratio < _AT_REST]
+    if len(at_rest) == len(names):
         raise IdentificationError(
-            "there is no motion above the noise in any channel, so no structure to be found: hit the structure harder, "
-            "or check the sensors' range and units"
+            "there is no motion above the noise in any channel, so no structure can be found; excite the structure more "
+            "strongly, or check the range and the units of the sensors"
         )
-    samples = sum(len(record) for record in records) * len(names)
-    needed = len(candidates.entries)
-    if samples < _FEWEST * needed:
-        raise IdentificationError(
-            f"the record is too short: {samples} samples over {len(names)} masses for {needed} candidates, and {_FEWEST} a "
-            f"candidate are the least; record {-(-_FEWEST * needed // len(names))} samples or more, or allow fewer terms"
+    remarks = []
+    if at_rest:
+        pronoun = _pronoun(at_rest)
+        remarks.append(
+            f"{_enumerate(at_rest)} did not move above the noise and {_is(at_rest)} left out: a link to {pronoun} looks like "
+            f"one to the ground. Excite the structure nearer to {pronoun}."
         )
-    told = []
-    if resting:
-        told.append(
-            f"{_listed(resting)} did not move above the noise and {'is' if len(resting) == 1 else 'are'} left out: a link to "
-            f"{_them(resting)} looks like one to the ground. Hit nearer to {_them(resting)}."
-        )
-    faint = [name for name, each in zip(names, ratio, strict=True) if _REST <= each < _FAINT]
+    faint = [name for name, ratio in zip(names, ratios, strict=True) if _AT_REST <= ratio < _FAINT]
     if faint:
-        told.append(
-            f"{_listed(faint)} hardly moved above the noise: weak terms of links there will be missed."
+        remarks.append(
+            f"{_enumerate(faint)} hardly moved above the noise: weak terms of links there will be missed."
         )
-    if samples < _FEW * needed:
-        told.append(
-            f"{samples} samples for {needed} candidates are few: weak terms will be missed; record for longer."
+    remarks += _check_length(records, candidates)
+    collinear: list[str] = []
+    for group, ratio in _collinear_groups(records, [name for name in names if name not in at_rest]):
+        level = (
+            f"down to {10.0 * np.log10(ratio):.0f} dB above the noise" if ratio > 1.0 else "below the noise"
         )
-    moving = [name for name in names if name not in resting]
-    apart = _apart_all(records, moving)
-    alike: list[str] = []
-    for group, least in _groups(moving, apart):
-        apart_by = (
-            f"down to {10.0 * np.log10(least):.0f} dB above the noise" if least > 1.0 else "lost in the noise"
+        remarks.append(
+            f"{_enumerate(group)} moved together, with differences {level}: a link to one of them may be found as a link to "
+            "another. Excite them one at a time."
         )
-        told.append(
-            f"{_listed(group)} moved alike, with differences {apart_by}: a link to one of them may be told as a link to "
-            "another. Hit them one by one."
-        )
-        alike += group
-    return DataChecks(tuple(told), tuple(resting), tuple(alike))
+        collinear += group
+    return DataChecks(tuple(remarks), tuple(at_rest), tuple(collinear))
+
+
+def inactive_terms(
+    motions: Sequence[MeasuredDisplacements], rates: Sequence[float], candidates: Candidates
+) -> tuple[str, ...]:
+    """The names of candidates that were zero throughout `motions`, sampled at `rates` in Hz, but for a few samples.
+
+    A stop that no motion reached is such a term; no record of these determines it.
+    """
+    names = (*(mass.name for mass in candidates.masses), BASE, GROUND)
+    row = {name: number for number, name in enumerate(names)}
+    inactive = []
+    for entry in candidates.entries:
+        if not entry.term.law.kinks:  # a smooth term is zero at isolated points only
+            continue
+        first, second = (row[end] for end in candidates.pairs[entry.pair].between)
+        active = 0
+        for motion, rate in zip(motions, rates, strict=True):
+            d = motion.ends[first] - motion.ends[second]
+            present = np.ones(len(d), dtype=bool)
+            if motion.missing is not None:
+                for end in {first, second} & set(range(len(motion.missing))):
+                    present &= ~motion.missing[end]
+            force = entry.term.law.force(d, np.gradient(d) * rate, {})
+            active += int(np.count_nonzero(np.broadcast_to(force, d.shape)[present]))
+        if active < _LEAST_ACTIVE:
+            inactive.append(entry.name)
+    return tuple(inactive)
+
+
+def inactive_remark(names: Sequence[str]) -> tuple[str, ...]:
+    """A sentence on the candidates `names` that were inactive, if there are any."""
+    if not names:
+        return ()
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (
+        f"{', '.join(names[:_NAMED])}{more} were never active in this record and are left out; record a motion that "
+        "reaches them.",
+    )
 
 
 def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
     for record in records:
-        blind = [name for name in names if not any(f"{kind}:{name}" in record.channels for kind in "xva")]
-        if blind:
+        unseen = [name for name in names if not any(f"{kind}:{name}" in record.channels for kind in "xva")]
+        if unseen:
             raise IdentificationError(
-                f"no sensor shows {_listed(blind)}: links cannot be discovered around a motion that nobody saw. Add a channel "
-                f"x:{blind[0]}, map a column to it with --channel, or identify a structure that you write down"
+                f"no channel measures the motion of {_enumerate(unseen)}, and links to a mass that is not measured cannot be "
+                f"discovered; add a channel x:{unseen[0]}, or identify a structure of known links"
             )
 
 
-def _require_base(records: Sequence[Record]) -> None:
-    """What moves the base is no input without its displacement, and links to a base that is left out are found elsewhere."""
+def _require_base_displacement(records: Sequence[Record]) -> None:
+    """IdentificationError if the base moves and its displacement, the input of links to it, was not measured."""
     for record in records:
         moving = [name for name in ("v:base", "a:base") if name in record.channels]
         if moving and "x:base" not in record.channels:
             raise IdentificationError(
-                f"the record has {' and '.join(moving)} but not the displacement of the base, which links to it need: give a "
-                "channel x:base, or leave the base out where nothing hangs on it"
+                f"the record has {' and '.join(moving)} but not the displacement of the base, which links to it need; add a "
+                "channel x:base, or leave out the base if no link ends there"
             )
 
 
-def _motion(record: Record, names: Sequence[str]) -> list[float]:
-    """The power of the motion of every mass over that of its noise, in its best channel."""
+def _check_length(records: Sequence[Record], candidates: Candidates) -> list[str]:
+    """A remark on a short record; IdentificationError for one that is too short."""
+    masses, needed = len(candidates.masses), len(candidates.entries)
+    samples = sum(len(record) for record in records) * masses
+    if samples < _LEAST_SAMPLES * needed:
+        raise IdentificationError(
+            f"the record is too short: {samples} samples over {masses} masses for {needed} candidates, which need at least "
+            f"{_LEAST_SAMPLES} each; record {-(-_LEAST_SAMPLES * needed // masses)} samples or more, or offer fewer terms"
+        )
+    if samples < _ENOUGH_SAMPLES * needed:
+        return [
+            f"{samples} samples for {needed} candidates are few: weak terms will be missed; record for longer."
+        ]
+    return []
+
+
+def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
+    """The power of the motion of each mass over that of the noise, in its best channel."""
     noise = channel_noise(record)
-    found = []
+    best = []
     for name in names:
         channels = [f"{kind}:{name}" for kind in "xva" if f"{kind}:{name}" in record.channels]
         ratios = [
             _power(record.channel(channel)) / noise[channel] ** 2 - 1.0 if noise[channel] > 0.0 else 0.0
             for channel in channels
         ]
-        found.append(max(ratios, default=0.0))
-    return found
+        best.append(max(ratios, default=0.0))
+    return best
 
 
-def _apart_all(records: Sequence[Record], names: Sequence[str]) -> Floats:
-    """(n, n) below the diagonal: the most that two masses' difference stands above its noise in any record, in power."""
-    apart = np.full((len(names), len(names)), np.inf)
-    for number, one in enumerate(names):
-        for place, other in enumerate(names[:number]):
-            apart[number, place] = max(_apart(record, f"x:{one}", f"x:{other}") for record in records)
-    return apart
+def _collinear_groups(records: Sequence[Record], names: Sequence[str]) -> list[tuple[list[str], float]]:
+    """Groups of masses whose displacements differ by little more than noise in all records.
 
-
-def _groups(names: Sequence[str], apart: Floats) -> list[tuple[list[str], float]]:
-    """Groups of masses whose displacements differ by little more than noise in all records, and the least ratio of powers."""
-    count, group = scipy.sparse.csgraph.connected_components(apart < _APART, directed=False)
-    members = [np.flatnonzero(group == each).tolist() for each in range(count)]
+    With each group the least ratio of the power of a difference to that of the noise.
+    """
+    ratios = np.full((len(names), len(names)), np.inf)
+    for row, first in enumerate(names):
+        for column, second in enumerate(names[:row]):
+            ratios[row, column] = max(
+                _difference_to_noise(record, f"x:{first}", f"x:{second}") for record in records
+            )
+    count, label = connected_components(ratios < _SEPARATE, directed=False)
+    groups = [np.flatnonzero(label == number).tolist() for number in range(count)]
     return [
-        ([names[place] for place in each], float(apart[np.ix_(each, each)].min()))
-        for each in members
-        if len(each) > 1
+        ([names[member] for member in group], float(ratios[np.ix_(group, group)].min()))
+        for group in groups
+        if len(group) > 1
     ]
 
 
-def _apart(record: Record, one: str, other: str) -> float:
-    """Power of the difference over that of its noise; infinite where the motions are not alike."""
-    if one not in record.channels or other not in record.channels:
+def _difference_to_noise(record: Record, first: str, second: str) -> float:
+    """The power of the difference of two channels over that of its noise; infinite if the motions clearly differ."""
+    if first not in record.channels or second not in record.channels:
         return np.inf
-    noise = channel_noise(record.select((one, other)))
-    variance = noise[one] ** 2 + noise[other] ** 2
-    difference = _power(record.channel(one) - record.channel(other)) - variance
-    least = min(_power(record.channel(name)) - noise[name] ** 2 for name in (one, other))
-    return float(difference / variance) if difference < _ALIKE * least and variance > 0.0 else np.inf
+    noise = channel_noise(record.select((first, second)))
+    variance = noise[first] ** 2 + noise[second] ** 2
+    difference = _power(record.channel(first) - record.channel(second)) - variance
+    smaller = min(_power(record.channel(name)) - noise[name] ** 2 for name in (first, second))
+    return float(difference / variance) if difference < _STIFF * smaller and variance > 0.0 else np.inf
 
 
 def _power(values: Floats) -> float:
     return float(np.nanmean((values - np.nanmean(values)) ** 2))
 
 
-def _listed(names: Sequence[str]) -> str:
+def _enumerate(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _them(names: Sequence[str]) -> str:
+def _is(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"
+
+
+def _pronoun(names: Sequence[str]) -> str:
     return "it" if len(names) == 1 else "them"

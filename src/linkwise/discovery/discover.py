@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.candidates import Candidates, candidates
-from linkwise.discovery.data_checks import check_data
+from linkwise.discovery.candidates import Candidates, all_candidates
+from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
 from linkwise.discovery.displacements import with_displacements
-from linkwise.discovery.evidence import evidence, exchange_remarks, path, runners_up
-from linkwise.discovery.inactive_terms import inactive_remark, inactive_terms
+from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
 from linkwise.discovery.result import Discovery
-from linkwise.discovery.screen import screen, weak_start
+from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.selection import Selection, select_structure
-from linkwise.discovery.spanning_tree import tree
+from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
@@ -40,16 +39,16 @@ from linkwise.weak.estimate import weak_search
 
 Tell = Callable[[float, str], None]
 
-_SCREENED = 0.1  # of the bar, when the screen is done
-_SUMMED = (
-    "Some displacements were summed up from velocities or accelerations, which lose their constants: links or terms may be "
+_SCREENED = 0.1  # of the progress, when the screen is done
+_INTEGRATED = (
+    "Some displacements were integrated from velocities or accelerations, without their constants: links or terms may be "
     "false. Measure displacements, or check the structure with identify on a second record."
 )
 _INEXACT = (
-    "No choice among the terms on offer leaves only noise, so those found may stand in for others: offer more terms, and "
-    "check the units and the zeros of the channels, and the masses."
+    "No selection of the terms that were offered leaves only noise, so those found may stand in for others: offer more terms, "
+    "and check the units and the zeros of the channels, and the masses."
 )
-_UNSETTLED = "The search for the structure did not settle: the links are the best so far."
+_UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
 
 
 def discover(
@@ -59,86 +58,124 @@ def discover(
     terms: str | Sequence[str] = DEFAULT,
     progress: Tell = lambda fraction, now: None,
 ) -> Discovery:
-    """The structure behind `record`, or behind several records of it, with no prior but the masses (METHODS section 9).
+    """Discover which masses are linked, and by which law, from records and the masses alone.
 
-    `masses` are their values by name, in kg or with a unit ("10 g"); a Structure or a Known in their place also says which
-    links and terms are known to be there (they stay) and which are not (a law or a coefficient of 0). `terms` are what any
-    link may have, as text: functions of d and v, or families of them ("cubic, friction(0.01)"). `progress` is told the
-    fraction done and the stage.
+    All terms are candidates on the links between every pair of masses, every mass and the ground, and every mass and a
+    recorded base. A weak form screens them, maximum likelihood and an extended BIC select (METHODS section 9).
 
-    Raises IdentificationError where the records cannot tell: a mass without a sensor, a base that moves without its
-    displacement, no motion above the noise, too few samples, a mass that nothing seems to hold.
+    Parameters
+    ----------
+    record : Record or sequence of Record
+        One or several records of the structure. Every mass needs a channel of its displacement (m), velocity (m/s) or
+        acceleration (m/s2); only measured displacements give an answer to be trusted.
+    masses : mapping of str to float or str, Structure or Known
+        The masses by name, in kg or with a unit ("10 g"). A Structure or a Known also states links: those links and terms
+        are part of the answer, except links whose law is 0 and terms whose coefficient is 0, which are known to be absent.
+    terms : str or sequence of str
+        The candidate terms, as `parse_terms` reads them.
+    progress : callable
+        Called with the fraction done (0 to 1) and the name of the stage.
+
+    Returns
+    -------
+    Discovery
+        The structure with intervals, the evidence for each term, and the next best models.
+
+    Raises
+    ------
+    IdentificationError
+        If the records determine no structure: a mass without a sensor, a moving base without its displacement, no motion
+        above the noise, too few samples, or a mass to which no link was found.
+    StructureError
+        If a mass is listed twice or unknown, or a stated link ends at something that is not a mass.
+    LawError
+        If a term is not a valid expression.
+
+    See Also
+    --------
+    check_discovery : What the records cannot show, before any time is spent.
+    term_score : Compare a discovered structure with the true one.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": "10 g"})
+    >>> [(link.name, link.law.text) for link in found.structure.links]
+    [('m1-ground', 'k*d + c*v'), ('m2-m1', 'k*d + k3*d**3 + c*v')]
+    >>> found.trusted
+    True
     """
-    begun = perf_counter()
+    started = perf_counter()
     records = [record] if isinstance(record, Record) else list(record)
-    pool = candidate_pool(records, masses, terms)
-    ahead = check_data(records, pool)
-    pool, remarks = pool.without(ahead.resting), ahead.told
-    records = [_of(each, pool.masses) for each in records]
-    progress(0.0, f"screening {len(pool.entries)} candidates")
+    candidates = candidates_for(records, masses, terms)
+    checks = check_data(records, candidates)
+    candidates = candidates.without_masses(checks.at_rest)
+    records = [_channels_of(each, candidates.masses) for each in records]
+    progress(0.0, f"screening {len(candidates.entries)} candidates")
     with one_blas_thread():
-        shown = [with_displacements(each, pool.masses) for each in records]
-        motions = [read_displacements(each, pool.everything) for each in shown]
-        inactive = inactive_terms(motions, [each.rate for each in shown], pool)
-        pool, remarks = replace(pool, inactive=frozenset(inactive)), (*remarks, *inactive_remark(inactive))
-        seen = all(each is other for each, other in zip(shown, records, strict=True))
-        sieve = screen(shown, motions, pool)
-        first = sieve.kept if seen else tree(shown, motions, pool) or sieve.kept
-    found = select_structure(
+        screened = _Screened.of(records, candidates)
+    selection = select_structure(
         records,
-        pool,
-        first,
-        tested=sieve.tested,
-        start=lambda structure: _start(records, shown, motions, structure),
-        report=lambda number, done: progress(*_stage(number, done)),
+        screened.candidates,
+        screened.first,
+        tested=screened.result.tested,
+        start=lambda structure: _start(records, screened, structure),
+        report=lambda number, step: progress(*_stage(number, step)),
     )
-    fit = _finished(records, found)
-    estimate = estimate_of(fit, found.structure, records)
-    search = [
-        (fit.model_error > 0.0, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
-        (not seen, Verdict.DISPLACEMENTS_INTEGRATED, _SUMMED),
-        (not found.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
-    ]
-    verdicts = (*estimate.verdicts, *(verdict for holds, verdict, _ in search if holds))
-    remarks = (
-        *(remark for holds, _, remark in search if holds),
-        *remarks,
-        *_dropped_unseen(len(pool.entries) - len(sieve.tested)),
-        *(exchange_remarks(found) if estimate.trusted and found.settled else ()),
-    )
-    seconds = perf_counter() - begun
-    return Discovery(
-        estimate=replace(estimate, seconds=seconds),
-        terms=evidence(found, pool, trusted=is_trusted(verdicts), alike=ahead.alike),
-        path=path(found),
-        runners_up=runners_up(found),
-        remarks=remarks,
-        verdicts=verdicts, rounds=found.rounds, seconds=seconds,
-    )  # fmt: skip
+    discovery = _discovery(records, checks, screened, selection)
+    seconds = perf_counter() - started
+    return replace(discovery, estimate=replace(discovery.estimate, seconds=seconds), seconds=seconds)
 
 
-def foreseen(
+def check_discovery(
     record: Record | Sequence[Record],
     masses: Mapping[str, float | str] | Structure | Known,
     *,
     terms: str | Sequence[str] = DEFAULT,
 ) -> tuple[str, ...]:
-    """What `discover` will not be able to tell from these records, in sentences, before any time is spent.
+    """Check whether records suffice to discover a structure, before any time is spent.
 
-    Raises what `discover` would raise at once.
+    Parameters
+    ----------
+    record : Record or sequence of Record
+        As in `discover`.
+    masses : mapping of str to float or str, Structure or Known
+        As in `discover`, in kg.
+    terms : str or sequence of str
+        As in `discover`.
+
+    Returns
+    -------
+    tuple of str
+        A sentence for everything that `discover` will not be able to decide from these records; none if they suffice.
+
+    Raises
+    ------
+    IdentificationError, StructureError, LawError
+        As `discover` raises them before its search.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.05, rate=1000.0).with_noise(40.0, seed=1)
+    >>> lw.check_discovery(record, {"m1": 1.0, "m2": 0.01})
+    ('102 samples for 12 candidates are few: weak terms will be missed; record for longer.',)
     """
     records = [record] if isinstance(record, Record) else list(record)
-    return check_data(records, candidate_pool(records, masses, terms)).told
+    return check_data(records, candidates_for(records, masses, terms)).remarks
 
 
-def candidate_pool(
+def candidates_for(
     records: Sequence[Record],
     masses: Mapping[str, float | str] | Structure | Known,
     terms: str | Sequence[str],
 ) -> Candidates:
     """All candidates between the masses of the records."""
     if not records:
-        raise IdentificationError("there is no record to discover from")
+        raise IdentificationError("discovery needs at least one record, got none")
     if isinstance(masses, Structure | Known):
         given, stated = masses.masses, masses.links
     else:
@@ -148,10 +185,10 @@ def candidate_pool(
         stated = ()
     if not given:
         raise IdentificationError(
-            'there is no mass to link: give them by name, as in {"m1": 1.0, "m2": "10 g"}'
+            'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
         )
-    moved = any("x:base" in record.channels for record in records)
-    return candidates(given, parse_terms(terms), stated=stated, base=moved)
+    base_moves = any("x:base" in record.channels for record in records)
+    return all_candidates(given, parse_terms(terms), stated=stated, base=base_moves)
 
 
 def _kilograms(name: str, value: float | str) -> float:
@@ -161,64 +198,127 @@ def _kilograms(name: str, value: float | str) -> float:
         raise StructureError(str(error), f'mass "{name}"') from error
 
 
-def _dropped_unseen(count: int) -> tuple[str, ...]:
-    """What to say of candidates that the screen left out, if there are any."""
-    if not count:
-        return ()
-    return (
-        f"{count} candidates that stood out of the noise in the equation of neither of their masses were dropped "
-        "without a test by likelihood.",
-    )
-
-
-def _of(record: Record, masses: Sequence[Mass]) -> Record:
-    """`record` without the channels of other masses; itself where it has none."""
+def _channels_of(record: Record, masses: Sequence[Mass]) -> Record:
+    """`record` without the channels of other masses; the same object if it has none."""
     names = {BASE, *(mass.name for mass in masses)}
     kept = [channel for channel in record.channels if Channel.parse(channel).mass in names]
     return record if len(kept) == len(record.channels) else record.select(kept)
 
 
+@dataclass(frozen=True, eq=False)
+class _Screened:
+    """The weak screen of some `records`, which have displacements of all masses, and the subset that a search starts from.
+
+    `integrated` says whether some displacement was not measured; `remarks` are sentences on candidates that are not tested by
+    likelihood.
+    """
+
+    records: Sequence[Record]
+    motions: Sequence[MeasuredDisplacements]
+    candidates: Candidates
+    integrated: bool
+    result: ScreenResult
+    first: frozenset[str]
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def of(cls, records: Sequence[Record], candidates: Candidates) -> _Screened:
+        """Screen what the records show of the candidates, less those that were never active."""
+        placed = [with_displacements(record, candidates.masses) for record in records]
+        motions = [read_displacements(record, candidates.full_structure) for record in placed]
+        inactive = inactive_terms(motions, [record.rate for record in placed], candidates)
+        candidates = replace(candidates, inactive=frozenset(inactive))
+        integrated = any(ours is not given for ours, given in zip(placed, records, strict=True))
+        result = screen(placed, motions, candidates)
+        first = result.kept
+        if integrated:
+            first = most_significant_tree(placed, motions, candidates) or result.kept
+        untested = len(candidates.entries) - len(result.tested)
+        remarks = (*inactive_remark(inactive), *_untested_remark(untested))
+        return cls(placed, motions, candidates, integrated, result, first, remarks)
+
+
+def _untested_remark(count: int) -> tuple[str, ...]:
+    """A sentence on the candidates that the screen dropped, if there are any."""
+    if not count:
+        return ()
+    return (
+        f"{count} candidates that were significant in the equation of neither of their masses were dropped without a test by "
+        "likelihood.",
+    )
+
+
 def _start(
-    records: Sequence[Record],
-    shown: Sequence[Record],
-    motions: Sequence[MeasuredDisplacements],
-    structure: Structure,
+    records: Sequence[Record], screened: _Screened, structure: Structure
 ) -> tuple[Floats, Floats | None]:
-    """theta and, where they are known, its deviations (p,): from the forces where `records` without displacements tell those,
-    else by the weak form, by its search where a stated law is not linear in an unknown.
+    """Start values (p,) of the parameters of `structure` and, where they are known, their standard deviations (p,).
+
+    From the forces if displacements were not measured and accelerations determine the forces, else from the weak form; from
+    its search if a stated law is nonlinear in an unknown.
     """
     if needs_integration(records[0], structure):
-        found = law_start(records[0], structure, channel_noise(records[0]), {})
-        return np.array([found[parameter.name] for parameter in structure.parameters]), None
-    curved = any(set(link.law.nonlinear) & set(_unknown(link)) for link in structure.links)
+        values = law_start(records[0], structure, channel_noise(records[0]), {})
+        return np.array([values[parameter.name] for parameter in structure.parameters]), None
+    nonlinear = any(set(link.law.nonlinear) & set(_unknowns(link)) for link in structure.links)
     with one_blas_thread():
-        if not curved:
-            return weak_start(shown, motions, structure)
-        fit = weak_search(shown[0], structure, motions[0])[1]
+        if not nonlinear:
+            return weak_start(screened.records, screened.motions, structure)
+        fit = weak_search(screened.records[0], structure, screened.motions[0])[1]
     return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
 
 
-def _unknown(link: Link) -> list[str]:
+def _unknowns(link: Link) -> list[str]:
     return [name for name, coefficient in link.coefficients.items() if not coefficient.known]
 
 
-def _finished(records: Sequence[Record], found: Selection) -> LikelihoodFit:
-    """The fit of the chosen structure: that of the last round, or one with a model error where the laws need it."""
-    last = found.fit
-    if (found.exact and not last.chi_square_off) or last.status is AnnealingStatus.INTERRUPTED:
+def _final_fit(records: Sequence[Record], selection: Selection) -> LikelihoodFit:
+    """The fit of the selected structure: that of the last round, or one with a model error if the laws need it."""
+    last = selection.fit
+    if (selection.converged and not last.chi_square_off) or last.status is AnnealingStatus.INTERRUPTED:
         return last
     spread = np.sqrt(np.maximum(np.nan_to_num(last.covariance.diagonal()), 0.0))
     return likelihood_fit(
         records,
-        found.structure,
+        selection.structure,
         last.values,
         spread=spread,
         options=LikelihoodOptions(nodes=last.optimum.point.nodes),
     )
 
 
-def _stage(number: int, done: AnnealingStep) -> tuple[float, str]:
-    """Fraction and text: every round takes half of what is left of the bar."""
-    within = min(max(np.log10(done.q) / -5.0, 0.0), 1.0)
+def _discovery(
+    records: Sequence[Record], checks: DataChecks, screened: _Screened, selection: Selection
+) -> Discovery:
+    """The estimate of the selected structure and the evidence for it."""
+    fit = _final_fit(records, selection)
+    estimate = estimate_of(fit, selection.structure, records)
+    search = [
+        (fit.model_error > 0.0, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
+        (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
+        (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
+    ]
+    verdicts = (*estimate.verdicts, *(verdict for applies, verdict, _ in search if applies))
+    return Discovery(
+        estimate=estimate,
+        terms=term_evidence(
+            selection, screened.candidates, trusted=is_trusted(verdicts), collinear=checks.collinear
+        ),
+        path=selection_path(selection),
+        runners_up=runners_up(selection),
+        remarks=(
+            *(remark for applies, _, remark in search if applies),
+            *checks.remarks,
+            *screened.remarks,
+            *(exchange_remarks(selection) if estimate.trusted and selection.settled else ()),
+        ),
+        verdicts=verdicts,
+        rounds=selection.rounds,
+        seconds=estimate.seconds,
+    )
+
+
+def _stage(number: int, step: AnnealingStep) -> tuple[float, str]:
+    """Fraction done and text; every round takes half of what is left."""
+    within = min(max(np.log10(step.q) / -5.0, 0.0), 1.0)
     fraction = _SCREENED + (1.0 - _SCREENED) * (1.0 - 0.5 ** (number - 1.0 + within))
-    return float(fraction), f"round {number}: q {done.q:.0e}, chi-square {done.data_per_sample:.3f}"
+    return float(fraction), f"round {number}: q {step.q:.0e}, chi-square {step.data_per_sample:.3f}"

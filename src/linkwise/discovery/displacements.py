@@ -1,4 +1,4 @@
-"""A record as the weak screen wants it: a displacement of every mass, read off velocities or accelerations where need be."""
+"""Records as the weak screen needs them: with a displacement of every mass, integrated where it was not measured."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from linkwise.signals.channel_noise import channel_noise
 
 
 def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
-    """`record` itself where every mass has its displacement; else with displacements summed up from what there is.
+    """`record` itself if it has the displacement of every mass, else with displacements integrated from what it has.
 
-    A sum knows no constant, so a spring that holds off centre bends into other powers of d: the likelihood, which sees the
-    sensors themselves, decides on what this suggests.
+    The integration constant is lost, so that a spring away from d = 0 appears as other powers of d. The result therefore only
+    suggests candidates; the likelihood, which uses the measured channels, decides.
     """
-    lost = [mass.name for mass in masses if f"x:{mass.name}" not in record.channels]
-    if not lost:
+    missing = [mass.name for mass in masses if f"x:{mass.name}" not in record.channels]
+    if not missing:
         return record
     sigma = channel_noise(record)
     names, columns, noise = list(record.channels), [record.values], dict(record.noise)
-    for name in lost:
+    for name in missing:
         kind = "v" if f"v:{name}" in record.channels else "a"
         channel = f"{kind}:{name}"
         value = smoothed(record, channel, sigma)[0]
@@ -33,6 +33,6 @@ def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
             x = highpassed(summed(highpassed(x, record.rate, DRIFT), record.step), record.rate, DRIFT)
         names.append(f"x:{name}")
         columns.append(x[:, None])
-        share = sigma[channel] / float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))
-        noise[f"x:{name}"] = share * float(np.sqrt(np.mean(x**2)))
+        relative = sigma[channel] / float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))
+        noise[f"x:{name}"] = relative * float(np.sqrt(np.mean(x**2)))
     return replace(record, channels=tuple(names), values=np.hstack(columns), noise=noise)

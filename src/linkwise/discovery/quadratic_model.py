@@ -1,39 +1,48 @@
-"""The cost as a parabola in all candidates at once, and what any choice of them makes of it.
+"""A quadratic model of the cost in all candidate coefficients, and the least cost of any subset of them.
 
-cost(c) = c0 - 2 g'c + c'H c over the p coefficients. A choice sets the others to zero. `scatter` is the covariance of g: H
-itself for a likelihood, something else for equations whose columns are noisy (the weak form), where
+cost(c) = cost(0) - 2 g'c + c'H c over the p coefficients; those outside of a subset are zero. `scatter` is the covariance of
+g: H itself for a likelihood, another matrix for equations whose columns are noisy (the weak form). Then
 
-    z = c_j / deviation(c_j),   deviation^2 = diag(H^-1 scatter H^-1)
-
-measures a coefficient in units of its own error.
+    z = c_j / deviation(c_j),   deviation^2 = diag(H^-1 scatter H^-1).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from linkwise.arrays import Floats, Indices
 
-_DEPENDENT = (
-    1e-9  # of its own square: a column of which less than this stands out of the others is one of them
-)
+_DEPENDENT = 1e-9  # of a column's square: a column with a smaller residual depends on the others
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Values (s,) of the chosen coefficients and their deviations in z (s,)."""
+class Solution(NamedTuple):
+    """The values (s,) of the coefficients of a subset, and their z scores (s,)."""
 
     values: Floats
     z: Floats
 
 
+class Additions(NamedTuple):
+    """Each coefficient outside of a subset, added to it alone.
+
+    `numbers` (r,) of the coefficients, their `values` and `z` scores (r,), and `independent` (r,), the part of each column's
+    square that the subset does not explain. Where that part is rounding, z is 0 and the value NaN.
+    """
+
+    numbers: Indices
+    values: Floats
+    z: Floats
+    independent: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class QuadraticModel:
-    """`h` (p, p), `g` (p,) and `scatter` (p, p), None where it is `h`, of the coefficients `names` (p,)."""
+    """H `h` (p, p) and g `g` (p,) for the coefficients `names` (p,); `scatter` (p, p), None if it equals `h`."""
 
     names: tuple[str, ...]
     h: Floats
@@ -41,7 +50,10 @@ class QuadraticModel:
     scatter: Floats | None = None
 
     def solve(self, chosen: Sequence[int] | Indices) -> Solution:
-        """The best of the chosen coefficients, by number. Raises numpy.linalg.LinAlgError where they move together."""
+        """The best values of the coefficients `chosen`, by number.
+
+        Raises numpy.linalg.LinAlgError if their columns are linearly dependent.
+        """
         inside = np.asarray(chosen, dtype=np.intp)
         inverse = _inverse(self.h[np.ix_(inside, inside)])
         values = inverse @ self.g[inside]
@@ -51,46 +63,42 @@ class QuadraticModel:
         return Solution(values, values / np.sqrt(covariance.diagonal()))
 
     def cost(self, chosen: Sequence[int] | Indices) -> float:
-        """-2 log likelihood of the chosen coefficients at their best, less that of none."""
+        """The least cost of the coefficients `chosen`, relative to that of no coefficients."""
         inside = np.asarray(chosen, dtype=np.intp)
         return -float(self.g[inside] @ self.solve(inside).values)
 
-    def outside(self, chosen: Sequence[int] | Indices) -> tuple[Indices, Floats, Floats, Floats]:
-        """Every other coefficient alone beside the chosen ones: numbers (r,), values, z, and what part of each stands out.
-
-        z is 0 and the value NaN where nothing of it stands out of the others.
-        """
+    def additions(self, chosen: Sequence[int] | Indices) -> Additions:
+        """Every coefficient that is not `chosen`, added to the chosen ones alone."""
         inside = np.asarray(chosen, dtype=np.intp)
         others = np.setdiff1d(np.arange(len(self.g)), inside)
         cross = self.h[np.ix_(inside, others)]
-        share = _inverse(self.h[np.ix_(inside, inside)]) @ np.column_stack([cross, self.g[inside]])
-        part, fitted = share[:, :-1], share[:, -1]
-        left = self.g[others] - cross.T @ fitted
-        own = self.h[others, others]
-        stiff = own - np.einsum("ij,ij->j", cross, part)
-        told = stiff > _DEPENDENT * own
-        variance = stiff
+        solved = _inverse(self.h[np.ix_(inside, inside)]) @ np.column_stack([cross, self.g[inside]])
+        projection, fitted = solved[:, :-1], solved[:, -1]
+        gradient = self.g[others] - cross.T @ fitted
+        square = self.h[others, others]
+        residual = square - np.einsum("ij,ij->j", cross, projection)
+        variance = residual
         if self.scatter is not None:
-            middle = self.scatter[np.ix_(inside, inside)] @ part - 2.0 * self.scatter[np.ix_(inside, others)]
-            variance = self.scatter[others, others] + np.einsum("ij,ij->j", part, middle)
-        told &= variance > 0.0
-        safe = np.where(told, variance, 1.0)
-        values = np.where(told, left / np.where(told, stiff, 1.0), np.nan)
-        return (
-            others,
-            values,
-            np.where(told, left / np.sqrt(safe), 0.0),
-            stiff / np.where(own > 0.0, own, 1.0),
+            middle = (
+                self.scatter[np.ix_(inside, inside)] @ projection - 2.0 * self.scatter[np.ix_(inside, others)]
+            )
+            variance = self.scatter[others, others] + np.einsum("ij,ij->j", projection, middle)
+        determined = (residual > _DEPENDENT * square) & (variance > 0.0)
+        return Additions(
+            numbers=others,
+            values=np.where(determined, gradient / np.where(determined, residual, 1.0), np.nan),
+            z=np.where(determined, gradient / np.sqrt(np.where(determined, variance, 1.0)), 0.0),
+            independent=residual / np.where(square > 0.0, square, 1.0),
         )
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Of a positive matrix, scaled to unit diagonal first."""
+    """The inverse of a positive definite matrix, which is scaled to unit diagonal first."""
     if not len(matrix):
         return matrix
     diagonal = matrix.diagonal()
     if not np.all(diagonal > 0.0):
-        raise np.linalg.LinAlgError("a column is empty")
+        raise np.linalg.LinAlgError("a column is zero")
     scale = 1.0 / np.sqrt(diagonal)
     factor = cho_factor(matrix * np.outer(scale, scale), lower=True, check_finite=False)
     return np.asarray(cho_solve(factor, np.eye(len(matrix))) * np.outer(scale, scale))

@@ -1,4 +1,4 @@
-"""What was discovered: a structure like any other, and the evidence for every term kept and every candidate dropped."""
+"""The result of a discovery: a structure, and the evidence for every term kept and every candidate dropped."""
 
 from __future__ import annotations
 
@@ -11,18 +11,46 @@ from linkwise.model.structure import Structure
 from linkwise.text import as_text
 from linkwise.verdict import Decision, Verdict, is_trusted
 
-CERTAIN = 10.0  # on the criterion: the odds are exp(5) to 1 and better, "very strong" (Kass and Raftery 1995)
+#: Rise of the criterion, on the scale of -2 log likelihood, that makes a decision certain: the odds are exp(5) to 1 or better,
+#: "very strong" evidence.
+CERTAIN = 10.0
 
 
 @dataclass(frozen=True)
 class TermEvidence:
-    """A candidate: the `term` ("d**3") of `link`, with the coefficient `name` ("m2-m1.k3"), `kept` or dropped.
+    """The evidence for one candidate term.
 
-    `value` and `standard_error` in `unit` are what was found, or what would be if it were added. `z` is their ratio. `margin`
-    is by how much the criterion rises if the decision is turned round: more than `CERTAIN` is very strong. `identifiable` is
-    False where the record cannot tell it beside the terms that were kept, `unambiguous` where the fit is not to be trusted,
-    where an exchange of this term for or with another costs less than `CERTAIN`, or where an end of its link moved so much
-    like another mass that the link may be the other's.
+    Attributes
+    ----------
+    name : str
+        The name of its coefficient, "m2-m1.k3".
+    link : str
+        The name of its link, "m2-m1".
+    between : tuple of str
+        The ends of the link.
+    term : str
+        The function of d and v, "d**3".
+    unit : str
+        The SI unit of the coefficient.
+    kept : bool
+        Whether the term is part of the discovered structure.
+    identifiable : bool
+        Whether the record determines the coefficient beside the terms kept.
+    unambiguous : bool
+        False where the fit is not to be trusted, where an exchange of this term for or with another one raises the criterion
+        by less than `CERTAIN`, or where an end of its link moved so much like another mass that the link may be that one's.
+    value : float
+        The coefficient, of a dropped term the one it would have if it were added.
+    standard_error : float
+        Its standard error, in `unit`.
+    z : float
+        `value` over `standard_error`.
+    margin : float
+        By how much the criterion rises if the decision is reversed.
+
+    References
+    ----------
+    R. E. Kass and A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995), for the scale of `margin`.
     """
 
     name: str
@@ -40,29 +68,40 @@ class TermEvidence:
 
     @property
     def decision(self) -> Decision:
-        """How firm it is by this record that the term is kept or dropped."""
+        """How firm the decision to keep or drop the term is by this record."""
         if not self.identifiable:
             return Decision.NOT_IDENTIFIABLE
         return Decision.CERTAIN if self.unambiguous and self.margin > CERTAIN else Decision.DOUBTFUL
 
     @property
     def certain(self) -> bool:
-        """Whether the decision is beyond doubt by this record."""
+        """Whether the decision is certain by this record."""
         return self.decision is Decision.CERTAIN
 
     @property
     def penalty(self) -> float:
-        """What the term costs beside its misfit: it belongs into the answer where z**2 is more."""
+        """The penalty on the term in the criterion: a term is kept if z**2 exceeds it."""
         return self.z**2 - self.margin if self.kept else self.z**2 + self.margin
 
 
 @dataclass(frozen=True)
 class PathPoint:
-    """A point of the path: so many `terms`, their -2 log likelihood (`cost`) above that of the largest model on the path, and
-    the `criterion`, cost plus price, above that of the chosen point.
+    """A model on the path: the best of its size, one term away from the one before.
 
-    `step` is what it has beyond, "+ m2-m1.k3", or lacks beside, "- m2-m1.c", the point that is one nearer to the `chosen` one.
-    Costs are those of the parabola at the chosen point, exact there and rough far from it.
+    Costs are those of the quadratic model at the selected point: exact there, and rough far from it.
+
+    Attributes
+    ----------
+    terms : int
+        The number of terms.
+    cost : float
+        -2 log likelihood above that of the largest model on the path.
+    criterion : float
+        Cost plus penalty, above that of the selected model.
+    step : str
+        The term added ("+ m2-m1.k3") or dropped ("- m2-m1.c") on the way from the selected model.
+    chosen : bool
+        Whether this is the selected model.
     """
 
     terms: int
@@ -74,7 +113,15 @@ class PathPoint:
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """The best model that differs by one step, in words, and how much worse its criterion is."""
+    """A model that differs from the selected one by one term.
+
+    Attributes
+    ----------
+    change : str
+        The difference in words, "without m2-m1.c".
+    margin : float
+        By how much its criterion is higher.
+    """
 
     change: str
     margin: float
@@ -82,12 +129,27 @@ class RunnerUp:
 
 @dataclass(frozen=True, eq=False)
 class Discovery:
-    """The answer of `discover`.
+    """The result of `discover`; printed, a table of links and the evidence for their terms.
 
-    `estimate` holds the discovered structure with all intervals, as `identify` gives them. `terms` lists every candidate that
-    was tested by likelihood, the most certain of those kept first, with values as they were when the decision was made (a
-    model error then changes those of `estimate`); `path` the cost against the number of terms; `runners_up` the next best
-    models, best first. `remarks` say what this record cannot tell. `verdicts` are those of the estimate and of the search.
+    Attributes
+    ----------
+    estimate : Estimate
+        The discovered structure with intervals, as `identify` gives them.
+    terms : tuple of TermEvidence
+        Every candidate that was tested by likelihood: those kept, the most certain first, then those dropped, the least
+        certain first. Values are those on which the selection was based; a model error may change those of `estimate`.
+    path : tuple of PathPoint
+        The criterion against the number of terms.
+    runners_up : tuple of RunnerUp
+        The next best models, best first.
+    remarks : tuple of str
+        Sentences on what the records cannot show.
+    verdicts : tuple of Verdict
+        Those of the estimate and of the search.
+    rounds : int
+        Rounds of fit and selection.
+    seconds : float
+        Computing time in s.
     """
 
     estimate: Estimate
@@ -111,29 +173,41 @@ class Discovery:
 
     @cached_property
     def kept(self) -> tuple[TermEvidence, ...]:
-        """The terms of the answer, the most certain first."""
+        """The terms that were kept, the most certain first."""
         return tuple(term for term in self.terms if term.kept)
 
     @cached_property
     def doubtful(self) -> tuple[TermEvidence, ...]:
-        """The candidates, kept or dropped, whose decision is not beyond doubt, the most doubtful first."""
+        """The candidates, kept or dropped, whose decision is not certain, the least certain first."""
         return tuple(sorted((term for term in self.terms if not term.certain), key=lambda term: term.margin))
 
     @cached_property
     def in_doubt(self) -> tuple[str, ...]:
-        """The links that were found and not stated, and of which no term is certain: they may be other links' in truth."""
+        """The discovered links, stated ones aside, without a certain term: other links may be there instead."""
         return tuple(
             dict.fromkeys(term.link for term in self.kept if self.decision(term.link) is not Decision.CERTAIN)
         )
 
     def decision(self, link: str) -> Decision:
-        """How firm it is that `link` is there: certain where it was stated, or where one of its terms is."""
+        """How firm it is that the link named `link` is there: certain if it was stated, or one of its terms is certain.
+
+        Raises
+        ------
+        StructureError
+            If there is no such link.
+        """
         tested = {term.name: term.certain for term in self.kept}
         names = (f"{link}.{name}" for name in self.structure.link(link).coefficients)
         return Decision.CERTAIN if any(tested.get(name, True) for name in names) else Decision.DOUBTFUL
 
     def certainty(self, link: str) -> float:
-        """By how much the criterion rises without the most certain term of a link; infinite for stated ones."""
+        """By how much the criterion rises without the most certain term of the link named `link`; infinite if it was stated.
+
+        Raises
+        ------
+        StructureError
+            If there is no such link.
+        """
         margins = {term.name: term.margin for term in self.kept}
         return max(
             (margins.get(f"{link}.{name}", float("inf")) for name in self.structure.link(link).coefficients),
@@ -144,7 +218,7 @@ class Discovery:
         return as_text(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """What result.json holds: that of the estimate, and the evidence."""
+        """The result as plain data: that of the estimate, and the evidence."""
         return {
             **self.estimate.to_dict(),
             "seconds": self.seconds,
@@ -158,15 +232,15 @@ class Discovery:
             "terms": [_as_dict(term) for term in self.terms],
             "path": [
                 {
-                    "terms": c.terms,
-                    "cost": c.cost,
-                    "criterion": c.criterion,
-                    "step": c.step,
-                    "chosen": c.chosen,
+                    "terms": point.terms,
+                    "cost": point.cost,
+                    "criterion": point.criterion,
+                    "step": point.step,
+                    "chosen": point.chosen,
                 }
-                for c in self.path
+                for point in self.path
             ],
-            "runners_up": [{"change": each.change, "margin": each.margin} for each in self.runners_up],
+            "runners_up": [{"change": model.change, "margin": model.margin} for model in self.runners_up],
         }
 
 

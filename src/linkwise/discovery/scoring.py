@@ -1,7 +1,7 @@
-"""A discovered structure beside the true one, where there is one: which terms are right, which are missing, which are false.
+"""Compare a discovered structure with the true one: which terms are right, which are missing, which are false.
 
-Links are compared by their ends and terms by what they do, not by names: k*d of "m2-m1" is alpha*d of "nes1" if both are
-between m1 and m2, whichever comes first.
+Links are compared by their ends and terms by their values, not by names: k*d of "m2-m1" is alpha*d of "nes1" if both are
+between m1 and m2, in either order.
 """
 
 from __future__ import annotations
@@ -21,14 +21,23 @@ from linkwise.model.structure import Structure
 
 _POINTS = 200
 _DECADES = (-5.0, 1.0)  # of d in m and v in m/s at which terms are compared
-_SAME = 1e-9  # of the largest value: rounding
+_EQUAL = 1e-9  # of the largest value: rounding
 
 
 @dataclass(frozen=True)
 class TermScore:
-    """Terms by name: `right` and `extra` ones of the structure that was found, `missing` ones of the true structure.
+    """How the terms of a discovered structure compare with those of the true one.
 
-    `missing_links` and `extra_links` are those of which not a single term has a counterpart between the same ends.
+    Attributes
+    ----------
+    right : tuple of str
+        Discovered terms that the true structure has, by the names of their coefficients ("m2-m1.k3").
+    missing : tuple of str
+        True terms that were not discovered.
+    extra : tuple of str
+        Discovered terms that the true structure has not.
+    missing_links, extra_links : tuple of str
+        True links of which no term was discovered, and discovered links between whose ends there is no true one.
     """
 
     right: tuple[str, ...]
@@ -39,107 +48,157 @@ class TermScore:
 
     @property
     def exact(self) -> bool:
-        """Whether nothing is missing and nothing is false."""
+        """Whether no term is missing and none is extra."""
         return not self.missing and not self.extra
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """`value` times a function of d and v, whose values at the points of comparison are `shape`; ends as wanted."""
+class _ComparedTerm:
+    """`value` times the function `basis` of d and v, whose `samples` (200,) at fixed points are compared."""
 
     name: str
     link: str
     ends: frozenset[str]
     value: float
     basis: Expression
-    shape: Floats
+    samples: Floats
 
 
 def term_score(found: Structure, truth: Structure) -> TermScore:
-    """Compare `found` with `truth` term by term; a coefficient of 0 counts as no term.
+    """Compare a discovered structure with the true one, term by term.
 
-    Raises StructureError where the masses have other names, or a coefficient is unknown.
+    Parameters
+    ----------
+    found : Structure
+        The discovered structure, every coefficient a number.
+    truth : Structure
+        The true structure, every coefficient a number. A coefficient of 0 counts as no term, in both.
+
+    Returns
+    -------
+    TermScore
+        Terms and links by name.
+
+    Raises
+    ------
+    StructureError
+        If the true structure lacks a mass of `found`, or a coefficient is unknown.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> linear = chain.with_values({"nes1.beta": 0.0})
+    >>> lw.term_score(linear, chain).missing
+    ('nes1.beta',)
     """
     _require_masses(found, truth)
-    first = {frozenset(link.between): link.between for link in found.links}
+    orientation = {frozenset(link.between): link.between for link in found.links}
     ours, theirs = (
-        [part for link in each.links for part in _parts(link, first) if part.value != 0.0]
-        for each in (found, truth)
+        [term for link in structure.links for term in _terms(link, orientation) if term.value != 0.0]
+        for structure in (found, truth)
     )
-    right = [part for part in ours if any(_factor(part, other) is not None for other in theirs)]
-    missing = [other for other in theirs if all(_factor(part, other) is None for part in ours)]
-    extra = [part for part in ours if part not in right]
+    right = [term for term in ours if any(_factor(term, other) is not None for other in theirs)]
+    missing = [other for other in theirs if all(_factor(term, other) is None for term in ours)]
+    extra = [term for term in ours if term not in right]
     return TermScore(
-        right=tuple(part.name for part in right),
-        missing=tuple(part.name for part in missing),
-        extra=tuple(part.name for part in extra),
-        missing_links=_without(truth, {part.ends for part in ours}),
-        extra_links=_without(found, {part.ends for part in theirs}),
+        right=tuple(term.name for term in right),
+        missing=tuple(term.name for term in missing),
+        extra=tuple(term.name for term in extra),
+        missing_links=_links_elsewhere(truth, {term.ends for term in ours}),
+        extra_links=_links_elsewhere(found, {term.ends for term in theirs}),
     )
 
 
-def truth_beside(found: Structure, truth: Structure) -> Structure:
-    """The true laws under the names, ends and coefficients of the links found; what these lack is added to their laws.
+def align_truth(found: Structure, truth: Structure) -> Structure:
+    """Write the true laws under the names, ends and coefficients of the links of a discovered structure.
 
-    A found link between whose ends there is none in truth gets coefficients of 0. Raises as `term_score` does.
+    Parameters
+    ----------
+    found : Structure
+        The discovered structure, every coefficient a number.
+    truth : Structure
+        The true structure, every coefficient a number.
+
+    Returns
+    -------
+    Structure
+        The masses and laws of `truth` on the links of `found`. Terms that a link of `found` lacks are added to its law, and a
+        link between whose ends there is no true one has coefficients of 0.
+
+    Raises
+    ------
+    StructureError
+        If the true structure lacks a mass of `found`, or a coefficient is unknown.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> law, number = lw.Law.parse("k*d"), lw.Coefficient.number
+    >>> ends = (("m1", "ground"), ("m2", "m1"))
+    >>> links = tuple(lw.Link("-".join(pair), pair, law, {"k": number(1.0)}) for pair in ends)
+    >>> lw.align_truth(lw.Structure("found", chain.masses, links), chain).link("m1-ground").law.text
+    'k*d + true1*(v)'
     """
     _require_masses(found, truth)
-    first = {frozenset(link.between): link.between for link in found.links}
-    theirs = [part for link in truth.links for part in _parts(link, first) if part.value != 0.0]
-    taken: set[frozenset[str]] = set()
+    orientation = {frozenset(link.between): link.between for link in found.links}
+    theirs = [term for link in truth.links for term in _terms(link, orientation) if term.value != 0.0]
+    done: set[frozenset[str]] = set()
     links = []
     for link in found.links:
         ends = frozenset(link.between)
-        links.append(_true_link(link, [part for part in theirs if part.ends == ends and ends not in taken]))
-        taken.add(ends)
+        links.append(_true_link(link, [term for term in theirs if term.ends == ends and ends not in done]))
+        done.add(ends)
     masses = tuple(truth.mass(name) for name in found.mass_names)
     return Structure(truth.name, masses, tuple(links))
 
 
-def _true_link(link: Link, theirs: list[_Part]) -> Link:
-    """`link` with true coefficients, and with the terms that it lacks."""
+def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
+    """`link` with the true coefficients, and with the true terms that it lacks."""
     values = dict.fromkeys(link.law.linear, 0.0) | {name: link.values[name] for name in link.law.nonlinear}
-    ours = list(_parts(link, {}))
+    ours = list(_terms(link, {}))
     text = link.law.text
-    for part in theirs:
-        matched = [(each, factor) for each in ours if (factor := _factor(each, part)) is not None]
-        if matched:
-            each, factor = matched[0]
-            name = each.name.rpartition(".")[2]
-            if name in values:  # else it is a number in the law
-                values[name] += factor * part.value
+    for term in theirs:
+        matches = [(own, factor) for own in ours if (factor := _factor(own, term)) is not None]
+        if matches:
+            own, factor = matches[0]
+            name = own.name.rpartition(".")[2]
+            if name in values:  # otherwise it is a number in the law
+                values[name] += factor * term.value
                 continue
         name = next(f"true{k}" for k in range(1, len(theirs) + 1) if f"true{k}" not in values)
-        values[name] = part.value
-        text += f" + {name}*({to_text(part.basis)})"
+        values[name] = term.value
+        text += f" + {name}*({to_text(term.basis)})"
     numbers = {name: Coefficient.number(value) for name, value in values.items()}
     return Link(link.name, link.between, Law.parse(text), numbers)
 
 
-def _parts(link: Link, first: dict[frozenset[str], tuple[str, str]]) -> Iterator[_Part]:
-    """The terms of a link, seen from the ends that `first` gives for its pair."""
+def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> Iterator[_ComparedTerm]:
+    """The terms of a link, written for the order of its ends that `orientation` gives."""
     numbers: dict[str, Expression] = {name: Number(value) for name, value in link.values.items()}
     nonlinear = {name: numbers[name] for name in link.law.nonlinear}
     terms = [
         (name, link.values[name], substitute(link.law.basis[name], nonlinear)) for name in link.law.linear
     ]
     rest = substitute(link.law.remainder, numbers)
-    pieces = rest.parts if isinstance(rest, Sum) else (() if rest == Number(0.0) else (rest,))
-    terms += [(to_text(piece), 1.0, piece) for piece in pieces]
+    parts = rest.parts if isinstance(rest, Sum) else (() if rest == Number(0.0) else (rest,))
+    terms += [(to_text(part), 1.0, part) for part in parts]
     ends = frozenset(link.between)
-    turned = first.get(ends, link.between) != link.between
+    reversed_ = orientation.get(ends, link.between) != link.between
     for name, value, basis in terms:
-        seen = _turned(basis) if turned else basis
-        yield _Part(f"{link.name}.{name}", link.name, ends, value, seen, _shape(seen))
+        function = _reversed(basis) if reversed_ else basis
+        yield _ComparedTerm(f"{link.name}.{name}", link.name, ends, value, function, _samples(function))
 
 
-def _turned(basis: Expression) -> Expression:
-    """The same force as it is seen with the ends exchanged."""
+def _reversed(basis: Expression) -> Expression:
+    """The same force with the ends of its link exchanged: -f(-d, -v)."""
     minus = {name: multiply(Number(-1.0), Symbol(name)) for name in VARIABLES}
     return multiply(Number(-1.0), substitute(basis, minus))
 
 
-def _shape(basis: Expression) -> Floats:
+def _samples(basis: Expression) -> Floats:
+    """(200,) values of a function of d and v at fixed random points."""
     rng = np.random.default_rng(0)
     sizes = 10.0 ** rng.uniform(*_DECADES, size=(2, _POINTS))
     d, v = sizes * rng.choice([-1.0, 1.0], size=(2, _POINTS))
@@ -147,24 +206,25 @@ def _shape(basis: Expression) -> Floats:
     return np.broadcast_to(values, (_POINTS,))
 
 
-def _factor(ours: _Part, theirs: _Part) -> float | None:
-    """What 1 of the true term is in units of ours; None where they are different terms."""
-    size = float(ours.shape @ ours.shape)
-    if ours.ends != theirs.ends or size == 0.0:
+def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
+    """The factor by which our function has to be multiplied to give theirs; None if they are different terms."""
+    square = float(ours.samples @ ours.samples)
+    if ours.ends != theirs.ends or square == 0.0:
         return None
-    factor = float(ours.shape @ theirs.shape) / size
-    off = float(np.abs(theirs.shape - factor * ours.shape).max())
-    return factor if factor != 0.0 and off <= _SAME * float(np.abs(theirs.shape).max()) else None
+    factor = float(ours.samples @ theirs.samples) / square
+    error = float(np.abs(theirs.samples - factor * ours.samples).max())
+    return factor if factor != 0.0 and error <= _EQUAL * float(np.abs(theirs.samples).max()) else None
 
 
-def _without(structure: Structure, ends: set[frozenset[str]]) -> tuple[str, ...]:
+def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[str, ...]:
+    """The names of the links that are between none of the pairs in `ends`."""
     return tuple(link.name for link in structure.links if frozenset(link.between) not in ends)
 
 
 def _require_masses(found: Structure, truth: Structure) -> None:
-    lost = [name for name in found.mass_names if name not in truth.mass_names]
-    if lost:
+    missing = [name for name in found.mass_names if name not in truth.mass_names]
+    if missing:
         raise StructureError(
-            f"the true structure has no mass {', '.join(lost)}, so nothing can be compared; it has "
+            f"the true structure does not have the mass {', '.join(missing)}, so the two cannot be compared; it has "
             f"{', '.join(truth.mass_names)}"
         )

@@ -1,4 +1,4 @@
-"""The likelihood decides: fit, look along the parabola at every candidate, change the choice, fit again."""
+"""Selection by likelihood: fit, test every candidate on a local quadratic model, change the subset, and fit again."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.stepwise import Move, best, local_search, ranked_moves
+from linkwise.discovery.stepwise import Move, best_subset, local_search, ranked_moves
 from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
@@ -20,20 +20,24 @@ from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
+#: Start values (p,) of the parameters of a structure, and their standard deviations (p,) where they are known.
 Start = Callable[[Structure], tuple[Floats, Floats | None]]
-Report = Callable[[int, AnnealingStep], None]
+ReportRound = Callable[[int, AnnealingStep], None]
 
 _ROUNDS = 12
 _STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
-_EXACT = (
-    1e-4  # q up to which a parabola tells the whole truth; a looser one serves for the next best terms only
+_TIGHT = 1e-4  # q up to which the local quadratic model is exact; a looser one only ranks the next terms
+_CEILING = (
+    1.05  # chi-square at which a fit stops tightening: a term is missing, and can already be identified
 )
-_CEILING = 1.05  # chi-square at which a fit stops tightening: something is missing, and may be told already
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The `structure` of the `chosen` candidates, its `fit`, and the cost around it in all candidates that were tested."""
+    """The `structure` of the `chosen` candidates, its `fit`, and a local model of the cost in all candidates tested.
+
+    `settled` is False if the search ended without a subset that no move improves, after `rounds` rounds.
+    """
 
     chosen: frozenset[str]
     structure: Structure
@@ -44,20 +48,20 @@ class Selection:
     rounds: int
 
     @property
-    def exact(self) -> bool:
-        """Whether the fit converged with a flow as tight as it should be."""
-        return self.fit.status is AnnealingStatus.CONVERGED and self.fit.optimum.q <= _EXACT
+    def converged(self) -> bool:
+        """Whether the fit converged at a q for which the local quadratic model is exact."""
+        return self.fit.status is AnnealingStatus.CONVERGED and self.fit.optimum.q <= _TIGHT
 
     @cached_property
     def neighbours(self) -> tuple[Move, ...]:
-        """All steps to other choices, exchanges among them, the best first."""
+        """All moves to other subsets, exchanges among them, the best first."""
         inside = list(range(len(self.structure.parameters)))
         return tuple(ranked_moves(self.quadratic, self.penalty, inside, swaps=True))
 
     @property
     def criterion(self) -> float:
-        """Misfit plus price; infinite where the laws did not allow an exact fit."""
-        if not self.exact:
+        """Cost plus penalty; infinite if the fit did not converge."""
+        if not self.converged:
             return np.inf
         cost = self.fit.misfit.cost(self.fit.optimum.q) / self.fit.optimum.noise**2
         return cost + self.penalty.total(list(range(len(self.structure.parameters))))
@@ -65,17 +69,38 @@ class Selection:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What all rounds share: the records, what may be chosen and is `tested`, where a structure's fit starts."""
+    """What all rounds share: the records, the candidates, the names of those `tested`, and where a fit starts."""
 
     records: Sequence[Record]
     candidates: Candidates
     tested: frozenset[str]
     start: Start
-    report: Report
+    report: ReportRound
 
     def within(self, names: Collection[str]) -> _Search:
-        """The same among the candidates of these names only."""
+        """The same search among the candidates `names` only."""
         return replace(self, tested=self.tested & frozenset(names))
+
+    def local_model(
+        self, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
+    ) -> tuple[QuadraticModel, Penalty]:
+        """The cost about the fit in its parameters and, after them, the other candidates tested; and the penalty."""
+        index = {name: number for number, name in enumerate(structure.mass_names)}
+        index |= {GROUND: -1, BASE: -2}
+        added = [entry for entry in self.candidates.entries if entry.name in self.tested - chosen]
+        ends = [self.candidates.pairs[entry.pair].between for entry in added]
+        forces = [
+            CandidateForce(index[first], index[second], entry.term.law)
+            for entry, (first, second) in zip(added, ends, strict=True)
+        ]
+        local = local_quadratic(fit.optimum, forces)
+        names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
+        samples = sum(
+            int(np.isfinite(record.select(record.responses).values).sum()) for record in self.records
+        )
+        return QuadraticModel(names, local.curvature, local.slope), Penalty.of(
+            self.candidates, names, samples
+        )
 
 
 def select_structure(
@@ -85,31 +110,31 @@ def select_structure(
     *,
     tested: Collection[str],
     start: Start,
-    report: Report = lambda number, done: None,
+    report: ReportRound = lambda number, step: None,
 ) -> Selection:
-    """The choice, from `chosen` on, that no candidate in `tested` improves; `start` tells theta and deviations.
+    """The subset, searched from `chosen`, that no candidate in `tested` improves.
 
-    Where that has links which `chosen` had not, the best choice on the links of `chosen` alone is looked for as well, and the
-    better of both is taken: terms on false links may stand in for a term that the parabola did not show. `settled` is False
-    where the rounds ran out, or where the choice came back to one it had left; then it is the best that was visited. `report`
-    is told the round and its steps.
+    If it has links that `chosen` had not, the best subset on the links of `chosen` alone is searched as well, and the better
+    of both is taken: terms on false links may substitute for a term that the local model did not show. If the rounds run out,
+    or the search returns to a subset that it had left, `settled` is False and the result the best subset visited. `report`
+    is called with the number of the round and each step of its fit.
     """
     search = _Search(records, candidates, frozenset(tested), start, report)
-    first = _descent(search, frozenset(chosen), 1)
-    own = candidates.sharing(chosen)
+    first = _descend(search, frozenset(chosen), 1)
+    own = candidates.on_links_of(chosen)
     if first.fit.status is AnnealingStatus.INTERRUPTED or first.chosen <= own:
         return first
-    second = _descent(search.within(own), own & search.tested, first.rounds + 1)
+    second = _descend(search.within(own), own & search.tested, first.rounds + 1)
     if second.fit.status is AnnealingStatus.INTERRUPTED or second.criterion >= first.criterion:
         return replace(first, rounds=second.rounds)
-    seen = _seen(search, second.fit, second.structure, second.chosen)
-    return replace(second, quadratic=seen, penalty=_price(search, seen))
+    quadratic, penalty = search.local_model(second.fit, second.structure, second.chosen)
+    return replace(second, quadratic=quadratic, penalty=penalty)
 
 
-def _descent(search: _Search, now: frozenset[str], number: int) -> Selection:
-    """Rounds of fit and change, from the round `number` on, until nothing changes."""
+def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
+    """Rounds of fit and change, from the round `number` on, until the subset does not change."""
     visited: dict[frozenset[str], Selection] = {}
-    structure = search.candidates.structure(now)
+    structure = search.candidates.structure(chosen)
     theta, spread = search.start(structure)
     nodes = None
     last = number + _ROUNDS - 1
@@ -127,46 +152,27 @@ def _descent(search: _Search, now: frozenset[str], number: int) -> Selection:
                 steps=_STEPS,
             ),
         )
-        quadratic = _seen(search, fit, structure, now)
-        penalty = _price(search, quadratic)
+        quadratic, penalty = search.local_model(fit, structure, chosen)
         inside = list(range(len(structure.parameters)))
-        after = local_search(quadratic, penalty, inside) if fit.optimum.q > _EXACT else inside
+        after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
         if after == inside:
-            after = best(quadratic, penalty, inside)
+            after = best_subset(quadratic, penalty, inside)
         names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
-        here = Selection(now, structure, fit, quadratic, penalty, names == now, number)
-        if here.settled or fit.status is AnnealingStatus.INTERRUPTED:
-            return here
-        visited[now] = here
+        selection = Selection(chosen, structure, fit, quadratic, penalty, names == chosen, number)
+        if selection.settled or fit.status is AnnealingStatus.INTERRUPTED:
+            return selection
+        visited[chosen] = selection
         if names in visited or number == last:
-            return replace(min(visited.values(), key=lambda each: each.criterion), rounds=number)
-        solved = quadratic.solve(after)
-        errors = np.abs(solved.values / solved.z)
-        told = dict(
-            zip([quadratic.names[k] for k in after], zip(solved.values, errors, strict=True), strict=True)
+            return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
+        solution = quadratic.solve(after)
+        deviations = np.abs(solution.values / solution.z)
+        starts = dict(
+            zip(
+                [quadratic.names[k] for k in after],
+                zip(solution.values, deviations, strict=True),
+                strict=True,
+            )
         )
-        now, structure = names, search.candidates.structure(names)
-        theta, spread = np.array([told[p.name] for p in structure.parameters]).T
+        chosen, structure = names, search.candidates.structure(names)
+        theta, spread = np.array([starts[p.name] for p in structure.parameters]).T
         nodes, number = fit.optimum.point.nodes, number + 1
-
-
-def _seen(
-    search: _Search, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
-) -> QuadraticModel:
-    """The cost about the fit, in its parameters and, behind them, the other candidates that are tested."""
-    index = {name: number for number, name in enumerate(structure.mass_names)}
-    index |= {GROUND: -1, BASE: -2}
-    added = [entry for entry in search.candidates.entries if entry.name in search.tested - chosen]
-    ends = [search.candidates.pairs[entry.pair].between for entry in added]
-    forces = [
-        CandidateForce(index[first], index[second], entry.term.law)
-        for entry, (first, second) in zip(added, ends, strict=True)
-    ]
-    found = local_quadratic(fit.optimum, forces)
-    names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
-    return QuadraticModel(names, found.curvature, found.slope)
-
-
-def _price(search: _Search, quadratic: QuadraticModel) -> Penalty:
-    samples = sum(int(np.isfinite(record.select(record.responses).values).sum()) for record in search.records)
-    return Penalty.of(search.candidates, quadratic.names, samples)

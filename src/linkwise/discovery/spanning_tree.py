@@ -1,8 +1,8 @@
-"""Where a search starts that saw no displacements: the tree of links that stand out most.
+"""Where a search starts without measured displacements: the spanning tree of the most significant links.
 
-Velocities and accelerations lose the constants of the motion, so that sums of them suggest false links beside true ones. On
-a tree accelerations tell the force of every link, and with it a start that does not need the constants
-(`likelihood.lawstart`).
+Integrals of velocities and accelerations lack their constants, and suggest false links beside true ones. On a tree,
+accelerations determine the force of every link, and with it a start that does not need the constants
+(`likelihood.starts.coefficients`).
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from linkwise.records.record import Record
 from linkwise.weak.displacements import MeasuredDisplacements
 
 
-def tree(
+def most_significant_tree(
     records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
 ) -> frozenset[str]:
-    """All candidates of the links that join every mass to the ground by those of its terms that stand highest in z.
+    """All candidates on the links of the tree that joins every mass to the ground with the largest |z|.
 
-    Empty where the links that stand do not reach every mass.
+    The |z| of a link is that of its most significant elastic term. Empty if the significant links do not reach every mass.
     """
-    place = {mass.name: number for number, mass in enumerate(candidates.masses)}
-    place |= {GROUND: len(place), BASE: len(place)}
-    near, pairs = np.zeros((len(candidates.masses) + 1,) * 2), {}
-    for name, height in z_scores(records, motions, candidates).items():
+    node = {mass.name: number for number, mass in enumerate(candidates.masses)}
+    node |= {GROUND: len(node), BASE: len(node)}
+    distance, pairs = np.zeros((len(candidates.masses) + 1,) * 2), {}
+    for name, z in z_scores(records, motions, candidates).items():
         entry = candidates.by_name.get(name)
         if entry is None or not entry.term.elastic:
             continue
-        one, other = sorted(place[end] for end in candidates.pairs[entry.pair].between)
-        if near[one, other] == 0.0 or 1.0 / height < near[one, other]:
-            near[one, other], pairs[one, other] = 1.0 / height, entry.pair
-    found = minimum_spanning_tree(near).tocoo()
-    if found.nnz < len(candidates.masses):
+        ends = tuple(sorted(node[end] for end in candidates.pairs[entry.pair].between))
+        if distance[ends] == 0.0 or 1.0 / z < distance[ends]:
+            distance[ends], pairs[ends] = 1.0 / z, entry.pair
+    tree = minimum_spanning_tree(distance).tocoo()
+    if tree.nnz < len(candidates.masses):
         return frozenset()
-    chosen = {pairs[int(one), int(other)] for one, other in zip(found.row, found.col, strict=True)}
+    chosen = {pairs[int(first), int(second)] for first, second in zip(tree.row, tree.col, strict=True)}
     return frozenset(entry.name for entry in candidates.entries if entry.pair in chosen)

@@ -1,4 +1,7 @@
-"""The best choice near a given one: terms are added, taken away or exchanged while misfit plus price falls."""
+"""Stepwise search for the subset of coefficients with the least criterion: cost plus penalty.
+
+Coefficients are added, dropped or exchanged one at a time.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,14 @@ import numpy as np
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 
-_MOVES = 400  # far more than any search takes; a search that needs them goes in circles
-_GAIN = 1e-6  # a move that gains less is none
-_AT_ONCE = 3  # every so manieth of the weakest coefficients falls in one round of `backward_elimination`
+_MOST_MOVES = 400  # far more than any search takes; a search that reaches it is in a cycle
+_LEAST_GAIN = 1e-6  # of the criterion: less is rounding
+_ELIMINATED = 3  # one in so many of the weak coefficients is eliminated in a round
 
 
 class MoveKind(Enum):
+    """What a move does to a subset."""
+
     ADD = "add"
     DROP = "drop"
     SWAP = "swap"
@@ -24,92 +29,94 @@ class MoveKind(Enum):
 
 @dataclass(frozen=True)
 class Move:
-    """A change of a choice: coefficients that go `out` and come `in_`, by number, None for none; `gain` on cost and price."""
+    """A change of a subset that lowers the criterion by `gain`: coefficients `dropped` and `added`, by number, or None."""
 
     kind: MoveKind
-    out: int | None
-    in_: int | None
+    dropped: int | None
+    added: int | None
     gain: float
 
 
 def ranked_moves(
     quadratic: QuadraticModel, penalty: Penalty, chosen: Sequence[int], *, swaps: bool
 ) -> list[Move]:
-    """All moves from `chosen`, best first; exchanges only where `swaps` says so, one for each term that can go: the best."""
+    """All moves from the subset `chosen`, best first; with `swaps` also the best exchange for each selected coefficient."""
     inside = np.asarray(chosen, dtype=np.intp)
     z = quadratic.solve(inside).z
-    free = np.flatnonzero(penalty.pair[inside] >= 0)
-    found = _additions(quadratic, penalty, list(chosen), None, 0.0)
-    for place in free:
-        left = np.delete(inside, place).tolist()
-        saved = penalty.total(list(chosen)) - penalty.total(left) - float(z[place] ** 2)
-        out = int(inside[place])
-        found.append(Move(MoveKind.DROP, out, None, saved))
+    moves = _additions(quadratic, penalty, list(chosen), None, 0.0)
+    for place in np.flatnonzero(penalty.pair[inside] >= 0):
+        remaining = np.delete(inside, place).tolist()
+        saved = penalty.total(list(chosen)) - penalty.total(remaining) - float(z[place] ** 2)
+        dropped = int(inside[place])
+        moves.append(Move(MoveKind.DROP, dropped, None, saved))
         if swaps:
-            others = [move for move in _additions(quadratic, penalty, left, out, saved) if move.in_ != out]
-            found += sorted(others, key=lambda move: -move.gain)[:1]
-    return sorted(found, key=lambda move: -move.gain)
+            additions = _additions(quadratic, penalty, remaining, dropped, saved)
+            others = [move for move in additions if move.added != dropped]
+            moves += sorted(others, key=lambda move: -move.gain)[:1]
+    return sorted(moves, key=lambda move: -move.gain)
 
 
 def _additions(
-    quadratic: QuadraticModel, penalty: Penalty, chosen: list[int], out: int | None, saved: float
+    quadratic: QuadraticModel, penalty: Penalty, chosen: list[int], dropped: int | None, saved: float
 ) -> list[Move]:
-    """Every coefficient added to `chosen`; with `out` gone before, which saved `saved`."""
-    numbers, _, z, _ = quadratic.outside(chosen)
+    """Every coefficient added to `chosen`; `saved` is the gain of having dropped `dropped` before."""
+    numbers, _, z, _ = quadratic.additions(chosen)
     pairs = penalty.pair[numbers]
     linked = np.isin(pairs, [*set(penalty.pair[chosen].tolist()), *penalty.stated])
-    gain = saved + z**2 - penalty.term - np.where(linked, 0.0, penalty.link)
-    kind = MoveKind.ADD if out is None else MoveKind.SWAP
+    gains = saved + z**2 - penalty.term - np.where(linked, 0.0, penalty.link)
+    kind = MoveKind.ADD if dropped is None else MoveKind.SWAP
     return [
-        Move(kind, out, int(number), float(each))
-        for number, each, pair in zip(numbers, gain, pairs, strict=True)
+        Move(kind, dropped, int(number), float(gain))
+        for number, gain, pair in zip(numbers, gains, pairs, strict=True)
         if pair >= 0
     ]
 
 
 def local_search(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
-    """The choice at which no single addition, removal or exchange lowers misfit plus price any more."""
+    """The subset, reached from `start`, at which no single addition, removal or exchange lowers the criterion."""
     chosen = sorted(start)
-    for _ in range(_MOVES):
+    for _ in range(_MOST_MOVES):
         move = _best_move(quadratic, penalty, chosen)
-        if move is None or move.gain <= _GAIN:
+        if move is None or move.gain <= _LEAST_GAIN:
             break
-        chosen = sorted({*chosen, *([] if move.in_ is None else [move.in_])} - {move.out})
+        chosen = sorted({*chosen, *([] if move.added is None else [move.added])} - {move.dropped})
     return chosen
 
 
 def _best_move(quadratic: QuadraticModel, penalty: Penalty, chosen: list[int]) -> Move | None:
-    """The one that gains most, an exchange only where nothing else gains; None where every coefficient was stated."""
+    """The move that gains most, an exchange only if no other move gains; None if every coefficient was stated."""
     for swaps in (False, True):
-        ranked = ranked_moves(quadratic, penalty, chosen, swaps=swaps)
-        if ranked and (swaps or ranked[0].gain > _GAIN):
-            return ranked[0]
+        moves = ranked_moves(quadratic, penalty, chosen, swaps=swaps)
+        if moves and (swaps or moves[0].gain > _LEAST_GAIN):
+            return moves[0]
     return None
 
 
-def best(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
-    """The best of three searches: from `start`, from every term of the links that `start` has, and from all there is.
+def best_subset(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
+    """The best result of local searches from three subsets: `start`, all terms of its links, and all coefficients.
 
-    The second finds the dampers for which one of a link that is not there may stand in, the third links that lie elsewhere.
+    The second start finds dampers for which one on a false link may substitute, the third links that `start` lacks.
     """
     linked = np.isin(penalty.pair, [*(set(penalty.pair[list(start)].tolist()) - {-1}), *penalty.stated])
     always = frozenset(np.flatnonzero(penalty.pair < 0).tolist())
     limit = float(np.sqrt(penalty.term))
-    found = [local_search(quadratic, penalty, start)]
+    subsets = [local_search(quadratic, penalty, start)]
     for wide in ({*start, *np.flatnonzero(linked).tolist()}, set(range(len(penalty.pair)))):
         try:
-            found.append(
-                local_search(quadratic, penalty, backward_elimination(quadratic, sorted(wide), always, limit))
-            )
+            reduced = backward_elimination(quadratic, sorted(wide), always, limit)
+            subsets.append(local_search(quadratic, penalty, reduced))
         except np.linalg.LinAlgError:
             continue
-    return min(found, key=lambda chosen: quadratic.cost(chosen) + penalty.total(chosen))
+    return min(subsets, key=lambda chosen: quadratic.cost(chosen) + penalty.total(chosen))
 
 
 def backward_elimination(
     quadratic: QuadraticModel, start: Sequence[int], always: frozenset[int], limit: float
 ) -> list[int]:
-    """`start` without what stays below `limit` deviations, the weakest third of it going first, until all stand above."""
+    """Drop coefficients with |z| below `limit` from `start`, the weakest third of them first, until none is left.
+
+    Those in `always` stay. Raises numpy.linalg.LinAlgError if the columns are linearly dependent.
+    """
     chosen = sorted(start)
     while True:
         z = np.abs(quadratic.solve(chosen).z)
@@ -117,5 +124,5 @@ def backward_elimination(
         if not weak:
             return chosen
         weak.sort(key=lambda k: z[k])
-        falling = set(weak[: max(1, len(weak) // _AT_ONCE)])
-        chosen = [number for k, number in enumerate(chosen) if k not in falling]
+        eliminated = set(weak[: max(1, len(weak) // _ELIMINATED)])
+        chosen = [number for k, number in enumerate(chosen) if k not in eliminated]

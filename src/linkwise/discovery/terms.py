@@ -15,7 +15,7 @@ from linkwise.model.law import Law
 
 DEFAULT = "v, d, d**2, d**3"
 
-#: What a name in a list of terms stands for; {} is the number given in brackets.
+#: What a family in a list of terms stands for; {} is the number given in brackets.
 FAMILIES = {
     "linear": "v, d",
     "cubic": "v, d, d**2, d**3",
@@ -23,25 +23,25 @@ FAMILIES = {
     "quintic": "v, d, d**2, d**3, d**4, d**5",
     "quadratic-damping": "v*abs(v)",
     "friction": "tanh(v/{})",
-    "contact": "max(d - {}, 0), min(d + {}, 0)",  # which end comes first is not the user's choice, so both ways round
+    "contact": "max(d - {}, 0), min(d + {}, 0)",  # both signs, since the user does not choose which end comes first
     "gap": "max(d - {}, 0) + min(d + {}, 0)",
 }
 
-_NEEDED = {
+_FAMILY_ARGUMENTS = {
     "friction": "the rate in m/s at which it saturates",
-    "contact": "the elongation in m, either way, at which it closes",
+    "contact": "the elongation in m, of either sign, at which it closes",
     "gap": "the elongation in m at which either side closes",
 }
-_PLACES = 200  # at which terms are compared, more than anybody has terms
-_HUGE = 1e100  # where an exponential is beyond it nothing is compared
-_DEPENDENT = 1e-9
+_SAMPLES = 200  # points (d, v) at which terms are compared: more than any list has terms
+_LARGEST = 1e100  # points at which a term, such as an exponential, is larger are not compared
+_DEPENDENT = 1e-9  # of a term's norm: a residual below it is rounding
 _POWER = re.compile(r"([dv])\*\*(\d+)")
 _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2"}
 
 
 @dataclass(frozen=True)
 class Term:
-    """A function of d and v, `text` without coefficients, and the name `coefficient` of what multiplies it."""
+    """A function of d and v: its `text`, without coefficients, and the name of the `coefficient` that multiplies it."""
 
     text: str
     coefficient: str
@@ -51,74 +51,103 @@ class Term:
         object.__setattr__(self, "law", Law.parse(self.text))
 
     @property
-    def written(self) -> str:
-        """As it stands in a law: "k3*d**3"."""
-        plain = re.fullmatch(r"[\w*()./]+", self.text) and not re.search(r"[+-]", self.text)
-        return f"{self.coefficient}*{self.text}" if plain else f"{self.coefficient}*({self.text})"
+    def product(self) -> str:
+        """The term with its coefficient, as a law has it: "k3*d**3"."""
+        is_factor = re.fullmatch(r"[\w*()./]+", self.text) and not re.search(r"[+-]", self.text)
+        return f"{self.coefficient}*{self.text}" if is_factor else f"{self.coefficient}*({self.text})"
 
     @property
     def unit(self) -> str:
-        """The SI unit of its coefficient."""
-        return Law.parse(self.written).units[self.coefficient]
+        """The SI unit of the coefficient."""
+        return Law.parse(self.product).units[self.coefficient]
 
     @property
     def elastic(self) -> bool:
-        """Whether it does not depend on v."""
+        """Whether the term does not depend on v."""
         return "v" not in symbols(self.law.expression)
 
 
 def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
-    """The terms of a list such as "v, d, d**3" or "cubic, friction(0.01)"; families may be mixed with terms.
+    """Read a list of candidate terms for `discover`.
 
-    Raises IdentificationError for an empty list, a name that is neither, a term that is constant, has a coefficient of its
-    own, is a sum of others or no number for negative d or v, and LawError for one that cannot be read.
+    Parameters
+    ----------
+    text : str or sequence of str
+        Functions of the elongation d (m) and its rate v (m/s), and families of them, separated by commas or as a
+        sequence. The families are "linear", "cubic", "bistable", "quintic", "quadratic-damping", "friction(RATE)" with the
+        rate in m/s at which the friction saturates, and "contact(GAP)" and "gap(GAP)" with the elongation in m at which a
+        stop closes.
+
+    Returns
+    -------
+    tuple of Term
+        Each function once, in the order given, with a name for its coefficient.
+
+    Raises
+    ------
+    IdentificationError
+        If the list is empty, or a term is constant, has a coefficient of its own, is a linear combination of the terms
+        before it, or is undefined for negative d or v.
+    LawError
+        If a term is not a valid expression.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> [term.product for term in lw.parse_terms("linear, d**3, friction(0.01)")]
+    ['c*v', 'k*d', 'k3*d**3', 'F*tanh(v/0.01)']
     """
     parts = _split(text) if isinstance(text, str) else [part.strip() for part in text]
-    found: dict[Expression, Term] = {}
+    terms: dict[Expression, Term] = {}
     for part in parts:
-        for one in _expanded(part):
-            _require_term(one)
-            found.setdefault(Law.parse(one).expression, Term(one, _name(one, len(found))))
-    if not found:
-        raise IdentificationError(f'no terms are given; write a list such as "{DEFAULT}"')
-    _require_independent(list(found.values()))
-    names = [term.coefficient for term in found.values()]
-    twice = {name for name in names if names.count(name) > 1}
+        for function in _expand(part):
+            _require_function_of_motion(function)
+            expression = Law.parse(function).expression
+            terms.setdefault(expression, Term(function, _coefficient_name(function, len(terms))))
+    if not terms:
+        raise IdentificationError(f'the list of terms is empty; write a list such as "{DEFAULT}"')
+    _require_independent(list(terms.values()))
+    names = [term.coefficient for term in terms.values()]
+    repeated = {name for name in names if names.count(name) > 1}
     return tuple(
-        Term(term.text, f"{term.coefficient}_{number}") if term.coefficient in twice else term
-        for number, term in enumerate(found.values(), start=1)
+        Term(term.text, f"{term.coefficient}_{number}") if term.coefficient in repeated else term
+        for number, term in enumerate(terms.values(), start=1)
     )
 
 
 def _require_independent(terms: Sequence[Term]) -> None:
-    """IdentificationError where one term is a sum of multiples of others, as 2*d is of d, or is no number below zero."""
+    """IdentificationError if a term is undefined for negative d or v, or a linear combination of the terms before it.
+
+    Gram-Schmidt orthogonalisation of the terms' values at random points (d, v).
+    """
     rng = np.random.default_rng(0)
-    d, v = rng.choice([-1.0, 1.0], (2, _PLACES)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, _PLACES))
+    d, v = rng.choice([-1.0, 1.0], (2, _SAMPLES)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, _SAMPLES))
     small = np.maximum(np.abs(d), np.abs(v)) < 1.0
     values = np.array([np.broadcast_to(term.law.force(d, v, {}), d.shape) for term in terms])
     for term, column in zip(terms, values, strict=True):
         if np.isnan(column[small]).any():
             raise IdentificationError(
-                f"the term {term.text!r} is no number for some d or v below zero, and links move both ways: write it with "
+                f"the term {term.text!r} is not a number for some negative d or v, and links move both ways; write it with "
                 "abs and sign, as in sign(d)*sqrt(abs(d))"
             )
-    values = values[:, np.all(np.abs(values) < _HUGE, axis=0)]
-    columns: list[Floats] = []
+    values = values[:, np.all(np.abs(values) < _LARGEST, axis=0)]
+    basis: list[Floats] = []
     for number, (term, column) in enumerate(zip(terms, values, strict=True)):
-        left = column
-        for _ in range(2):  # the second time takes off what rounding left
-            left = left - sum((each * (each @ left) for each in columns), start=np.zeros(len(column)))
-        if np.linalg.norm(left) <= _DEPENDENT * np.linalg.norm(column):
-            before = ", ".join(each.text for each in terms[:number])
-            raise IdentificationError(
-                f"the term {term.text!r} says nothing beside {before or 'nothing'}: it is a sum of multiples of them; "
-                "leave it out"
+        residual = column
+        for _ in range(2):  # the second pass removes the rounding error of the first
+            residual = residual - sum(
+                (vector * (vector @ residual) for vector in basis), start=np.zeros(len(column))
             )
-        columns.append(left / np.linalg.norm(left))
+        if np.linalg.norm(residual) <= _DEPENDENT * np.linalg.norm(column):
+            before = ", ".join(other.text for other in terms[:number])
+            raise IdentificationError(
+                f"the term {term.text!r} is a linear combination of {before or 'no terms (it is zero)'}; leave it out"
+            )
+        basis.append(residual / np.linalg.norm(residual))
 
 
 def _split(text: str) -> list[str]:
-    """At the commas outside of brackets."""
+    """The parts of a list: between commas that are outside of brackets."""
     parts, depth = [""], 0
     for character in text:
         depth += (character == "(") - (character == ")")
@@ -129,51 +158,54 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in parts if part.strip()]
 
 
-def _expanded(part: str) -> list[str]:
-    """A family's terms, or the term itself."""
+def _expand(part: str) -> list[str]:
+    """The terms of a family, or the term itself."""
     name, bracket, rest = part.partition("(")
     name, number = name.strip(), rest.removesuffix(")")
     if name not in FAMILIES:
         return [part]
     family = FAMILIES[name]
-    if name in _NEEDED:
-        if not rest.endswith(")") or not _positive(number):
+    if name in _FAMILY_ARGUMENTS:
+        if not rest.endswith(")") or not _is_positive(number):
             raise IdentificationError(
-                f"the family {name} needs {_NEEDED[name]}, a positive number in brackets, as in {name}(0.01); got {part!r}"
+                f"the family {name} takes {_FAMILY_ARGUMENTS[name]}, a positive number in brackets, as in {name}(0.01); "
+                f"got {part!r}"
             )
         return _split(family.format(*[number] * family.count("{}")))
     if bracket:
-        raise IdentificationError(f"the family {name} takes no number; got {part!r}")
+        raise IdentificationError(f"the family {name} takes no argument; got {part!r}")
     return _split(family)
 
 
-def _positive(text: str) -> bool:
+def _is_positive(text: str) -> bool:
     try:
         return 0.0 < float(text) < float("inf")
     except ValueError:
         return False
 
 
-def _require_term(text: str) -> None:
+def _require_function_of_motion(text: str) -> None:
+    """IdentificationError if a term has coefficients, or depends neither on d nor on v."""
     law = Law.parse(text)
     if law.coefficients:
         raise IdentificationError(
-            f"the term {text!r} has the name {law.coefficients[0]!r} in it: a term is a function of d and v alone, its "
-            f"coefficient is added; give a number in its place, or one of the families {', '.join(FAMILIES)}"
+            f"the term {text!r} contains the name {law.coefficients[0]!r}: a term is a function of d and v alone, its "
+            f"coefficient is added; write a number, or one of the families {', '.join(FAMILIES)}"
         )
     if not set(symbols(law.expression)) & {"d", "v"}:
         raise IdentificationError(
-            f"the term {text!r} depends neither on d nor on v: a constant force is no link"
+            f"the term {text!r} depends neither on d nor on v; a constant force is not a link"
         )
 
 
-def _name(text: str, place: int) -> str:
-    bare = text.replace(" ", "")
-    power = _POWER.fullmatch(bare)
+def _coefficient_name(text: str, number: int) -> str:
+    """The usual name of a term's coefficient; "a" and its number in the list for a term that has none."""
+    compact = text.replace(" ", "")
+    power = _POWER.fullmatch(compact)
     if power:
         return f"{'k' if power[1] == 'd' else 'c'}{power[2]}"
-    if bare.startswith("tanh(v"):
+    if compact.startswith("tanh(v"):
         return "F"
-    if bare.startswith(("max(d", "min(d")):
-        return "kc" if bare.startswith("max") else "kn"
-    return _COEFFICIENTS.get(bare, f"a{place + 1}")
+    if compact.startswith(("max(d", "min(d")):
+        return "kc" if compact.startswith("max") else "kn"
+    return _COEFFICIENTS.get(compact, f"a{number + 1}")

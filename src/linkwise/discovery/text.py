@@ -1,4 +1,4 @@
-"""The printed discovery: verdict, links by certainty with the evidence for every term, what was in doubt, what came next."""
+"""The printed discovery: verdict, links by certainty with the evidence for their terms, doubtful terms, next best models."""
 
 from __future__ import annotations
 
@@ -12,164 +12,163 @@ from linkwise.verdict import Decision
 
 Rows = list[tuple[str, ...]]
 
-_LINKS = 24  # that are printed; a longer list is read in the result folder
-_DOUBTS = 12
-_NEXT = 5  # runners-up
-_WIDTH = 100  # at which sentences are broken
+_LINKS = 24  # that are printed; a longer list is in the result folder
+_DOUBTFUL = 12
+_RUNNERS_UP = 5
+_WIDTH = 100  # at which sentences are wrapped
 
 TERM_HEAD = ("", "value", "std. error", "z", "margin", "unit")
-DOUBT_HEAD = ("", "term", "now", "z", "margin", "would be")
-NEXT_HEAD = ("model", "criterion above the chosen one")
+DOUBTFUL_HEAD = ("", "term", "now", "z", "margin", "would be")
+RUNNER_UP_HEAD = ("model", "criterion above the selected one")
 
 
 @as_text.register
-def text_table(found: Discovery) -> str:
-    """The whole answer as text."""
-    head, *told = headline(found)
-    blocks = ["\n".join([head, *(fill(line, _WIDTH) for line in told)])]
-    links = by_certainty(found)
-    table = iter(align_columns([TERM_HEAD, *(row for link in links for row in term_rows(found, link))]))
+def discovery_text(discovery: Discovery) -> str:
+    """The whole result as text."""
+    first, *sentences = headline(discovery)
+    blocks = ["\n".join([first, *(fill(sentence, _WIDTH) for sentence in sentences)])]
+    links = links_by_certainty(discovery)
+    table = iter(align_columns([TERM_HEAD, *(row for link in links for row in term_rows(discovery, link))]))
     lines = [next(table)]
     for link in links[:_LINKS]:
-        lines.append(link_title(found, link))
+        lines.append(link_title(discovery, link))
         lines += [next(table) for _ in link.coefficients]
     if len(links) > _LINKS:
-        lines.append(
-            f"... and {len(links) - _LINKS} less certain links; every one stands in the result folder"
-        )
+        lines.append(f"... and {len(links) - _LINKS} less certain links; the result folder lists all")
     blocks.append("\n".join(lines))
-    doubted = doubt_rows(found, CERTAIN)
-    if len(doubted) > 1:
-        more = len(doubted) - 1 - _DOUBTS
+    doubtful = doubtful_rows(discovery)
+    if len(doubtful) > 1:
+        more = len(doubtful) - 1 - _DOUBTFUL
         tail = [f"  ... and {more} more"] if more > 0 else []
-        blocks.append("\n".join([doubt_title(found, CERTAIN), *align_columns(doubted[: _DOUBTS + 1]), *tail]))
-    if found.runners_up:
-        blocks.append("\n".join(["the next best models", *align_columns(next_rows(found)[: _NEXT + 1])]))
-    remarks = all_remarks(found)
+        blocks.append(
+            "\n".join([doubtful_title(discovery), *align_columns(doubtful[: _DOUBTFUL + 1]), *tail])
+        )
+    if discovery.runners_up:
+        rows = runner_up_rows(discovery)[: _RUNNERS_UP + 1]
+        blocks.append("\n".join(["the next best models", *align_columns(rows)]))
+    remarks = all_remarks(discovery)
     if remarks:
-        blocks.append("\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in remarks))
+        blocks.append("\n".join(fill(f"! {remark}", _WIDTH, subsequent_indent="  ") for remark in remarks))
     return "\n\n".join(blocks)
 
 
-def headline(found: Discovery) -> tuple[str, ...]:
-    """The answer in a line, whether to trust it, and what it took."""
-    estimate = found.estimate
-    terms = sum(each.value != 0.0 for link in estimate.links for each in link.coefficients)
-    trust = "can be trusted" if found.trusted else "NOT to be trusted"
-    if found.trusted and found.in_doubt:
-        trust += f", but for {_counted(len(found.in_doubt), 'link')} in doubt: {', '.join(found.in_doubt)}"
-    chi = (
+def headline(discovery: Discovery) -> tuple[str, ...]:
+    """The result in one line with whether to trust it, and a sentence on its certainty and cost."""
+    estimate = discovery.estimate
+    terms = sum(coefficient.value != 0.0 for link in estimate.links for coefficient in link.coefficients)
+    trust = "can be trusted" if discovery.trusted else "NOT to be trusted"
+    if discovery.trusted and discovery.in_doubt:
+        trust += (
+            f", but for {_count(len(discovery.in_doubt), 'link')} in doubt: {', '.join(discovery.in_doubt)}"
+        )
+    chi_square = (
         "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     )
-    rounds = f"{found.rounds} round{'' if found.rounds == 1 else 's'}"
-    search = "".join(f"{verdict.value} " for verdict in found.verdicts if verdict not in estimate.verdicts)
+    search = "".join(
+        f"{verdict.value} " for verdict in discovery.verdicts if verdict not in estimate.verdicts
+    )
     return (
-        f"{_counted(len(estimate.masses), 'mass', 'masses')}, {_counted(len(estimate.links), 'link')} with "
-        f"{_counted(terms, 'term')}: {trust}",
-        f"{search}{estimate.message} {doubts(found)} ({len(found.terms)} candidates tested, {estimate.samples} samples{chi}, "
-        f"{rounds}, {found.seconds:.2g} s)",
+        f"{_count(len(estimate.masses), 'mass', 'masses')}, {_count(len(estimate.links), 'link')} with "
+        f"{_count(terms, 'term')}: {trust}",
+        f"{search}{estimate.message} {certainty_sentence(discovery)} ({len(discovery.terms)} candidates tested, "
+        f"{estimate.samples} samples{chi_square}, {_count(discovery.rounds, 'round')}, {discovery.seconds:.2g} s)",
     )
 
 
-def doubts(found: Discovery) -> str:
-    """How many decisions are not beyond doubt, in a sentence."""
-    if not found.trusted:
-        return "No decision is beyond doubt."
-    kept = sum(term.kept for term in found.doubtful)
-    dropped = len(found.doubtful) - kept
-    if not found.doubtful:
-        return "Every decision is beyond doubt."
-    told = [f"{kept} of the terms found"] * (kept > 0) + [f"{dropped} of those dropped"] * (dropped > 0)
-    return f"In doubt: {' and '.join(told)}."
+def certainty_sentence(discovery: Discovery) -> str:
+    """How many decisions are not certain, in a sentence."""
+    if not discovery.trusted:
+        return "No decision is certain."
+    kept = sum(term.kept for term in discovery.doubtful)
+    dropped = len(discovery.doubtful) - kept
+    if not discovery.doubtful:
+        return "Every decision is certain."
+    parts = [f"{kept} of the terms kept"] * (kept > 0) + [f"{dropped} of those dropped"] * (dropped > 0)
+    return f"In doubt: {' and '.join(parts)}."
 
 
-def by_certainty(found: Discovery) -> list[LinkEstimate]:
+def links_by_certainty(discovery: Discovery) -> list[LinkEstimate]:
     """The links, the most certain first."""
-    return sorted(found.estimate.links, key=lambda each: -found.certainty(each.link.name))
+    return sorted(discovery.estimate.links, key=lambda link: -discovery.certainty(link.link.name))
 
 
-def link_title(found: Discovery, each: LinkEstimate) -> str:
-    """Name, kind, law and ends of a link."""
-    mark = "" if found.decision(each.link.name) is Decision.CERTAIN or not found.trusted else " (in doubt)"
-    return f"{each.link.name}{mark}, {each.kind}: {each.link.law.text}"
+def doubt_mark(discovery: Discovery, link: LinkEstimate) -> str:
+    """What follows the name of a link that is in doubt, in a result to be trusted."""
+    certain = discovery.decision(link.link.name) is Decision.CERTAIN
+    return "" if certain or not discovery.trusted else " (in doubt)"
 
 
-def term_rows(found: Discovery, each: LinkEstimate) -> Rows:
+def link_title(discovery: Discovery, link: LinkEstimate) -> str:
+    """Name, kind and law of a link."""
+    return f"{link.link.name}{doubt_mark(discovery, link)}, {link.kind}: {link.link.law.text}"
+
+
+def term_rows(discovery: Discovery, link: LinkEstimate) -> Rows:
     """A row for every coefficient of a link."""
-    evidence = {term.name: term for term in found.kept}
+    evidence = {term.name: term for term in discovery.kept}
     return [
-        _term_row(coefficient, evidence.get(coefficient.name), marked=found.trusted)
-        for coefficient in each.coefficients
+        _term_row(coefficient, evidence.get(coefficient.name), marked=discovery.trusted)
+        for coefficient in link.coefficients
     ]
 
 
-def _term_row(each: CoefficientEstimate, term: TermEvidence | None, *, marked: bool) -> tuple[str, ...]:
-    """`z` is that of the numbers beside it: a model error widens them after the term was judged."""
-    mark = "" if term is None or term.certain or not marked else "  in doubt"
-    error = (
-        "given"
-        if each.known
-        else "none"
-        if each.standard_error is None
-        else format_error(each.standard_error)
-    )
+def _term_row(
+    coefficient: CoefficientEstimate, evidence: TermEvidence | None, *, marked: bool
+) -> tuple[str, ...]:
+    """`z` is that of the numbers shown, which a model error may have widened since the selection."""
+    mark = "" if evidence is None or evidence.certain or not marked else "  in doubt"
+    if coefficient.known:
+        error = "given"
+    elif coefficient.standard_error is None:
+        error = "none"
+    else:
+        error = format_error(coefficient.standard_error)
     return (
-        each.name.rpartition(".")[2],
-        format_value(each.value, each.standard_error),
+        coefficient.name.rpartition(".")[2],
+        format_value(coefficient.value, coefficient.standard_error),
         error,
-        rough(each.value / each.standard_error) if each.standard_error else "",
-        "stated" if term is None else rough(term.margin),
-        f"{each.unit}{mark}",
+        rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else "",
+        "stated" if evidence is None else rough(evidence.margin),
+        f"{coefficient.unit}{mark}",
     )
 
 
-def doubt_title(found: Discovery, certain: float) -> str:
-    """What stands above the doubts."""
-    more = found.trusted and any(not term.unambiguous for term in found.doubtful)
-    return f"in doubt: the margin is {certain:g} or less{', masses moved alike, or another term would do' if more else ''}"
+def doubtful_title(discovery: Discovery) -> str:
+    """The title of the table of doubtful terms."""
+    ambiguous = discovery.trusted and any(not term.unambiguous for term in discovery.doubtful)
+    reasons = ", masses moved together, or another term would fit as well" if ambiguous else ""
+    return f"in doubt: the margin is {CERTAIN:g} or less{reasons}"
 
 
-def doubt_rows(found: Discovery, certain: float) -> Rows:
-    """What is not beyond doubt, the most doubtful first; of an answer that is not to be trusted, what is close besides."""
-    rows: Rows = [DOUBT_HEAD]
-    for term in found.doubtful:
-        if not found.trusted and term.identifiable and term.margin > certain:
+def doubtful_rows(discovery: Discovery) -> Rows:
+    """The terms whose decision is not certain; without trust, those with a small margin."""
+    rows: Rows = [DOUBTFUL_HEAD]
+    for term in discovery.doubtful:
+        if not discovery.trusted and term.identifiable and term.margin > CERTAIN:
             continue
         size = abs(term.standard_error) if isfinite(term.standard_error) else None
-        value = (
-            f"{format_value(term.value, size)} {term.unit}"
-            if term.identifiable
-            else "not told beside what was kept"
-        )
-        rows.append(
-            (
-                term.link,
-                term.term,
-                "kept" if term.kept else "dropped",
-                rough(term.z),
-                rough(term.margin),
-                value,
-            )
-        )
+        value = f"{format_value(term.value, size)} {term.unit}" if term.identifiable else "not identifiable"
+        decision = "kept" if term.kept else "dropped"
+        rows.append((term.link, term.term, decision, rough(term.z), rough(term.margin), value))
     return rows
 
 
-def next_rows(found: Discovery) -> Rows:
+def runner_up_rows(discovery: Discovery) -> Rows:
     """The runners-up, best first."""
-    return [NEXT_HEAD, *((each.change, rough(each.margin)) for each in found.runners_up)]
+    return [RUNNER_UP_HEAD, *((model.change, rough(model.margin)) for model in discovery.runners_up)]
 
 
-def all_remarks(found: Discovery) -> tuple[str, ...]:
-    """What the record cannot tell, each once."""
-    return tuple(dict.fromkeys((*found.remarks, *found.estimate.findings)))
+def all_remarks(discovery: Discovery) -> tuple[str, ...]:
+    """What the records cannot show, each sentence once."""
+    return tuple(dict.fromkeys((*discovery.remarks, *discovery.estimate.findings)))
 
 
 def rough(value: float) -> str:
-    """A number on which nothing is built, to three digits."""
+    """A number to three digits."""
     if value == inf:
         return "any"
     return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.1e}"
 
 
-def _counted(count: int, one: str, many: str = "") -> str:
-    return f"{count} {one if count == 1 else many or one + 's'}"
+def _count(count: int, singular: str, plural: str = "") -> str:
+    return f"{count} {singular if count == 1 else plural or singular + 's'}"

@@ -1,4 +1,4 @@
-"""Weak equations of some masses in all records as parabolas in their coefficients."""
+"""Weak equations of several masses in several records as one quadratic model of their coefficients."""
 
 from __future__ import annotations
 
@@ -15,88 +15,93 @@ from linkwise.weak.fit import assemble_blocks, normal_equations, residual_power
 from linkwise.weak.patch import Patch
 from linkwise.weak.scatter import SlopeStatistics, score_blocks
 
-Pieces = Sequence[tuple[Sequence[Patch], WeakEquations]]
+#: For each record, the patches to regress and the equations that they belong to.
+RecordPatches = Sequence[tuple[Sequence[Patch], WeakEquations]]
+Weights = tuple[tuple[Floats, ...], ...]
 
-_ROUNDS = 2  # of weighting the masses by what they leave
-_RIDGE = 1e-10
-_OVERLAP = 2.0  # windows share samples, so that sums of squares count everything about twice
+_REWEIGHTINGS = 2  # rounds of weighting the masses by their residuals
+_RIDGE = 1e-10  # of the unit diagonal: just above rounding
+_OVERLAP = 2.0  # windows overlap, so that sums of squares count every sample about twice
 
 
 @dataclass(frozen=True, eq=False)
 class WeakRegression:
-    """The equations in `pieces`, patches of one record each, whose masses are weighted by `weights`.
+    """The equations in `patches`, in which each mass is weighted by `weights`.
 
-    `names` (p,) are the parameters that they hold, `numbers` (p,) theirs in the structure; `scatter` (p, p) is the covariance
-    that noise gives the sums which are solved.
+    `names` (p,) are the coefficients in the equations and `numbers` (p,) their numbers in the structure; `scatter` (p, p) is
+    the covariance of the right-hand side of the normal equations due to noise.
     """
 
-    pieces: Pieces
-    weights: tuple[tuple[Floats, ...], ...]
+    patches: RecordPatches
+    weights: Weights
     names: tuple[str, ...]
     numbers: Indices
     scatter: Floats
 
     @classmethod
-    def of(cls, pieces: Pieces) -> WeakRegression:
-        """Weighted by what a least squares on everything leaves, the noise bias left in: it is always positive."""
-        parameters = pieces[0][1].parameters
-        numbers = np.unique(
-            np.concatenate([patch.layout.parameter for patches, _ in pieces for patch in patches])
-        )
-        weights = tuple(tuple(1.0 / patch.largest() for patch in patches) for patches, _ in pieces)
-        for _ in range(_ROUNDS):
+    def of(cls, patches: RecordPatches) -> WeakRegression:
+        """The equations weighted by the residuals of a fit of all coefficients.
+
+        That fit leaves the noise bias in, so that its normal matrix is always positive definite.
+        """
+        parameters = patches[0][1].parameters
+        numbers = np.unique(np.concatenate([patch.layout.parameter for some, _ in patches for patch in some]))
+        weights: Weights = tuple(tuple(1.0 / patch.largest() for patch in some) for some, _ in patches)
+        for _ in range(_REWEIGHTINGS):
             values = np.zeros(len(parameters))
-            values[numbers] = _ridged(*_normal(pieces, weights, numbers, 1.0))
+            values[numbers] = _solve_with_ridge(*_normal_equations(patches, weights, numbers, 1.0))
             weights = tuple(
-                tuple(1.0 / residual_power(patch, values) for patch in patches) for patches, _ in pieces
+                tuple(1.0 / residual_power(patch, values) for patch in some) for some, _ in patches
             )
         names = tuple(parameters[number] for number in numbers)
-        return cls(pieces, weights, names, numbers, _scatter(pieces, weights, numbers, values))
+        return cls(patches, weights, names, numbers, _scatter(patches, weights, numbers, values))
 
     def quadratic(self, bias: float) -> QuadraticModel:
-        """The sums of products with this share of the noise bias left in; z by the noise."""
-        h, g = _normal(self.pieces, self.weights, self.numbers, bias)
+        """The normal equations with the part `bias` of the noise bias left in; z scores by the noise."""
+        h, g = _normal_equations(self.patches, self.weights, self.numbers, bias)
         return QuadraticModel(self.names, h, g, self.scatter)
 
     def squares(self) -> QuadraticModel:
-        """The sum of squared residuals, about as a likelihood has it: one cost by which choices can be compared."""
-        h, g = _normal(self.pieces, self.weights, self.numbers, 0.0)
+        """The sum of squared residuals on about the scale of -2 log likelihood, to compare subsets."""
+        h, g = _normal_equations(self.patches, self.weights, self.numbers, 0.0)
         return QuadraticModel(self.names, h / _OVERLAP, g / _OVERLAP)
 
     @property
     def rows(self) -> int:
-        """How many equations there are."""
-        return int(sum(len(patch.masses) * patch.windows for patches, _ in self.pieces for patch in patches))
+        """The number of equations."""
+        return int(sum(len(patch.masses) * patch.windows for some, _ in self.patches for patch in some))
 
 
-def _normal(
-    pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Indices, bias: float
+def _normal_equations(
+    patches: RecordPatches, weights: Sequence[Sequence[Floats]], numbers: Indices, bias: float
 ) -> tuple[Floats, Floats]:
-    h, g = np.zeros((len(here), len(here))), np.zeros(len(here))
-    for (patches, equations), weight in zip(pieces, weights, strict=True):
-        one, right = normal_equations(patches, weight, len(equations.parameters), bias=bias)
-        h += _dense(one, here)
-        g += right[here]
+    h, g = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
+    for (some, equations), weight in zip(patches, weights, strict=True):
+        matrix, right = normal_equations(some, weight, len(equations.parameters), bias=bias)
+        h += _dense(matrix, numbers)
+        g += right[numbers]
     return h, g
 
 
-def _scatter(pieces: Pieces, weights: Sequence[Sequence[Floats]], here: Indices, values: Floats) -> Floats:
-    total = np.zeros((len(here), len(here)))
-    for (patches, equations), weight in zip(pieces, weights, strict=True):
-        noisy = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in patches]
-        total += _dense(assemble_blocks(score_blocks(noisy, weight, equations), len(values)), here)
+def _scatter(
+    patches: RecordPatches, weights: Sequence[Sequence[Floats]], numbers: Indices, values: Floats
+) -> Floats:
+    total = np.zeros((len(numbers), len(numbers)))
+    for (some, equations), weight in zip(patches, weights, strict=True):
+        slopes = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in some]
+        total += _dense(assemble_blocks(score_blocks(slopes, weight, equations), len(values)), numbers)
     return total
 
 
-def _dense(matrix: Floats | csc_array, here: Indices) -> Floats:
-    """The rows and columns `here`."""
+def _dense(matrix: Floats | csc_array, numbers: Indices) -> Floats:
+    """The rows and columns `numbers` of a matrix."""
     if isinstance(matrix, np.ndarray):
-        return np.asarray(matrix[np.ix_(here, here)])
-    return np.asarray(matrix[here][:, here].toarray())
+        return np.asarray(matrix[np.ix_(numbers, numbers)])
+    return np.asarray(matrix[numbers][:, numbers].toarray())
 
 
-def _ridged(h: Floats, g: Floats) -> Floats:
-    """Least squares with the smallest ridge that rounding asks for."""
+def _solve_with_ridge(h: Floats, g: Floats) -> Floats:
+    """The solution of normal equations, scaled to unit diagonal, with the smallest ridge that rounding requires."""
     scale = 1.0 / np.sqrt(np.maximum(h.diagonal(), np.finfo(float).tiny))
     scaled = h * np.outer(scale, scale)
     return np.asarray(scale * np.linalg.solve(scaled + _RIDGE * np.eye(len(g)), scale * g))

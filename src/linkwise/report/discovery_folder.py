@@ -10,7 +10,7 @@ from pathlib import Path
 
 from linkwise.atomic import atomic_folder
 from linkwise.discovery.result import Discovery, TermEvidence
-from linkwise.discovery.scoring import term_score, truth_beside
+from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.plot import save
@@ -35,7 +35,7 @@ def write_discovery(
     told the fraction done.
     """
     result = discovery_of(found, truth)
-    beside = None if truth is None else truth_beside(found.structure, truth)
+    beside = None if truth is None else align_truth(found.structure, truth)
     found = replace(found, estimate=_by_names_found(found.estimate))
     with atomic_folder(Path(folder)) as partial:
         progress(0.0, "graph")
@@ -60,7 +60,7 @@ def _by_names_found(estimate: Estimate) -> Estimate:
     simulated = estimate.record.simulated
     if simulated is None:
         return estimate
-    beside = replace(simulated, structure=truth_beside(estimate.structure, simulated.structure))
+    beside = replace(simulated, structure=align_truth(estimate.structure, simulated.structure))
     return replace(estimate, record=replace(estimate.record, simulated=beside))
 
 

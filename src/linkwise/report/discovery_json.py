@@ -6,7 +6,7 @@ from importlib.metadata import version
 from typing import Any
 
 from linkwise.discovery.result import Discovery
-from linkwise.discovery.scoring import term_score, truth_beside
+from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.model.structure import Structure
 from linkwise.report.estimate_json import result_of
 
@@ -28,5 +28,5 @@ def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, 
         "missing_links": list(score.missing_links),
         "extra_links": list(score.extra_links),
     }
-    beside = result_of(found.estimate, truth_beside(found.structure, truth))
+    beside = result_of(found.estimate, align_truth(found.structure, truth))
     return {**result, "nmse_percent": beside["nmse_percent"], "truth": compared}

@@ -1,4 +1,4 @@
-"""From a discovery to the page: verdict, graph, links by certainty, path; then what the page of `identify` shows."""
+"""The report page of a discovery: verdict, graph, links by certainty, path; then the sections of an estimate's page."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.scoring import TermScore
 from linkwise.discovery.text import (
     all_remarks,
-    by_certainty,
-    doubt_rows,
-    doubt_title,
+    doubt_mark,
+    doubtful_rows,
+    doubtful_title,
     headline,
-    next_rows,
+    links_by_certainty,
+    runner_up_rows,
     term_rows,
 )
 from linkwise.report.estimate_page import TEMPLATES, page_parts
 from linkwise.report.section_page import embedded
-from linkwise.verdict import Decision
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 
@@ -32,7 +32,7 @@ def discovery_page(
     progress: Callable[[float, str], None] = lambda fraction, now: None,
     **options: Any,
 ) -> str:
-    """The page as text, HTML that carries everything in itself.
+    """The page as self-contained HTML.
 
     `figures` is the folder with graph.svg, path.svg and evidence.svg; `score` compares with the truth; `options` are those
     of `page_parts`.
@@ -46,9 +46,9 @@ def discovery_page(
             "remarks": all_remarks(found),
             "certain": CERTAIN,
             "links": [_HEAD, *_rows(found)],
-            "doubts": doubt_rows(found, CERTAIN),
-            "doubt_title": doubt_title(found, CERTAIN),
-            "runners": next_rows(found),
+            "doubts": doubtful_rows(found),
+            "doubt_title": doubtful_title(found),
+            "runners": runner_up_rows(found),
             "score": score,
             **{name: embedded(figures / f"{name}.svg") for name in ("graph", "path", "evidence")},
         }
@@ -56,13 +56,10 @@ def discovery_page(
 
 
 def _rows(found: Discovery) -> list[tuple[str, ...]]:
-    """A row for every term, links and their laws named once."""
+    """A row for every term; the first of a link names the link."""
     rows = []
-    for each in by_certainty(found):
-        name = each.link.name + (
-            "" if found.decision(each.link.name) is Decision.CERTAIN or not found.trusted else " (in doubt)"
-        )
-        title = (name, " – ".join(each.link.between), each.kind)
-        for number, row in enumerate(term_rows(found, each)):
+    for link in links_by_certainty(found):
+        title = (f"{link.link.name}{doubt_mark(found, link)}", " – ".join(link.link.between), link.kind)
+        for number, row in enumerate(term_rows(found, link)):
             rows.append((*(title if number == 0 else ("", "", "")), *row))
     return rows
