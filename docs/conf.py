@@ -60,6 +60,7 @@ sphinx_gallery_conf = {
     "run_stale_examples": True,
     "remove_config_comments": True,
     "show_memory": False,
+    "thumbnail_size": (400, 200),
     "write_computation_times": False,
     "min_reported_time": 1e9,
     "download_all_examples": False,
