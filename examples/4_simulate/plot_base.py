@@ -34,7 +34,7 @@ record = lw.simulate(rig, base="0.0005*sin(2*pi*10*t)", duration=2.0, rate=2000.
 
 d = record.channel("x:pin") - record.channel("x:base")
 energy = record.simulated.energy
-error = np.abs(energy.residual).max() / energy.put_in.max()
+error = np.abs(energy.residual).max() / energy.supplied.max()
 print(f"energy balance closes to {error:.0e} of the energy put in")
 
 # %%
