@@ -78,7 +78,7 @@ def test_result_of_a_killed_run_comes_back(tmp_path: Path) -> None:
     """Killed between the two renames: the earlier result is found under its hidden name."""
     folder = tmp_path / "answer"
     write_result(folder, a="1")
-    folder.rename(tmp_path / ".answer.old")
+    folder.rename(tmp_path / ".answer.0123abcd.old")
     with pytest.raises(RuntimeError, match="again"), atomic_folder(folder):
         raise RuntimeError("again")
     assert (folder / "a").read_text() == "1"

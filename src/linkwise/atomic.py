@@ -5,10 +5,15 @@ from __future__ import annotations
 import errno
 import json
 import math
+import os
+import re
 import shutil
+import sys
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
 
 from linkwise.errors import LinkwiseError
@@ -19,6 +24,14 @@ RESULT = (
 ABSORPTION = "absorption.json"  # the same for `absorb`
 
 
+if sys.platform != "win32":
+    import fcntl
+
+_ROOM = 20_000_000  # bytes that must be free: a page takes five million, its figures one
+_TRIAL = 65_536  # bytes written to find out whether the disk accepts any
+_ABANDONED = 86_400.0  # s without a change after which a temporary folder belongs to a run that was killed
+_NOT_RENAMED = frozenset({errno.EBUSY, errno.EXDEV, errno.EACCES, errno.EPERM, errno.EROFS})
+_TAKEN = frozenset({errno.EEXIST, errno.ENOTEMPTY})
 _DISK_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
@@ -31,6 +44,12 @@ class OutputError(LinkwiseError):
     """An output path that cannot or must not be written."""
 
     exit_code = 2
+
+
+class FullDiskError(OutputError):
+    """The disk is full or broken."""
+
+    exit_code = 1
 
 
 def to_json(data: Any, *, indent: int | None = None) -> str:
@@ -52,20 +71,93 @@ def _finite(data: Any) -> Any:
 def atomic_file(path: Path) -> Iterator[Path]:
     """A temporary path in the folder of `path`; renamed to `path` when the block ends without an error.
 
-    Missing parent folders are created. The suffix is kept, since writers choose the format by it.
+    Missing parent folders are created. The suffix is kept, since writers choose the format by it. Each of several writers has
+    its own temporary path, and the last one to finish wins. Raises OutputError where `path` is a device or a folder.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    place = path.resolve()
+    if place.exists() and not place.is_file():
+        raise OutputError(f"{path}: exists and is not a regular file; choose another name")
+    place.parent.mkdir(parents=True, exist_ok=True)
+    partial = place.with_name(f".{place.stem}.{token_hex(4)}.partial{place.suffix}")
     try:
         yield partial
-        partial.replace(path)
+        partial.replace(place)
     finally:
         partial.unlink(missing_ok=True)
 
 
 def check_result_folder(path: Path, mark: str = RESULT) -> None:
-    """Raise OutputError unless `path` does not exist, is an empty folder, or holds an earlier result marked by `mark`."""
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+    """Check, before the work, that a result can be written to `path`.
+
+    Raises
+    ------
+    OutputError
+        Unless `path` does not exist, is an empty folder, or holds an earlier result marked by `mark`; where no folder can be
+        created there; and where its disk is full.
+    """
+    with _own_folder(path, mark) as own:
+        free = shutil.disk_usage(own).free
+        if free < _ROOM:
+            raise FullDiskError(
+                f"{path}: {free / 1e6:.3g} MB are free on its disk, and a result needs {_ROOM / 1e6:g} MB"
+            )
+        (own / "trial").write_bytes(bytes(_TRIAL))
+
+
+@contextmanager
+def atomic_folder(path: Path, mark: str = RESULT) -> Iterator[Path]:
+    """An empty temporary folder; renamed to `path` when the block ends without an error.
+
+    An earlier result stays untouched until then, and files that its user added are kept. Each of several writers has its own
+    temporary folder, and the last one to finish wins. Where `path` cannot be renamed, for example because it is a mount
+    point, its files are replaced one by one, `mark` last.
+
+    Raises
+    ------
+    OutputError
+        Where `path` exists and is not a result marked by `mark`, and where it cannot be written.
+    """
+    with _own_folder(path, mark) as own:
+        yield own
+        place = path.resolve()
+        try:
+            _swap(own, place, mark)
+        except OSError as error:
+            if error.errno not in _NOT_RENAMED or not place.is_dir():
+                raise
+            _fill(own, place, mark)
+
+
+@contextmanager
+def _own_folder(path: Path, mark: str) -> Iterator[Path]:
+    """A new temporary folder next to the target of `path`, or inside it where its parent is read-only."""
+    place = path.resolve()
+    try:
+        _tidy(place)
+        _refuse_others(path, mark)
+        name = f".{place.name}.{token_hex(4)}.partial"
+        own = place.parent / name
+        try:
+            own.mkdir(parents=True)
+        except OSError:
+            if not place.is_dir():
+                raise
+            own = place / name
+            own.mkdir()
+        try:
+            yield own
+        finally:
+            shutil.rmtree(own, ignore_errors=True)
+    except OSError as error:
+        kind = FullDiskError if is_disk_fault(error) else OutputError
+        raise kind(f"{path}: the result could not be written: {error.strerror or error}") from error
+
+
+def _refuse_others(path: Path, mark: str) -> None:
+    """Raise OutputError for a file, and for a folder that holds anything but a result marked by `mark`."""
+    if not path.exists() or (
+        path.is_dir() and set(path.iterdir()) <= set(_hidden(path.resolve(), path, "partial"))
+    ):
         return
     if _written(path, mark) is None:
         other = next(
@@ -81,38 +173,84 @@ def check_result_folder(path: Path, mark: str = RESULT) -> None:
         )
 
 
-@contextmanager
-def atomic_folder(path: Path, mark: str = RESULT) -> Iterator[Path]:
-    """An empty temporary folder next to `path`; renamed to `path` when the block ends without an error.
+def _hidden(place: Path, folder: Path, kind: str) -> list[Path]:
+    """The temporary folders for `place` that are in `folder`, of one `kind`: "partial" or "old"."""
+    name = re.compile(rf"\.{re.escape(place.name)}\.[0-9a-f]{{8}}\.{kind}")
+    return [entry for entry in folder.iterdir() if name.fullmatch(entry.name)] if folder.is_dir() else []
 
-    An earlier result stays untouched until then, and files that its user added are kept. Raises OutputError where `path`
-    exists and is not a result marked by `mark`.
-    """
-    partial, old = path.with_name(f".{path.name}.partial"), path.with_name(f".{path.name}.old")
-    if old.exists() and not path.exists():  # a run was killed between the two renames below
-        old.rename(path)
-    check_result_folder(path, mark)
-    for leftover in (partial, old):
-        shutil.rmtree(leftover, ignore_errors=True)
-    partial.mkdir(parents=True)
+
+def _tidy(place: Path) -> None:
+    """Restore the result of a run that was killed between its two renames; remove what killed runs left behind."""
+    for old in _hidden(place, place.parent, "old"):
+        if place.exists():
+            shutil.rmtree(old, ignore_errors=True)
+            continue
+        with suppress(FileNotFoundError):  # another process did it first
+            old.rename(place)
+    for folder in (place.parent, place):
+        for partial in _hidden(place, folder, "partial"):
+            with suppress(OSError):
+                if time.time() - partial.stat().st_mtime > _ABANDONED:
+                    shutil.rmtree(partial, ignore_errors=True)
+
+
+def _swap(own: Path, place: Path, mark: str) -> None:
+    """Replace `place` by `own` with two renames. Raises OSError where a folder cannot be renamed."""
+    if Path.cwd().is_relative_to(place):
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+    while True:
+        old = place.with_name(f".{place.name}.{token_hex(4)}.old")
+        try:
+            _carry_over(place, own, mark)
+            place.rename(old)
+        except FileNotFoundError:
+            pass  # no earlier result, or another process has just moved it
+        try:
+            own.rename(place)
+            break
+        except OSError as error:
+            if error.errno not in _TAKEN:
+                with suppress(OSError):
+                    old.rename(place)
+                raise
+        # another process has written a result meanwhile: replace it, as in two runs one after the other
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _fill(own: Path, place: Path, mark: str) -> None:
+    """Replace the files in `place` by those in `own`, one by one."""
+    inside = own
+    if own.parent != place:
+        inside = place / own.name
+        shutil.copytree(own, inside)
+    with _exclusive(place):
+        for name in [mark, *sorted((_written(place, mark) or set()) - {mark})]:
+            (place / name).unlink(missing_ok=True)
+        for entry in sorted(inside.iterdir(), key=lambda entry: entry.name == mark):
+            entry.replace(place / entry.name)
+        inside.rmdir()
+
+
+@contextmanager
+def _exclusive(folder: Path) -> Iterator[None]:
+    """Hold the lock of `folder`, on systems that can lock one."""
+    if sys.platform == "win32":
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        yield partial
-        if path.exists():
-            _carry_over(path, partial, mark)
-            path.rename(old)
-        partial.rename(path)
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
     finally:
-        if old.exists() and not path.exists():
-            old.rename(path)
-        shutil.rmtree(partial, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
+        os.close(descriptor)
 
 
 def _carry_over(old: Path, new: Path, mark: str) -> None:
     """Copy the entries of `old` that linkwise did not write."""
     written = _written(old, mark) or set()
     for entry in old.iterdir():
-        if entry.name in written or (new / entry.name).exists():
+        if entry.name in written or (new / entry.name).exists() or entry in _hidden(old, old, "partial"):
             continue
         if entry.is_dir():
             shutil.copytree(entry, new / entry.name, symlinks=True)
@@ -122,8 +260,15 @@ def _carry_over(old: Path, new: Path, mark: str) -> None:
 
 def _written(folder: Path, mark: str) -> set[str] | None:
     """Names of the files that linkwise wrote into an earlier result; None where `folder` is not a result."""
-    try:
-        result = json.loads((folder / mark).read_text(encoding="utf-8"))
-        return {mark, *map(str, result["files"])} if "method" in result else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    names: set[str] | None = None
+    for where in (
+        folder,
+        *_hidden(folder.resolve(), folder, "partial"),
+    ):  # a result that was left while files were replaced
+        try:
+            result = json.loads((where / mark).read_text(encoding="utf-8"))
+            if "method" in result:
+                names = {mark, *map(str, result["files"]), *(names or ())}
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return names

@@ -11,7 +11,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import ABSORPTION, check_result_folder, to_json
-from linkwise.cli.console import exit_code, progress, tell
+from linkwise.cli.console import deliver, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, number, pairs
 
@@ -189,15 +189,15 @@ def absorb(
             if error.time is None:  # it never began: what was asked for cannot be
                 raise click.UsageError(str(error)) from error
             raise
-        if isinstance(found, lw.AbsorptionMap):
-            write: Callable[..., Path] = lw.write_absorption_map
-        else:
-            write = lw.write_absorption
-        if output is not None:
-            write(found, output, progress=step)
-    click.echo(to_json(lw.absorption_of(found)) if as_json else str(found))
-    if output is not None and not as_json:
-        tell(f"written to {output}; open {output / 'report.html'}")
+    write: Callable[..., Path] = (
+        lw.write_absorption_map if isinstance(found, lw.AbsorptionMap) else lw.write_absorption
+    )
+    deliver(
+        to_json(lw.absorption_of(found)) if as_json else str(found),
+        output,
+        lambda folder, step: write(found, folder, progress=step),
+        quiet=as_json,
+    )
     return exit_code(found.verdicts)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from linkwise.cli import progress_bar as bar
 else:
     bar = lazy_module("linkwise.cli.progress_bar")  # rich is for terminals
+
+Step = Callable[[float, str], None]
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
@@ -36,6 +39,28 @@ def tell(message: str) -> None:
     """A remark for the reader, on standard error, so that standard output holds the result and nothing else."""
     with suppress(OSError):
         click.echo(shortened(message), err=True)
+
+
+def deliver(
+    answer: str, folder: Path | None, write: Callable[[Path, Step], object], *, quiet: bool = False
+) -> None:
+    """Print an answer, then `write` its folder where one was asked for; each is done even where the other fails.
+
+    Unless `quiet` it is said where the folder is.
+    """
+    unheard: OSError | None = None
+    try:
+        click.echo(answer)
+        sys.stdout.flush()
+    except OSError as error:
+        unheard = error
+    if folder is not None:
+        with progress("writing") as step:
+            write(folder, step)
+        if not quiet:
+            tell(f"written to {folder}; open {folder / 'report.html'}")
+    if unheard is not None:
+        raise unheard
 
 
 def progress(title: str) -> AbstractContextManager[Callable[[float, str], None]]:

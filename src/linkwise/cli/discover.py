@@ -12,7 +12,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
-from linkwise.cli.console import exit_code, progress, tell
+from linkwise.cli.console import deliver, exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, pairs, record_options
 
 EXAMPLE = "m1=1.0"
@@ -151,14 +151,13 @@ def discover(
         for remark in lw.check_discovery(records, masses, **asked):
             tell(f"note: {remark}")
         found = lw.discover(records, masses, progress=step, **asked)
-        if output is not None:
-            lw.write_discovery(found, output, truth=true, progress=step)
     result = lw.discovery_of(found, true)
-    click.echo(to_json(result) if as_json else str(found))
-    if not as_json:
-        _compare(result)
-    if output is not None and not as_json:
-        tell(f"written to {output}; open {output / 'report.html'}")
+    deliver(
+        to_json(result) if as_json else "\n".join([str(found), *_comparison_lines(result)]),
+        output,
+        lambda folder, step: lw.write_discovery(found, folder, truth=true, progress=step),
+        quiet=as_json,
+    )
     return exit_code(found.verdicts)
 
 
@@ -196,14 +195,20 @@ def _true(path: Path, names: tuple[str, ...]) -> lw.Structure:
     return structure
 
 
-def _compare(result: dict[str, Any]) -> None:
-    """Print which terms are right and how far each force is from the true one, where a truth was given."""
+def _comparison_lines(result: dict[str, Any]) -> list[str]:
+    """Which terms are right and how far each force is from the true one, where a truth was given."""
     if "truth" not in result:
-        return
+        return []
     truth = result["truth"]
-    click.echo(f"\nagainst the truth: {len(truth['right'])} terms right")
-    for what, label in (("missing", "missing"), ("extra", "false")):
-        click.echo(f"  {label:8} {', '.join(truth[what]) or 'none'}")
-    click.echo("  NMSE of the force (paper Eq. 8)")
-    for name, error in result["nmse_percent"].items():
-        click.echo(f"    {name:12} {'cannot be told' if error is None else f'{error:.3g} %'}")
+    return [
+        f"\nagainst the truth: {len(truth['right'])} terms right",
+        *(
+            f"  {label:8} {', '.join(truth[what]) or 'none'}"
+            for what, label in (("missing", "missing"), ("extra", "false"))
+        ),
+        "  NMSE of the force (paper Eq. 8)",
+        *(
+            f"    {name:12} {'cannot be told' if error is None else f'{error:.3g} %'}"
+            for name, error in result["nmse_percent"].items()
+        ),
+    ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import log10
 from pathlib import Path
@@ -12,7 +11,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
-from linkwise.cli.console import exit_code, progress, tell
+from linkwise.cli.console import Step, deliver, exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, RegisteredChoice, grouped, record_options
 from linkwise.sindy.regression import REGRESSORS
 
@@ -23,8 +22,6 @@ _TIGHT = -5.0  # decades of q at which annealing ends, the end of the bar
 _DIFFERS = (
     0.1  # of an interval's half: from here a profile interval says something that a standard error does not
 )
-
-Step = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -170,17 +167,16 @@ def identify(
             **chosen.keywords(step),
         )
         profiles = _profiles(estimate, step) if chosen.profile else {}
-        if output is not None:
-            lw.write_result(estimate, output, truth=true, progress=step)
     result = lw.result_of(estimate, true)
     if chosen.profile:
         result["profile_intervals"] = {name: list(ends) for name, ends in profiles.items()}
-    click.echo(to_json(result) if as_json else str(estimate))
-    if not as_json:
-        _tell_profiles(estimate, profiles)
-        _compare(result)
-        if output is not None:
-            tell(f"written to {output}; open {output / 'report.html'}")
+    lines = [str(estimate), *_profile_lines(estimate, profiles), *_comparison_lines(result)]
+    deliver(
+        to_json(result) if as_json else "\n".join(lines),
+        output,
+        lambda folder, step: lw.write_result(estimate, folder, truth=true, progress=step),
+        quiet=as_json,
+    )
     return exit_code(estimate.verdicts)
 
 
@@ -218,12 +214,12 @@ def _profiles(estimate: lw.Estimate, step: Step) -> dict[str, tuple[float, float
     return found
 
 
-def _tell_profiles(estimate: lw.Estimate, profiles: dict[str, tuple[float, float]]) -> None:
-    """Print profile intervals, marking those that the standard error does not tell."""
+def _profile_lines(estimate: lw.Estimate, profiles: dict[str, tuple[float, float]]) -> list[str]:
+    """Profile intervals, marking those that the standard error does not tell."""
     if not profiles:
-        return
+        return []
     width = max(map(len, profiles))
-    click.echo("\n95 % intervals that follow the likelihood (profiles)")
+    lines = ["\n95 % intervals that follow the likelihood (profiles)"]
     for name, ends in profiles.items():
         each = estimate.coefficient(name)
         asymmetric = each.interval is not None and any(
@@ -231,13 +227,18 @@ def _tell_profiles(estimate: lw.Estimate, profiles: dict[str, tuple[float, float
             for end, other in zip(ends, each.interval, strict=True)
         )
         mark = "  differs from the table: trust this one" if asymmetric else ""
-        click.echo(f"  {name:{width}}  {ends[0]:.6g} to {ends[1]:.6g} {each.unit}{mark}")
+        lines.append(f"  {name:{width}}  {ends[0]:.6g} to {ends[1]:.6g} {each.unit}{mark}")
+    return lines
 
 
-def _compare(result: dict[str, Any]) -> None:
-    """Print how far each identified force is from the true one, where a truth was given."""
+def _comparison_lines(result: dict[str, Any]) -> list[str]:
+    """How far each identified force is from the true one, where a truth was given."""
     if "nmse_percent" not in result:
-        return
-    click.echo("\nagainst the truth: NMSE of the force (paper Eq. 8)")
-    for name, error in result["nmse_percent"].items():
-        click.echo(f"  {name:10} {'cannot be told' if error is None else f'{error:.3g} %'}")
+        return []
+    return [
+        "\nagainst the truth: NMSE of the force (paper Eq. 8)",
+        *(
+            f"  {name:10} {'cannot be told' if error is None else f'{error:.3g} %'}"
+            for name, error in result["nmse_percent"].items()
+        ),
+    ]

@@ -73,16 +73,14 @@ def study(
         _require_stored(asked, output)
     else:
         _run(asked, output, workers, scheduler)
+    summary = lw.study_summary(output)
+    if not as_json:  # before the files, which may fail
+        click.echo(f"{summary}\n")
     files = [str(path) for path in lw.export_study(output)]
     with progress("report") as step:
         page = lw.write_study_report(output, progress=step)
     files.append(str(page))
-    summary = lw.study_summary(output)
-    click.echo(
-        to_json({**summary.to_dict(), "files": files})
-        if as_json
-        else f"{summary}\n\nwritten: {', '.join(files)}"
-    )
+    click.echo(to_json({**summary.to_dict(), "files": files}) if as_json else f"written: {', '.join(files)}")
     return UNTRUSTED if summary.failed_cells else 0
 
 

@@ -1,0 +1,288 @@
+"""Result folders: whole, of one run, or absent, whatever happens while they are written; and the answer is printed first."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from errno import EACCES, EBUSY, ENOSPC
+from pathlib import Path
+
+import pytest
+
+import linkwise as lw
+from linkwise.atomic import FullDiskError, OutputError, atomic_file, atomic_folder, check_result_folder
+from linkwise.cli import run
+
+NAMES = [f"file{k}.txt" for k in range(6)]
+WRITER = """
+import json, sys
+from pathlib import Path
+from linkwise.atomic import atomic_folder
+
+def write(folder, text):
+    with atomic_folder(folder) as own:
+        for name in sys.argv[3:]:
+            (own / name).write_text(text)
+        (own / "result.json").write_text(json.dumps({"method": text, "files": sys.argv[3:]}))
+"""
+
+
+def write(folder: Path, text: str) -> None:
+    """A result of several files that all hold `text`."""
+    with atomic_folder(folder) as own:
+        fill(own, text)
+
+
+def fill(own: Path, text: str) -> None:
+    for name in NAMES:
+        (own / name).write_text(text)
+    (own / "result.json").write_text(json.dumps({"method": text, "files": NAMES}))
+
+
+def whole(folder: Path) -> str:
+    """The one text that all files of a result hold."""
+    method: str = json.loads((folder / "result.json").read_text())["method"]
+    assert {(folder / name).read_text() for name in NAMES} == {method}
+    assert {entry.name for entry in folder.iterdir()} >= {*NAMES, "result.json"}
+    return method
+
+
+def test_of_two_runs_at_once_each_writes_a_folder_of_its_own(tmp_path: Path) -> None:
+    with atomic_folder(tmp_path / "answer") as first, atomic_folder(tmp_path / "answer") as second:
+        assert first != second
+        for name in NAMES:
+            (first / name).write_text("first")
+            (second / name).write_text("second")
+        fill(second, "second")
+        fill(first, "first")
+    assert whole(tmp_path / "answer") == "first"  # the block that began first ends last
+    assert [entry.name for entry in tmp_path.iterdir()] == ["answer"]
+
+
+def test_many_pairs_of_runs_leave_one_whole_result(tmp_path: Path) -> None:
+    """Two processes write 25 results each into the same folder, while this one looks."""
+    folder = tmp_path / "answer"
+    code = WRITER + "for _ in range(25): write(Path(sys.argv[1]), sys.argv[2])"
+    both = [
+        subprocess.Popen([sys.executable, "-c", code, str(folder), text, *NAMES], stderr=subprocess.PIPE)
+        for text in ("one", "two")
+    ]
+    errors = [process.communicate(timeout=120)[1].decode() for process in both]
+    assert errors == ["", ""] and [process.returncode for process in both] == [0, 0]
+    assert whole(folder) in ("one", "two")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["answer"]
+
+
+def killed(folder: Path, event: int) -> int:
+    """The code of a process that writes the result "new" and is killed as it touches the disk for the time `event`."""
+    code = (
+        WRITER
+        + f"""
+import os, signal
+left = {event}
+
+def count(name, arguments):
+    global left
+    if name in ("os.rename", "os.mkdir", "os.remove", "os.rmdir", "shutil.rmtree") or (
+        name == "open" and isinstance(arguments[1], str) and "w" in arguments[1]
+    ):
+        left -= 1
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+sys.addaudithook(count)
+write(Path(sys.argv[1]), sys.argv[2])
+"""
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code, str(folder), "new", *NAMES], timeout=60, check=False
+    ).returncode
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="nobody is killed by a signal there")
+def test_a_run_killed_at_any_moment_leaves_a_whole_result_or_none(tmp_path: Path) -> None:
+    states = set()
+    for event in range(1, 60):
+        home = tmp_path / str(event)
+        home.mkdir()
+        write(home / "answer", "old")
+        code = killed(home / "answer", event)
+        states.add(whole(home / "answer") if (home / "answer").exists() else "absent")
+        if code == 0:
+            break
+        assert code == -signal.SIGKILL
+        with pytest.raises(RuntimeError), atomic_folder(home / "answer"):  # the next run finds what was there
+            raise RuntimeError
+        states.add(whole(home / "answer"))
+    else:
+        pytest.fail("the run never came to its end")
+    assert {"old", "new"} <= states <= {"old", "new", "absent"}
+
+
+def test_a_link_to_a_folder_stays_one(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "answer").symlink_to(tmp_path / "disk")
+    for text in ("old", "new"):
+        check_result_folder(tmp_path / "answer")
+        write(tmp_path / "answer", text)
+        assert (tmp_path / "answer").is_symlink() and whole(tmp_path / "disk") == text
+
+
+def test_a_link_to_nowhere_gets_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "answer").symlink_to(tmp_path / "new" / "place")
+    write(tmp_path / "answer", "here")
+    assert whole(tmp_path / "new" / "place") == "here"
+
+
+@pytest.mark.parametrize("name", [".", "../answer", "inner/.."])
+def test_the_folder_where_one_is(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home = tmp_path / "answer"
+    (home / "inner").mkdir(parents=True)
+    monkeypatch.chdir(home)
+    if name != "inner/..":
+        (home / "inner").rmdir()
+        write(Path(name), "old")
+        (home / "mine.txt").write_text("notes")
+        write(Path(name), "new")
+        assert whole(home) == "new" and (home / "mine.txt").read_text() == "notes"
+        assert Path.cwd() == home and {e.name for e in home.iterdir()} == {*NAMES, "result.json", "mine.txt"}
+    else:
+        with pytest.raises(OutputError, match="not a result of linkwise"):
+            check_result_folder(Path(name))
+
+
+@pytest.mark.parametrize("reason", [EBUSY, EACCES])
+def test_a_folder_that_cannot_be_renamed_is_filled(
+    reason: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one on which a disk is mounted, or one in a folder of somebody else's."""
+    folder = tmp_path / "answer"
+    folder.mkdir()
+    rename, mkdir = Path.rename, Path.mkdir
+
+    def fixed(path: Path, target: Path) -> Path:
+        if path == folder or target == folder:
+            raise OSError(reason, os.strerror(reason))
+        return rename(path, target)
+
+    def forbidden(path: Path, mode: int = 0o777, parents: bool = False, exist_ok: bool = False) -> None:
+        if reason == EACCES and path.parent == tmp_path:
+            raise OSError(reason, os.strerror(reason))
+        mkdir(path, mode, parents, exist_ok)
+
+    monkeypatch.setattr(Path, "rename", fixed)
+    monkeypatch.setattr(Path, "mkdir", forbidden)
+    check_result_folder(folder)
+    write(folder, "old")
+    (folder / "mine.txt").write_text("notes")
+    write(folder, "new")
+    assert whole(folder) == "new" and (folder / "mine.txt").read_text() == "notes"
+    assert {entry.name for entry in folder.iterdir()} == {*NAMES, "result.json", "mine.txt"}
+    assert [entry.name for entry in tmp_path.iterdir()] == ["answer"]
+
+
+def test_a_result_that_was_left_while_its_files_were_replaced_is_still_one(tmp_path: Path) -> None:
+    folder = tmp_path / "answer"
+    folder.mkdir()
+    inside = folder / ".answer.0123abcd.partial"
+    inside.mkdir()
+    fill(inside, "half")
+    (inside / NAMES[0]).rename(folder / NAMES[0])
+    check_result_folder(folder)
+    write(folder, "new")
+    assert whole(folder) == "new"
+
+
+def test_folders_of_others_are_not_swept_away(tmp_path: Path) -> None:
+    """Nor is one that is being written to: only those that nobody has touched for a day."""
+    kept = [".answer.old", ".answer.backup.old", ".answer.0123abcd.partial", ".answer2.0123abcd.old"]
+    for name in [*kept, ".answer.76543210.partial"]:
+        (tmp_path / name).mkdir()
+    os.utime(tmp_path / ".answer.76543210.partial", (0, 0))
+    write(tmp_path / "answer", "new")
+    assert {entry.name for entry in tmp_path.iterdir()} == {"answer", *kept}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such places")
+@pytest.mark.parametrize("place", ["/proc/answer", "/dev/null/answer", "x" * 300])
+def test_a_place_that_takes_no_folder_is_refused_before_the_work(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OutputError, match="the result could not be written"):
+        check_result_folder(Path(place))
+
+
+def test_a_full_disk_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 3_000_000}))
+    with pytest.raises(
+        FullDiskError, match="answer: 3 MB are free on its disk, and a result needs 20 MB"
+    ) as error:
+        check_result_folder(tmp_path / "answer")
+    assert error.value.exit_code == 1 and list(tmp_path.iterdir()) == []
+
+
+def test_a_file_behind_a_link_is_replaced_and_a_device_is_not(tmp_path: Path) -> None:
+    (tmp_path / "there.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to(tmp_path / "there.txt")
+    with atomic_file(tmp_path / "link.txt") as partial:
+        partial.write_text("new")
+    assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "there.txt").read_text() == "new"
+    with pytest.raises(OutputError, match="not a regular file"), atomic_file(Path(os.devnull)):
+        pytest.fail("the block must not run")
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """A quick identification: the arguments, without a folder for the result."""
+    folder = tmp_path_factory.mktemp("files")
+    chain = lw.bnes_chain(2)
+    lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+    lw.write_record(record, folder / "run.csv")
+    return ["identify", str(folder / "run.csv"), str(folder / "unknown.toml"), "--method", "weak"]
+
+
+@pytest.mark.parametrize("moment", [1, 2, 4, 7])
+def test_an_answer_is_printed_where_the_disk_is_full_after_the_fit(
+    moment: int,
+    asked: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """At the file `moment` of the result."""
+    folder = tmp_path / "answer"
+    write(folder, "old")
+    opened, left = open, moment
+
+    def full(file: object, mode: str = "r", *rest: object, **named: object) -> object:
+        nonlocal left
+        if "w" in mode and ".partial" in str(file) and "trial" not in str(file):
+            left -= 1
+            if left <= 0:
+                raise OSError(ENOSPC, os.strerror(ENOSPC), str(file))
+        return opened(file, mode, *rest, **named)  # type: ignore[call-overload]
+
+    monkeypatch.setattr("io.open", full)
+    monkeypatch.setattr("builtins.open", full)
+    assert run([*asked, "-o", str(folder)]) == 1
+    said = capsys.readouterr()
+    assert "nes1.alpha" in said.out or "alpha" in said.out
+    assert said.err.strip() == f"linkwise: {folder}: the result could not be written: No space left on device"
+    assert whole(folder) == "old" and [entry.name for entry in tmp_path.iterdir()] == ["answer"]
+
+
+def test_an_answer_is_written_where_nobody_reads_what_is_printed(
+    asked: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unheard(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("click.echo", unheard)
+    monkeypatch.setattr("os.dup2", lambda *_: None)
+    assert run([*asked, "-o", str(tmp_path / "answer")]) == 1
+    assert (tmp_path / "answer" / "result.json").is_file()
