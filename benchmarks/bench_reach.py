@@ -20,8 +20,8 @@ import linkwise as lw
 chain = lw.bnes_chain(2)
 seen = []
 
-def enough(step):
-    seen.append(step)
+def enough(report):
+    seen.append(report)
     if len(seen) == 5:
         raise KeyboardInterrupt
 

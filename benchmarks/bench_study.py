@@ -15,6 +15,7 @@ from coordinator import killed
 from small_study import small
 
 import linkwise as lw
+from linkwise.progress import silent
 from linkwise.report.study_page import StudyReport
 from linkwise.study.executor import Executor, FailureKind, ProcessExecutor
 from linkwise.study.runner import run
@@ -87,7 +88,7 @@ def cluster() -> Iterator[Executor]:
 def idle(executor: Executor, folder: Path) -> float:
     study = lw.read_study(small(folder, cycles=120))
     with open_store(folder / "out", study) as store, Timed(executor) as timed:
-        run(study, store, timed, lambda progress: None)
+        run(study, store, timed, silent)
     return timed.idle
 
 
@@ -122,7 +123,7 @@ def test_the_paper(tmp_path: Path) -> None:
     study = lw.read_study("paper")
     started = perf_counter()
     with open_store(tmp_path / "out", study.quickly()) as store, Timed(ProcessExecutor(WORKERS)) as timed:
-        run(study.quickly(), store, timed, lambda progress: None)
+        run(study.quickly(), store, timed, silent)
     quick = (perf_counter() - started) / 60
     whole = timed.worked * len(study) / len(study.quickly()) / WORKERS / 60
     print(f"\npaper: {quick:.1f} min for {study.quick} cycles, {whole:.0f} min predicted for {study.cycles}")

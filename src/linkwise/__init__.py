@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from linkwise.identification.limit import limit
     from linkwise.identification.limit_result import Limit
     from linkwise.identification.validation import FreeRun, free_run
+    from linkwise.likelihood.anneal import AnnealingStep
     from linkwise.likelihood.loss import Gaussian, Huber, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.model.chains import bnes_chain
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
         read_structure,
         write_structure,
     )
+    from linkwise.progress import Progress, ProgressReport
     from linkwise.records.record import Record
     from linkwise.report.absorption_folder import write_absorption, write_absorption_map
     from linkwise.report.absorption_json import absorption_of
@@ -79,6 +81,7 @@ if TYPE_CHECKING:
     from linkwise.study.export import export_study
     from linkwise.study.row import Row
     from linkwise.study.run import run_study
+    from linkwise.study.runner import StudyProgress
     from linkwise.study.store import read_rows, stored_study
     from linkwise.study.summary import StudySummary, study_summary
     from linkwise.study.toml_file import read_study
@@ -96,6 +99,7 @@ __all__ = [
     "Absorption",
     "AbsorptionIntervals",
     "AbsorptionMap",
+    "AnnealingStep",
     "Coefficient",
     "Decision",
     "Discovery",
@@ -119,6 +123,8 @@ __all__ = [
     "Mass",
     "PhysicsInformedSindy",
     "Posterior",
+    "Progress",
+    "ProgressReport",
     "Record",
     "RecordError",
     "Row",
@@ -130,6 +136,7 @@ __all__ = [
     "Student",
     "Study",
     "StudyError",
+    "StudyProgress",
     "StudySummary",
     "TermScore",
     "TimeFunction",
@@ -226,12 +233,14 @@ _HOMES = {
     "identification.identify": ("identify",),
     "model.law": ("Law",),
     "sindy.library": ("link_columns", "local_equations", "monomial_equations"),
+    "likelihood.anneal": ("AnnealingStep",),
     "likelihood.loss": ("Gaussian", "Huber", "Student"),
     "likelihood.profile": ("profile_interval",),
     "identification.limit": ("limit",),
     "identification.law_path": ("LawStep", "law_path"),
     "analysis.modes": ("modes",),
     "sindy.force_reading": ("READINGS", "monomial_force", "monomial_nmse"),
+    "progress": ("Progress", "ProgressReport"),
     "records.record": ("Record",),
     "report.study_folder": ("write_study_report",),
     "simulation.simulate": ("simulate",),
@@ -248,6 +257,7 @@ _HOMES = {
         "write_structure",
     ),
     "study.run": ("run_study",),
+    "study.runner": ("StudyProgress",),
     "study.definition": ("Study",),
     "study.export": ("export_study",),
     "study.row": ("Row",),

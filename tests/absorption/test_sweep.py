@@ -40,7 +40,7 @@ def test_two_coefficients_of_the_sink() -> None:
     told: list[float] = []
     found = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": alphas, "nes1.beta": betas}, **SHORT, release=RELEASE, workers=2,
-        progress=lambda part, now: told.append(part),
+        progress=lambda report: told.append(report.fraction),
     )  # fmt: skip
     assert found.alive.shape == (2, 3) == found["settled"].shape and found.trusted
     assert told == sorted(told) and told[-1] == pytest.approx(1.0)

@@ -187,8 +187,8 @@ def test_the_bar_shows_stages_and_never_goes_back(files: Path, monkeypatch: pyte
     seen: list[tuple[float, str]] = []
 
     @contextmanager
-    def bar(_: str) -> Iterator[Callable[[float, str], None]]:
-        yield lambda fraction, now: seen.append((fraction, now))
+    def bar(_: str) -> Iterator[lw.Progress]:
+        yield lambda report: seen.append((report.fraction, report.activity))
 
     monkeypatch.setattr(command, "progress", bar)
     assert run(arguments(files)) == 0

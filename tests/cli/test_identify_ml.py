@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib import import_module
@@ -199,8 +199,8 @@ def test_the_bar_shows_stage_cost_and_chi_square(files: Path, monkeypatch: pytes
     seen: list[tuple[float, str]] = []
 
     @contextmanager
-    def bar(_: str) -> Iterator[Callable[[float, str], None]]:
-        yield lambda fraction, now: seen.append((fraction, now))
+    def bar(_: str) -> Iterator[lw.Progress]:
+        yield lambda report: seen.append((report.fraction, report.activity))
 
     monkeypatch.setattr(command, "progress", bar)
     assert run(arguments(files)) == 0

@@ -124,7 +124,7 @@ def test_a_bar_tells_how_long_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
     class Bar:
         def __enter__(self) -> object:
-            return lambda fraction, now: told.append(now)
+            return lambda report: told.append(report.activity)
 
         def __exit__(self, *arguments: object) -> None:
             pass

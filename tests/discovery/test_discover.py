@@ -370,8 +370,10 @@ def test_candidates_that_were_never_tested_are_counted(
 
 
 def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
-    told: list[tuple[float, str]] = []
-    lw.discover(four, masses(lw.bnes_chain(4)), progress=lambda fraction, now: told.append((fraction, now)))
+    reports: list[lw.ProgressReport] = []
+    lw.discover(four, masses(lw.bnes_chain(4)), progress=reports.append)
+    told = [(report.fraction, report.activity) for report in reports]
+    assert [fraction for fraction, _ in told] == sorted(fraction for fraction, _ in told)
     assert told[0] == (0.0, "screening 40 candidates")
     assert all(0.0 <= fraction < 1.0 for fraction, _ in told)
     assert told[-1][1].startswith("round ")

@@ -348,10 +348,11 @@ def test_two_runs_are_equal_to_the_last_bit(
 
 def test_an_interrupt_returns_the_best_so_far(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=17)
-    seen = []
+    seen: list[lw.AnnealingStep] = []
 
-    def stop(progress: Any) -> None:
-        seen.append(progress)
+    def stop(report: lw.ProgressReport) -> None:
+        assert isinstance(report.detail, lw.AnnealingStep)
+        seen.append(report.detail)
         if len(seen) == 2:
             raise KeyboardInterrupt
 
@@ -377,7 +378,7 @@ def test_steps_that_run_out_give_no_interval(
 def test_progress_tells_every_step(chain: lw.Structure, clean: lw.Record) -> None:
     seen: list[Any] = []
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=19)
-    lw.identify(record, chain.unknown("all"), progress=seen.append)
+    lw.identify(record, chain.unknown("all"), progress=lambda report: seen.append(report.detail))
     assert [each.step for each in seen] == list(range(len(seen)))
     assert seen[0].q == 0.1 and seen[-1].q == pytest.approx(1e-5)
     assert seen[-1].data_per_sample == pytest.approx(1.0, abs=0.1)

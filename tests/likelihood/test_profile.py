@@ -81,8 +81,12 @@ def test_differs_where_the_likelihood_is_no_parabola(
 ) -> None:
     found = softening.coefficient("link.F")
     assert found.standard_error is not None and found.interval is not None
-    told: list[float] = []
-    low, high = lw.profile_interval(softening, "link.F", report=told.append)
+    reports: list[lw.ProgressReport] = []
+    low, high = lw.profile_interval(softening, "link.F", progress=reports.append)
+    told = [report.detail for report in reports if isinstance(report.detail, float)]
+    assert len(told) == len(reports)
+    assert [report.fraction for report in reports] == sorted(report.fraction for report in reports)
+    assert reports[-1].activity == f"link.F = {told[-1]:.6g}"
     assert low < 40.0 < high
     assert found.value - low < 0.9 * 1.96 * found.standard_error  # a small F bends the motion visibly
     assert high - found.value > 1.1 * 1.96 * found.standard_error  # a large one does not
@@ -108,7 +112,7 @@ def test_ends_at_a_bound(fit: lw.Estimate, record: lw.Record) -> None:
         ({}, "link.m", r'"link\.m" was not identified; the unknowns were link\.k, link\.c'),
         ({"profile": None, "method": "weak"}, "link.k", 'method "weak" has none: use "ml"'),
         (
-            {"status": "not converged", "message": "Why."},
+            {"verdicts": (lw.Verdict.NOT_CONVERGED,), "message": "Why."},
             "link.k",
             r"cannot be trusted \(not converged\): Why\.",
         ),

@@ -121,7 +121,7 @@ def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate
 
 def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_path: Path) -> None:
     told: list[float] = []
-    lw.write_result(fitted, tmp_path / "answer", progress=lambda fraction, now: told.append(fraction))
+    lw.write_result(fitted, tmp_path / "answer", progress=lambda report: told.append(report.fraction))
     assert told == sorted(told) and told[0] >= 0.0 and 0.8 < told[-1] <= 1.0
 
 

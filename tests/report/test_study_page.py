@@ -206,7 +206,7 @@ def test_a_partial_study_says_what_is_missing() -> None:
 def test_an_empty_study_has_a_report(tmp_path: Path) -> None:
     told: list[float] = []
     folder = stored(tmp_path / "empty", STUDY, [])
-    page = lw.write_study_report(folder, progress=lambda fraction, now: told.append(fraction))
+    page = lw.write_study_report(folder, progress=lambda report: told.append(report.fraction))
     assert told == sorted(told) and told[0] == 0.0 and told[-1] == 1.0
     text = body(page.read_text(encoding="utf-8"))
     assert "0 of 315 cases were run" in text and "Figure 2" in text and "Figure 6" not in text

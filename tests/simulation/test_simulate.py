@@ -15,6 +15,7 @@ from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse, Sampled
 from linkwise.model.structure import Structure
+from linkwise.progress import ProgressReport
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance
 from linkwise.simulation.simulate import simulate
@@ -160,8 +161,10 @@ def test_the_sampling_grid_is_free(spring: Structure) -> None:
 
 
 def test_a_long_run_reports_its_progress(spring: Structure) -> None:
-    seen: list[float] = []
-    record = simulate(spring, release={"v:m1": 1.0}, duration=30.0, rate=1000.0, progress=seen.append)
+    reports: list[ProgressReport] = []
+    record = simulate(spring, release={"v:m1": 1.0}, duration=30.0, rate=1000.0, progress=reports.append)
+    seen = [report.fraction for report in reports]
+    assert {report.activity for report in reports} == {"simulating"}
     assert seen == sorted(seen) and seen[-1] == 1.0 and len(seen) > 3
     assert record.values[:, 0] == pytest.approx(response(record.time), abs=1e-13)
 

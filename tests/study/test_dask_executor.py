@@ -42,8 +42,8 @@ def test_a_killed_worker_of_a_cluster_is_no_loss(tmp_path: Path, cluster: object
     with distributed.Client(address, set_as_default=False) as client:
         victims = list(client.run(os.getpid).values())
 
-    def strike(progress: object) -> None:
-        if progress.done > 10 and victims:  # type: ignore[attr-defined]
+    def strike(report: lw.ProgressReport) -> None:
+        if report.detail.done > 10 and victims:  # type: ignore[attr-defined]
             os.kill(victims.pop(), signal.SIGKILL)
             victims.clear()
 

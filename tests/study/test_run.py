@@ -13,6 +13,7 @@ import pytest
 from small_study import DIVERGING, small
 
 import linkwise as lw
+from linkwise.progress import silent
 from linkwise.study.executor import Executor, FailureKind, ProcessExecutor
 from linkwise.study.row import Case
 from linkwise.study.runner import StudyProgress, run
@@ -66,10 +67,6 @@ class Here(Executor):
         self.batches.append(())
 
 
-def silent(progress: StudyProgress) -> None:
-    pass
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The finished small study, run by one process."""
@@ -121,7 +118,9 @@ def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
 ) -> None:
     study = lw.stored_study(folder)
     told: list[StudyProgress] = []
-    rows = lw.run_study(study, tmp_path / "out", workers=2, progress=told.append)
+    rows = lw.run_study(
+        study, tmp_path / "out", workers=2, progress=lambda report: told.append(report.detail)
+    )
     assert rows == lw.read_rows(folder)
     assert told[0].done == 0 and told[0].left is None
     assert told[-1].done == told[-1].total == len(rows) == len(study) and told[-1].left == 0.0
@@ -244,7 +243,7 @@ def test_what_failed_by_a_fault_of_linkwise_is_run_again(
     told: list[StudyProgress] = []
     with open_store(tmp_path / "out", study) as store, Here() as executor:
         assert store.done() == set(study.cases()) - faulty
-        run(study, store, executor, told.append)
+        run(study, store, executor, lambda report: told.append(report.detail))
         assert store.done() == set(study.cases())
     assert told[0].done == len(study) - len(faulty) and told[-1].done == len(study)
     assert {case for batch in executor.batches for case in batch} == faulty

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Unpack
 
 import numpy as np
@@ -18,6 +18,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.simulation.schedule import RunSchedule
 from linkwise.simulation.simulate import ExcitationKeywords, SimulatedMotion
 
@@ -33,7 +34,7 @@ def absorb(
     without: str = "removed",
     settle: float = 0.05,
     harvesters: Mapping[str, float] | None = None,
-    progress: Callable[[float, str], object] = lambda fraction, now: None,
+    progress: Progress = silent,
     **excitation: Unpack[ExcitationKeywords],
 ) -> Absorption:
     """What the sinks of a structure do for `duration` in s, against the same structure without them.
@@ -60,14 +61,12 @@ def absorb(
     return answer(comparison, progress)
 
 
-def answer(
-    trial: Comparison, progress: Callable[[float, str], object] = lambda fraction, now: None
-) -> Absorption:
+def answer(trial: Comparison, progress: Progress = silent) -> Absorption:
     """`absorb` for a question that stands."""
-    progress(0.0, "with sinks")
+    progress(ProgressReport(0.0, "with sinks"))
     potentials = Potentials.of([trial.structure])
     one, vibration, passages = _side(trial, trial.schedule, potentials)
-    progress(0.5, "without sinks")
+    progress(ProgressReport(0.5, "without sinks"))
     other, baseline, _ = _side(trial, trial.baseline_schedule, Potentials.of([trial.baseline.structure]))
     level = trial.settle * baseline.peak
     if not np.any(baseline.runs.v):

@@ -18,11 +18,11 @@ from linkwise.absorption.rest_positions import RestPositions, rest_positions
 from linkwise.absorption.runs import Runs, batch_runs
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.simulation.batch import LANES
 from linkwise.simulation.schedule import RunSchedule
 
-Progress = Callable[[float, str], object]
 T = TypeVar("T")
 
 _TASK = 8 * LANES  # runs that one thread does before it asks for more
@@ -47,11 +47,12 @@ class Ensemble:
 
 @dataclass(frozen=True)
 class _Crew:
-    """Who runs: so many threads, `alone` or side by side, telling `progress` what part is done."""
+    """Who runs: so many threads, `alone` or side by side, telling `progress` what part of `activity` is done."""
 
     workers: int
     alone: bool
-    progress: Callable[[float], object]
+    progress: Progress
+    activity: str
 
     def run(
         self,
@@ -86,7 +87,7 @@ class _Crew:
             ]
             for future in as_completed(futures):
                 done += future.result()
-                self.progress(done / len(schedules))
+                self.progress(ProgressReport(done / len(schedules), self.activity))
         finally:  # Ctrl-C waits for the runs under way and starts no others
             stopped.set()
             pool.shutdown(wait=True, cancel_futures=True)
@@ -99,7 +100,7 @@ def run_ensemble(
     envelopes: bool = False,
     alone: bool = False,
     workers: int | None = None,
-    progress: Progress = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> Ensemble:
     """Ask the same question of structures of one shape, on `workers` threads (default: one a processor).
 
@@ -112,18 +113,16 @@ def run_ensemble(
     structures, which_structure = _distinct([trial.resting_structure for trial in trials])
     places = rest_positions(structures, trials[0].primaries)
     resting = [places[number] for number in which_structure]
-    part = len(bares) / (len(bares) + len(trials))
+    share = len(bares) / (len(bares) + len(trials))
     with one_blas_thread():
         reference = _reference(
             [trials[run] for run in owners],
             [resting[run] for run in owners],
-            _Crew(workers, alone, lambda done: progress(part * done, "without sinks")),
+            _Crew(workers, alone, part(progress, 0.0, share), "without sinks"),
         )
         return _with_sinks(
             trials, resting, reference.of(which_bare), envelopes,
-            _Crew(
-                workers, alone, lambda done: progress(part + (1.0 - part) * done, f"{len(trials)} runs with sinks")
-            ),
+            _Crew(workers, alone, part(progress, share, 1.0), f"{len(trials)} runs with sinks"),
         )  # fmt: skip
 
 

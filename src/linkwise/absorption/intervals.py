@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.absorption.absorb import answer
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.ensemble import Ensemble, Progress, run_ensemble
+from linkwise.absorption.ensemble import Ensemble, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import Absorption, closure_verdict
@@ -19,6 +19,7 @@ from linkwise.errors import LinkwiseError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.model.excitation import Excitation
+from linkwise.progress import Progress, part, silent
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted
 
@@ -109,7 +110,7 @@ def absorption_intervals(
     draws: int = 200,
     seed: int = 0,
     workers: int | None = None,
-    progress: Progress = lambda fraction, now: None,
+    progress: Progress = silent,
     **options: Any,
 ) -> AbsorptionIntervals:
     """`absorb` of what was identified, with 95 % intervals from `draws` normal draws with its covariance, made with `seed`.
@@ -126,14 +127,12 @@ def absorption_intervals(
         if name in options
     }
     trial = Comparison.of(known.structure, Excitation.of(**options), duration=duration, **own)
-    found = answer(trial, lambda part, now: progress(0.1 * part, now))
+    found = answer(trial, part(progress, 0.0, 0.1))
     variants = Variants(with_harvesters(known.structure, own.get("harvesters") or {}), trial, known.names)
     table = known.draws(draws, seed)
     trials = [variants.at(dict(zip(known.names, row.tolist(), strict=True))) for row in table]
     itself = run_ensemble([trial], alone=True).values[0]
-    told = run_ensemble(
-        trials, envelopes=True, workers=workers, progress=lambda part, now: progress(0.1 + 0.9 * part, now)
-    )
+    told = run_ensemble(trials, envelopes=True, workers=workers, progress=part(progress, 0.1, 1.0))
     living = told.alive
     if np.mean(living) < _LIVING:
         raise LinkwiseError(

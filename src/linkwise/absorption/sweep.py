@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.ensemble import Progress, run_ensemble
+from linkwise.absorption.ensemble import run_ensemble
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import closure_verdict
@@ -22,6 +22,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.runtime import available_memory
 from linkwise.simulation.simulate import SimulatedMotion
 from linkwise.text import as_text
@@ -147,7 +148,7 @@ def absorption_map(
     *,
     duration: float,
     workers: int | None = None,
-    progress: Progress = lambda fraction, now: None,
+    progress: Progress = silent,
     **options: Any,
 ) -> AbsorptionMap:
     """`absorb` over a grid: `over` gives the values of one or two parameters by name, as `SweepAxis` names them.
@@ -165,7 +166,7 @@ def absorption_map(
     names = [axis.name for axis in axes]
     middle = {axis.name: float(axis.values[len(axis.values) // 2]) for axis in axes}
     trial = _trial(structure, middle, duration, options)
-    progress(0.0, f"preparing {len(points)} runs")
+    progress(ProgressReport(0.0, f"preparing {len(points)} runs"))
     variants = Variants(equipped, trial, names)
     found = run_ensemble(
         [variants.at(dict(zip(names, point, strict=True))) for point in points],

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from linkwise.lazy import lazy_module
+from linkwise.progress import Progress, silent
 from linkwise.text import shortened
 from linkwise.verdict import Verdict, is_trusted
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 else:
     bar = lazy_module("linkwise.cli.progress_bar")  # rich is for terminals
 
-Step = Callable[[float, str], None]
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
@@ -42,7 +42,7 @@ def tell(message: str) -> None:
 
 
 def deliver(
-    answer: str, folder: Path | None, write: Callable[[Path, Step], object], *, quiet: bool = False
+    answer: str, folder: Path | None, write: Callable[[Path, Progress], object], *, quiet: bool = False
 ) -> None:
     """Print an answer, then `write` its folder where one was asked for; each is done even where the other fails.
 
@@ -63,13 +63,9 @@ def deliver(
         raise unheard
 
 
-def progress(title: str) -> AbstractContextManager[Callable[[float, str], None]]:
-    """A bar for work that may take long; gives a function to call with the fraction done and what is done now.
+def progress(title: str) -> AbstractContextManager[Progress]:
+    """A bar for work that may take long; gives what the keyword `progress` of all long work takes.
 
     Nothing is written where standard error is no terminal.
     """
-    return bar.progress_bar(title) if sys.stderr.isatty() else nullcontext(_ignore)
-
-
-def _ignore(fraction: float, now: str) -> None:
-    """Take a report of progress that nobody looks at."""
+    return bar.progress_bar(title) if sys.stderr.isatty() else nullcontext(silent)

@@ -147,7 +147,7 @@ def discover(
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
-        step(0.0, "looking at the record")
+        step(lw.ProgressReport(0.0, "looking at the record"))
         for remark in lw.check_discovery(records, masses, **asked):
             tell(f"note: {remark}")
         found = lw.discover(records, masses, progress=step, **asked)

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
-from linkwise.cli.console import Step, deliver, exit_code, progress, tell
+from linkwise.cli.console import deliver, exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, RegisteredChoice, grouped, record_options
 from linkwise.sindy.regression import REGRESSORS
 
-if TYPE_CHECKING:
-    from linkwise.likelihood.anneal import AnnealingStep
-
-_TIGHT = -5.0  # decades of q at which annealing ends, the end of the bar
 _DIFFERS = (
     0.1  # of an interval's half: from here a profile interval says something that a standard error does not
 )
@@ -52,7 +47,7 @@ class EstimatorOptions:
             if given and self.method != method:
                 raise click.UsageError(f"{given[0]} is for --method {method}, not for {self.method}.")
 
-    def keywords(self, step: Step) -> dict[str, Any]:
+    def keywords(self, step: lw.Progress) -> dict[str, Any]:
         """Keyword arguments of `linkwise.identify`; `step` moves the bar."""
         if self.method == "ml":
             loss = {None: None, "huber": lw.Huber, "student": lw.Student}[self.robust]
@@ -61,7 +56,7 @@ class EstimatorOptions:
                 "offsets": self.offset,
                 "gains": self.gain,
                 "loss": loss and loss(),
-                "progress": lambda done: step(_fraction(done.q), _stage(done)),
+                "progress": step,
             }
         if self.method == "sindy":
             given: dict[str, Any] = {"derivative": self.derivative, "regressor": self.regressor}
@@ -160,7 +155,7 @@ def identify(
     true = None if truth is None else lw.read_structure(truth)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
-        step(0.0, "identifying")
+        step(lw.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,
             subject,
@@ -187,16 +182,7 @@ def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
     return record
 
 
-def _fraction(q: float) -> float:
-    """Of the way from loose to tight; the same for a ladder of model errors, which climbs back."""
-    return min(max(log10(q) / _TIGHT, 0.0), 1.0)
-
-
-def _stage(done: AnnealingStep) -> str:
-    return f"q {done.q:.0e}, cost {done.cost:.6g}, chi-square {done.data_per_sample:.3f}"
-
-
-def _profiles(estimate: lw.Estimate, step: Step) -> dict[str, tuple[float, float]]:
+def _profiles(estimate: lw.Estimate, step: lw.Progress) -> dict[str, tuple[float, float]]:
     """Profile intervals of all unknowns that have one; what cannot be followed is told, Ctrl-C leaves the rest out."""
     found: dict[str, tuple[float, float]] = {}
     if not estimate.trusted:
@@ -204,7 +190,7 @@ def _profiles(estimate: lw.Estimate, step: Step) -> dict[str, tuple[float, float
     names = [parameter.name for parameter in estimate.parameters]
     try:
         for number, name in enumerate(names):
-            step(number / len(names), f"profile of {name}")
+            step(lw.ProgressReport(number / len(names), f"profile of {name}"))
             try:
                 found[name] = lw.profile_interval(estimate, name)
             except lw.IdentificationError as error:

@@ -68,10 +68,14 @@ def limit(
     asked = {**sampling.keywords(), **drive.keywords()}
     if segment is not None:
         asked["segment"] = segment
-    with progress("looking ahead"):
+    with progress("looking ahead") as step:
         try:
             found = lw.limit(
-                lw.read_structure(structure), noise=_noise(noise, noise_of), unknown=unknown, **asked
+                lw.read_structure(structure),
+                noise=_noise(noise, noise_of),
+                unknown=unknown,
+                progress=step,
+                **asked,
             )
         except lw.SimulationError as error:
             if error.time is None:  # it never began: what was asked for cannot be

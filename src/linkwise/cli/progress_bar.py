@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBars
+
+from linkwise.progress import Progress
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
-    """A bar on standard error; yields a function to call with the fraction done and what is done now.
+def progress_bar(title: str) -> Iterator[Progress]:
+    """A bar on standard error; yields what the keyword `progress` of all long work takes.
 
     Until the first call the bar only shows that there is life.
     """
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    with ProgressBars(*columns, console=Console(stderr=True), transient=True) as bars:
         task = bars.add_task(title, total=None)
-        yield lambda fraction, now: bars.update(task, total=1.0, completed=fraction, description=now)
+        yield lambda report: bars.update(
+            task, total=1.0, completed=report.fraction, description=report.activity
+        )

@@ -57,7 +57,7 @@ def simulate(
     asked = {**sampling.keywords(), **drive.keywords()}
     with progress("simulating") as step:
         try:
-            record = lw.simulate(subject, **asked, progress=lambda fraction: step(fraction, "simulating"))
+            record = lw.simulate(subject, **asked, progress=step)
         except lw.SimulationError as error:
             if error.time is None:  # it never began: what was asked for cannot be
                 raise click.UsageError(str(error)) from error
@@ -66,7 +66,7 @@ def simulate(
             record = record.with_noise(noise, seed=seed)
         output.parent.mkdir(parents=True, exist_ok=True)
         lw.write_record(record, output)
-        step(1.0, "energy and horizon")
+        step(lw.ProgressReport(1.0, "energy and horizon"))
         summary = _summary(record, output)
     if noise is not None:
         summary["noise"] = {"decibel": noise, "seed": seed}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -11,9 +10,6 @@ import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FOLDER
-
-if TYPE_CHECKING:
-    from linkwise.study.runner import StudyProgress
 
 UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at all
 
@@ -95,27 +91,16 @@ def _require_stored(asked: lw.Study, output: Path) -> None:
 
 def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
     """Run what is left of the study; where it is interrupted, say how far it came."""
-    last: list[StudyProgress] = []
+    last: list[lw.ProgressReport] = []
     try:
         with progress(f"{asked.name}: starting workers") as step:
 
-            def show(now: StudyProgress) -> None:
-                last[:] = [now]
-                step(now.done / now.total, _line(now))
+            def show(report: lw.ProgressReport) -> None:
+                last[:] = [report]
+                step(report)
 
             lw.run_study(asked, output, workers=workers, scheduler=scheduler, progress=show)
     except KeyboardInterrupt:
-        done = f"{last[0].done} of {last[0].total} cases are" if last else "What was finished is"
+        done = f"{last[0].activity.partition(',')[0]} are" if last else "What was finished is"
         tell(f"{done} in {output}; the same command goes on from there.")
         raise
-
-
-def _line(now: StudyProgress) -> str:
-    left = "" if now.left is None else f", {_duration(now.left)} left"
-    return f"{now.done} of {now.total} cases, {now.rate:.2g}/s{left}"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -19,7 +19,7 @@ from linkwise.discovery.selection import Selection, select_structure
 from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
-from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
+from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.starts.coefficients import law_start
@@ -28,6 +28,7 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import Known
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
@@ -36,8 +37,6 @@ from linkwise.units import to_si
 from linkwise.verdict import Verdict, is_trusted
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
 from linkwise.weak.estimate import weak_search
-
-Tell = Callable[[float, str], None]
 
 _SCREENED = 0.1  # of the progress, when the screen is done
 _INTEGRATED = (
@@ -56,7 +55,7 @@ def discover(
     masses: Mapping[str, float | str] | Structure | Known,
     *,
     terms: str | Sequence[str] = DEFAULT,
-    progress: Tell = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> Discovery:
     """Discover which masses are linked, and by which law, from records and the masses alone.
 
@@ -73,8 +72,8 @@ def discover(
         are part of the answer, except links whose law is 0 and terms whose coefficient is 0, which are known to be absent.
     terms : str or sequence of str
         The candidate terms, as `parse_terms` reads them.
-    progress : callable
-        Called with the fraction done (0 to 1) and the name of the stage.
+    progress : Progress
+        Called with a `ProgressReport` at every step of the search.
 
     Returns
     -------
@@ -113,7 +112,7 @@ def discover(
     checks = check_data(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
     records = [_channels_of(each, candidates.masses) for each in records]
-    progress(0.0, f"screening {len(candidates.entries)} candidates")
+    progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     with one_blas_thread():
         screened = _Screened.of(records, candidates)
     selection = select_structure(
@@ -122,7 +121,7 @@ def discover(
         screened.first,
         tested=screened.result.tested,
         start=lambda structure: _start(records, screened, structure),
-        report=lambda number, step: progress(*_stage(number, step)),
+        progress=part(progress, _SCREENED, 1.0),
     )
     discovery = _discovery(records, checks, screened, selection)
     seconds = perf_counter() - started
@@ -315,10 +314,3 @@ def _discovery(
         rounds=selection.rounds,
         seconds=estimate.seconds,
     )
-
-
-def _stage(number: int, step: AnnealingStep) -> tuple[float, str]:
-    """Fraction done and text; every round takes half of what is left."""
-    within = min(max(np.log10(step.q) / -5.0, 0.0), 1.0)
-    fraction = _SCREENED + (1.0 - _SCREENED) * (1.0 - 0.5 ** (number - 1.0 + within))
-    return float(fraction), f"round {number}: q {step.q:.0e}, chi-square {step.data_per_sample:.3f}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -13,16 +13,16 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.stepwise import Move, best_subset, local_search, ranked_moves
-from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
+from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
 
 #: Start values (p,) of the parameters of a structure, and their standard deviations (p,) where they are known.
 Start = Callable[[Structure], tuple[Floats, Floats | None]]
-ReportRound = Callable[[int, AnnealingStep], None]
 
 _ROUNDS = 12
 _STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
@@ -75,7 +75,7 @@ class _Search:
     candidates: Candidates
     tested: frozenset[str]
     start: Start
-    report: ReportRound
+    progress: Progress
 
     def within(self, names: Collection[str]) -> _Search:
         """The same search among the candidates `names` only."""
@@ -110,16 +110,16 @@ def select_structure(
     *,
     tested: Collection[str],
     start: Start,
-    report: ReportRound = lambda number, step: None,
+    progress: Progress = silent,
 ) -> Selection:
     """The subset, searched from `chosen`, that no candidate in `tested` improves.
 
     If it has links that `chosen` had not, the best subset on the links of `chosen` alone is searched as well, and the better
     of both is taken: terms on false links may substitute for a term that the local model did not show. If the rounds run out,
-    or the search returns to a subset that it had left, `settled` is False and the result the best subset visited. `report`
+    or the search returns to a subset that it had left, `settled` is False and the result the best subset visited. `progress`
     is called with the number of the round and each step of its fit.
     """
-    search = _Search(records, candidates, frozenset(tested), start, report)
+    search = _Search(records, candidates, frozenset(tested), start, progress)
     first = _descend(search, frozenset(chosen), 1)
     own = candidates.on_links_of(chosen)
     if first.fit.status is AnnealingStatus.INTERRUPTED or first.chosen <= own:
@@ -145,7 +145,7 @@ def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
             theta,
             spread=spread,
             options=LikelihoodOptions(
-                report=partial(search.report, number),
+                progress=_round(search.progress, number),
                 nodes=nodes,
                 model_error=False,
                 ceiling=_CEILING,
@@ -176,3 +176,13 @@ def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
         chosen, structure = names, search.candidates.structure(names)
         theta, spread = np.array([starts[p.name] for p in structure.parameters]).T
         nodes, number = fit.optimum.point.nodes, number + 1
+
+
+def _round(progress: Progress, number: int) -> Progress:
+    """The progress of one round: each takes half of what is left."""
+    start, stop = 1.0 - 0.5 ** (number - 1), 1.0 - 0.5**number
+
+    def named(report: ProgressReport, /) -> None:
+        progress(replace(report, activity=f"round {number}: {report.activity}"))
+
+    return part(named, start, stop)

@@ -18,6 +18,7 @@ from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Der
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.text import as_text
@@ -78,7 +79,7 @@ class Estimate:
     record: Record
     remarks: tuple[str, ...] = ()
     intervals: bool = True
-    profile: Callable[[str, float, Callable[[float], None]], tuple[float, float]] | None = None
+    profile: Callable[[str, float, Progress], tuple[float, float]] | None = None
 
     @property
     def trusted(self) -> bool:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import Literal
 
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.anneal import AnnealingStep
 from linkwise.likelihood.estimate import likelihood_estimate
 from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.sindy.estimate import PhysicsInformedSindy, sindy_estimate
 from linkwise.weak.estimate import weak_estimate
@@ -30,7 +30,7 @@ def identify(
     offsets: Sequence[str] = (),
     gains: Sequence[str] = (),
     loss: Loss | None = None,
-    progress: Callable[[AnnealingStep], None] | None = None,
+    progress: Progress = silent,
 ) -> Estimate:
     """The unknown coefficients and masses of `structure` from `record`, or from several records of it together ("ml").
 
@@ -38,8 +38,8 @@ def identify(
     differentiated, noise bias removed; milliseconds) or "sindy" (the paper's physics-informed SINDy;
     `PhysicsInformedSindy(...)` in its place says how).
     For "ml" only: `starts` of parameters by name (else the weak fit's), `offsets` and `gains` name channels with an unknown
-    constant error or factor, `loss` is Gaussian() or, against outliers, Huber() or Student(), and `progress` is told every
-    step.
+    constant error or factor, `loss` is Gaussian() or, against outliers, Huber() or Student(). `progress` is told
+    every step of "ml"; the others are done at once.
 
     Raises IdentificationError where the records cannot tell an unknown at all.
     """
@@ -54,14 +54,14 @@ def identify(
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
         )
-    if method != "ml" and (len(records) > 1 or starts or offsets or gains or loss or progress):
+    if method != "ml" and (len(records) > 1 or starts or offsets or gains or loss):
         raise IdentificationError(
-            f'several records, starts, offsets, gains, a loss and progress are for method "ml", not for "{method}"'
+            f'several records, starts, offsets, gains and a loss are for method "ml", not for "{method}"'
         )
     started = perf_counter()
     if method == "ml":
         estimate = likelihood_estimate(
-            records, structure, starts=starts, offsets=offsets, gains=gains, loss=loss, report=progress
+            records, structure, starts=starts, offsets=offsets, gains=gains, loss=loss, progress=progress
         )
     elif method == "weak":
         estimate = weak_estimate(records[0], structure)

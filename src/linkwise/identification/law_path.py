@@ -6,7 +6,7 @@ record from its identified start. The path is the evidence: the user sees what e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.structure import Link, Structure
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.record import Record
 
 FAMILY = (
@@ -60,7 +61,7 @@ def law_path(
     candidates: Sequence[str] = FAMILY,
     start: Sequence[str] = ("d", "v"),
     most: int = 8,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress = silent,
 ) -> tuple[LawStep, ...]:
     """Laws for `link` of `structure`, from `start` to `most` terms, each term with a coefficient of its own.
 
@@ -78,8 +79,8 @@ def law_path(
         left = [term for term in candidates if term not in terms]
         tried = []
         for number, term in enumerate(left):
-            if progress is not None:
-                progress((len(terms) + number / len(left)) / most, f"{len(terms) + 1} terms: {term}")
+            done = (len(terms) + number / len(left)) / most
+            progress(ProgressReport(done, f"{len(terms) + 1} terms: {term}"))
             tried.append(_fitted(record, structure, link, (*terms, term)))
         converged = [step for step in tried if step is not None]
         if not converged:

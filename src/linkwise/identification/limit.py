@@ -17,6 +17,7 @@ from linkwise.likelihood.segments import Iterate, Scales
 from linkwise.likelihood.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
 from linkwise.simulation.simulate import ExcitationKeywords, simulate
 
@@ -36,6 +37,7 @@ def limit(
     unknown: Sequence[str] = (),
     sensors: Iterable[str] = ("x",),
     segment: float = SEGMENT,
+    progress: Progress = silent,
     **excitation: Unpack[ExcitationKeywords],
 ) -> Limit:
     """The smallest standard errors that a planned test of `structure`, whose numbers are those expected, can reach.
@@ -43,14 +45,16 @@ def limit(
     The test is that of `simulate`: `duration` in s at `rate` in Hz, seen by `sensors`, driven by `release`, `impulses`,
     `forces`, `base`. `noise` is a signal-to-noise ratio in dB for every channel (METHODS section 2) or standard deviations in
     SI units by channel. `unknown` is what `Structure.unknown` takes ("all", "nes", "nes1.alpha", "mass:m2"); without it the
-    unknowns of the structure, at their starts, or every coefficient of its links.
+    unknowns of the structure, at their starts, or every coefficient of its links. `progress` is told the part that is done.
 
     Raises IdentificationError for unknowns without a number, for noise that does not fit the sensors, and for a test or
     segments too short to tell anything; SimulationError as `simulate` does.
     """
     true, asked = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
-    record = simulate(true, duration=duration, rate=rate, sensors=sensors, **excitation)
+    record = simulate(
+        true, duration=duration, rate=rate, sensors=sensors, progress=part(progress, 0.0, 0.2), **excitation
+    )
     sigma = _noise(record, noise)
     samples = _samples(segment, record)
     states = 2 * true.size
@@ -65,7 +69,14 @@ def limit(
     fineness = _fineness(record, true)
     fine = record
     if fineness > 1:
-        fine = simulate(true, duration=record.duration, rate=rate * fineness, sensors=sensors, **excitation)
+        fine = simulate(
+            true,
+            duration=record.duration,
+            rate=rate * fineness,
+            sensors=sensors,
+            progress=part(progress, 0.2, 0.5),
+            **excitation,
+        )
     values = np.array([true.coefficient(parameter.name).value for parameter in asked.parameters], dtype=float)
     pieces = _pieces(_thinned(fine, fineness), excitation.get("impulses", ()))
     if not pieces:
@@ -73,6 +84,7 @@ def limit(
             f"a test of {record.duration:g} s is too short: between two impulses, and from its start to its end, it needs "
             f"{_SHORTEST / (rate * fineness):.2g} s at {rate:g} Hz"
         )
+    progress(ProgressReport(0.5, "sensitivities"))
     told = fisher_information(
         cut_segments(pieces, asked, System.of(asked), samples=samples * fineness, refine=1, offsets=()),
         Iterate(_nodes(pieces, samples * fineness), values, np.zeros(0)),

@@ -7,10 +7,10 @@ METHODS section 5; Bock 1981; Abarbanel's precision annealing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import log10
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.bordered_system import BorderedFactor
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.segments import Iterate, Linearization, Misfit, Scales, Segments, evaluate, linearise
+from linkwise.progress import Progress, ProgressReport, silent
 
 _HOPELESS = 1e8  # damping at which no step is one
 _WILD = -10.0  # gain over promise below which the parabola through a step says nothing
@@ -93,6 +94,13 @@ class AnnealingStep:
         return 1.0 / (2.0 - self.quality)
 
     @property
+    def report(self) -> ProgressReport:
+        """For whoever waits: the way of q from 1 to its last decade, and how well the laws fit."""
+        fraction = min(max(log10(self.q) / log10(AnnealingSchedule.tight), 0.0), 1.0)
+        activity = f"q {self.q:.0e}, cost {self.cost:.6g}, chi-square {self.data_per_sample:.3f}"
+        return ProgressReport(fraction, activity, self)
+
+    @property
     def quality(self) -> float:
         return self.gained / self.predicted if self.predicted > 0 else 0.0
 
@@ -162,7 +170,7 @@ def anneal(
     *,
     loss: Loss,
     executor: Executor | None = None,
-    report: Callable[[AnnealingStep], None] | None = None,
+    progress: Progress = silent,
 ) -> AnnealingFit:
     """Fit nodes, theta and offsets to the records. An interrupt from the keyboard ends it with the best so far.
 
@@ -191,8 +199,7 @@ def anneal(
             trial = evaluate(segments, attempt[0], scales, loss)
             taken = AnnealingStep.of(len(path), control, misfit, trial, attempt[1], samples)
             path.append(taken)
-            if report is not None:
-                report(taken)
+            progress(taken.report)
             if taken.gained > 0.0:
                 misfit = trial
                 schedule = schedule.held(taken, misfit, samples)

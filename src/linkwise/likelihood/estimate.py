@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.likelihood.anneal import AnnealingStatus, AnnealingStep
+from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.loss import Gaussian, Loss
@@ -19,6 +19,7 @@ from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.verdict import Verdict
@@ -38,7 +39,7 @@ def likelihood_estimate(
     offsets: Sequence[str] = (),
     gains: Sequence[str] = (),
     loss: Loss | None = None,
-    report: Callable[[AnnealingStep], None] | None = None,
+    progress: Progress = silent,
 ) -> Estimate:
     """The most likely unknowns of `structure` given `records` (METHODS section 5).
 
@@ -49,7 +50,7 @@ def likelihood_estimate(
     there is no start.
     """
     theta, spread = _start(records, structure, dict(starts or {}))
-    options = LikelihoodOptions(offsets, gains, loss or Gaussian(), report=report)
+    options = LikelihoodOptions(offsets, gains, loss or Gaussian(), progress=progress)
     if needs_integration(records[0], structure):
         fit = first_good(partial(likelihood_fit, records, structure), theta, options)
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +19,7 @@ from linkwise.likelihood.sensors import SAMPLES, SensorModel
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 
@@ -72,16 +73,16 @@ class LikelihoodOptions:
     """`offsets` and `gains` name channels with an unknown constant error or factor; `loss` is what a residual costs.
 
     Where the laws leave what is no noise, the flow is relaxed by the model error that is most likely, unless `model_error` is
-    False. `report` is told every step. `nodes` (2, n, K) are the states of another fit to the same records to start from, else
-    the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends, `steps` the most that are
-    taken.
+    False. `progress` is told every step. `nodes` (2, n, K) are the states of another fit to the same records to start
+    from, else the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends, `steps` the
+    most that are taken.
     """
 
     offsets: Sequence[str] = ()
     gains: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
-    report: Callable[[AnnealingStep], None] | None = None
+    progress: Progress = silent
     nodes: Floats | None = None
     ceiling: float = np.inf
     steps: int = AnnealingSchedule.steps
@@ -107,7 +108,7 @@ def likelihood_fit(
     sensing = SensorModel.of(records, options.offsets, options.gains)
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
-        annealer = Annealer(executor, options.loss, options.report)
+        annealer = Annealer(executor, options.loss, options.progress)
         return _fitted(records, structure, theta, spread, sensing, options, annealer)
 
 

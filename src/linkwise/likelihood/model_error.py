@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, AnnealingStep, anneal
+from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.segments import Iterate, Misfit, Scales, Segments, linearise
+from linkwise.progress import Progress
 
 _LOOSENING = 3.0  # from rung to rung of the ladder of model errors
 _RUNGS = 19  # from q = 1e-5 to 4e3
@@ -22,13 +23,13 @@ class Annealer:
 
     executor: Executor
     loss: Loss
-    report: Callable[[AnnealingStep], None] | None
+    progress: Progress
 
     def __call__(
         self, segments: Segments, start: Iterate, scales: Scales, schedule: AnnealingSchedule
     ) -> AnnealingFit:
         return anneal(
-            segments, start, scales, schedule, loss=self.loss, executor=self.executor, report=self.report
+            segments, start, scales, schedule, loss=self.loss, executor=self.executor, progress=self.progress
         )
 
 

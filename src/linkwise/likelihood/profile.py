@@ -6,18 +6,19 @@ Venzon, Moolgavkar, "A method for computing profile-likelihood-based confidence 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import scipy
 
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.optimum import Optimum
 from linkwise.likelihood.segments import Iterate
+from linkwise.progress import Progress, ProgressReport, silent
 
 _LOOSENED = 1e3  # times the last q: from here annealing follows a coefficient that was moved
 _LOOSEST = 1e-2
@@ -25,15 +26,14 @@ _CLOSE = 0.01  # of a standard error: an end of an interval is no better known
 _FARTHEST = 30.0  # standard errors: an end beyond is none
 
 
-def profile_interval(
-    estimate: Estimate, name: str, *, report: Callable[[float], None] | None = None
-) -> tuple[float, float]:
+@deprecated_keyword("report", Deprecated("progress", since="0.2.0", until="0.4.0"))
+def profile_interval(estimate: Estimate, name: str, *, progress: Progress = silent) -> tuple[float, float]:
     """The 95 % profile-likelihood interval of the unknown `name` ("nes1.alpha", "m1.mass") of a fit by method "ml".
 
     The ends are where the cost has risen by 1.96^2 = 3.84, in units of what the noise left, when `name` is held and everything
     else is fitted anew. An end is the bound of the parameter where that comes first, and infinite where the cost hardly rises.
-    `report` is told each value that is tried. Raises IdentificationError for other methods, for a fit that cannot be
-    trusted, and where a fit with `name` held does not converge.
+    `progress` is told each value that is tried, with the value as `detail`. Raises IdentificationError for other methods, for
+    a fit that cannot be trusted, and where a fit with `name` held does not converge.
     """
     column = _column(estimate, name)
     if estimate.profile is None:
@@ -49,20 +49,14 @@ def profile_interval(
         raise IdentificationError(
             f"{name} was stopped by its bound, around which there is no interval; widen the bound"
         )
-    return estimate.profile(name, deviation, report or _unreported)
+    return estimate.profile(name, deviation, progress)
 
 
-def profile_ends(
-    optimum: Optimum, name: str, deviation: float, report: Callable[[float], None]
-) -> tuple[float, float]:
+def profile_ends(optimum: Optimum, name: str, deviation: float, progress: Progress) -> tuple[float, float]:
     """Both ends of the interval of the parameter `name` with standard error `deviation` around `optimum`."""
     column = optimum.segments.system.parameters.names.index(name)
-    profile = _Profile(optimum, name, column, report)
+    profile = _Profile(optimum, name, column, progress)
     return profile.end(-deviation), profile.end(deviation)
-
-
-def _unreported(value: float) -> None:
-    """A report that nobody reads."""
 
 
 def _column(estimate: Estimate, name: str) -> int:
@@ -75,8 +69,8 @@ def _column(estimate: Estimate, name: str) -> int:
 class _Profile:
     """The cost along one parameter, everything else fitted anew."""
 
-    def __init__(self, optimum: Optimum, name: str, column: int, report: Callable[[float], None]) -> None:
-        self.optimum, self.name, self.column, self.report = optimum, name, column, report
+    def __init__(self, optimum: Optimum, name: str, column: int, progress: Progress) -> None:
+        self.optimum, self.name, self.column, self.progress = optimum, name, column, progress
         self.best = self._fitted(optimum.point)
         self.value = float(self.best.point.theta[column])
 
@@ -96,7 +90,7 @@ class _Profile:
             if moved not in excess:
                 nearest = min(points, key=lambda known: abs(known - moved))
                 value = edge if moved == reach < _FARTHEST else self.value + moved * deviation
-                self.report(value)
+                self.progress(ProgressReport(0.5 * (deviation > 0.0), f"{self.name} = {value:.6g}", value))
                 fit = self._fitted(points[nearest], value)
                 rise = max(fit.misfit.cost(fit.q) - self.best.misfit.cost(fit.q), 0.0)
                 root = float(np.sqrt(rise)) / self.optimum.noise - NORMAL_95

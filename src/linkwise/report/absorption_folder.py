@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,17 +21,16 @@ from linkwise.model.toml_file import format_structure, write_structure
 from linkwise.plot import save
 from linkwise.plot.absorption import Bands, crossings_figure, decay_figure, energy_figure
 from linkwise.plot.absorption_map import map_figure
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.report.absorption_json import absorption_of
 from linkwise.report.section_page import Section, embedded, sheet_page
-
-Progress = Callable[[float, str], object]
 
 
 def write_absorption(
     answer: Absorption | AbsorptionIntervals,
     folder: str | Path,
     *,
-    progress: Progress = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write absorption.json, histories, figures and report.html into `folder`; all of them or none.
 
@@ -43,11 +42,11 @@ def write_absorption(
     bands = None if told is None else (told.lower, told.upper)
     with atomic_folder(Path(folder), ABSORPTION) as partial:
         _write_histories(found, bands, partial)
-        progress(0.2, "figures")
+        progress(ProgressReport(0.2, "figures"))
         save(decay_figure(found, bands), partial / "decay")
         save(energy_figure(found), partial / "energy")
         save(crossings_figure(found), partial / "crossings")
-        progress(0.9, "page")
+        progress(ProgressReport(0.9, "page"))
         sections = _sections(found, partial)
         if told is not None:
             sections.insert(0, Section("Intervals", interval_headline(told), interval_rows(told)))
@@ -67,16 +66,14 @@ def write_absorption(
     return Path(folder)
 
 
-def write_absorption_map(
-    found: AbsorptionMap, folder: str | Path, *, progress: Progress = lambda fraction, now: None
-) -> Path:
+def write_absorption_map(found: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write absorption.json, map.csv, map.png, map.svg and report.html of a sweep into `folder`, as `write_absorption`."""
     with atomic_folder(Path(folder), ABSORPTION) as partial:
         grids = np.meshgrid(*(axis.values for axis in found.axes), indexing="ij")
         names = [axis.name for axis in found.axes] + [each.name for each in found.quantities]
         table = [grid.ravel() for grid in grids] + list(found.values.reshape(-1, len(found.quantities)).T)
         _write_columns(partial / "map.csv", names, table)
-        progress(0.2, "figure")
+        progress(ProgressReport(0.2, "figure"))
         save(map_figure(found), partial / "map")
         structure = format_structure(found.structure)
         page = sheet_page(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from linkwise.model.structure import Structure
 from linkwise.plot import save
 from linkwise.plot.discovery_graph import graph_figure
 from linkwise.plot.discovery_path import evidence_figure, path_figure
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.report.discovery_json import discovery_of
 from linkwise.report.discovery_page import discovery_page
 from linkwise.report.estimate_folder import write_links, write_page
@@ -26,7 +26,7 @@ def write_discovery(
     folder: str | Path,
     *,
     truth: Structure | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write what `write_result` writes into `folder`, and graph, path and evidence as figures and terms.csv; all or none.
 
@@ -38,17 +38,15 @@ def write_discovery(
     beside = None if truth is None else align_truth(found.structure, truth)
     found = replace(found, estimate=_by_names_found(found.estimate))
     with atomic_folder(Path(folder)) as partial:
-        progress(0.0, "graph")
+        progress(ProgressReport(0.0, "graph"))
         figures = {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}
         for name, draw in figures.items():
             save(draw(found), partial / name)
         _write_terms(found, partial / "terms.csv")
-        pictured = write_links(
-            found.estimate, partial, beside, lambda fraction, now: progress(0.1 + 0.6 * fraction, now)
-        )
+        pictured = write_links(found.estimate, partial, beside, part(progress, 0.1, 0.7))
         page = discovery_page(
             found, partial, score=None if truth is None else term_score(found.structure, truth),
-            progress=lambda fraction, now: progress(0.7 + 0.3 * fraction, now),
+            progress=part(progress, 0.7, 1.0),
             version=result["version"], pictured=pictured, truth=beside, nmse=result.get("nmse_percent"),
         )  # fmt: skip
         write_page(page, result, partial)

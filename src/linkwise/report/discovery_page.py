@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from linkwise.discovery.text import (
     runner_up_rows,
     term_rows,
 )
+from linkwise.progress import Progress, silent
 from linkwise.report.estimate_page import TEMPLATES, page_parts
 from linkwise.report.section_page import embedded
 
@@ -29,7 +30,7 @@ def discovery_page(
     figures: Path,
     *,
     score: TermScore | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, now: None,
+    progress: Progress = silent,
     **options: Any,
 ) -> str:
     """The page as self-contained HTML.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,11 @@ from linkwise.model.structure import Structure
 from linkwise.model.toml_file import write_structure
 from linkwise.plot import force_figure, histories_figure, save
 from linkwise.plot.force_view import GRID
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.report.estimate_json import result_of
 from linkwise.report.estimate_page import report
 
 PICTURES = 24  # links with a figure; a long chain's others have their numbers and their force file
-
-Progress = Callable[[float, str], None]
 
 
 def write_result(
@@ -28,7 +26,7 @@ def write_result(
     folder: str | Path,
     *,
     truth: Structure | None = None,
-    progress: Progress = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write result.json, structure.toml, covariance.csv (of an answer to be trusted), force_NAME.csv, figures and report.html
     into `folder`; all of them or none.
@@ -38,10 +36,10 @@ def write_result(
     """
     result = result_of(estimate, truth)
     with atomic_folder(Path(folder)) as partial:
-        pictured = write_links(estimate, partial, truth, lambda fraction, now: progress(0.7 * fraction, now))
+        pictured = write_links(estimate, partial, truth, part(progress, 0.0, 0.7))
         page = report(
             estimate, version=result["version"], pictured=pictured, truth=truth, nmse=result.get("nmse_percent", {}),
-            progress=lambda fraction, now: progress(0.7 + 0.3 * fraction, now),
+            progress=part(progress, 0.7, 1.0),
         )  # fmt: skip
         write_page(page, result, partial)
     return Path(folder)
@@ -51,7 +49,7 @@ def write_links(
     estimate: Estimate,
     folder: Path,
     truth: Structure | None = None,
-    progress: Progress = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> tuple[str, ...]:
     """Write what was identified into an empty `folder`, numbers and figures; return the names of the links pictured."""
     write_structure(estimate.structure, folder / "structure.toml")
@@ -62,7 +60,7 @@ def write_links(
     save(histories_figure(estimate.record), folder / "histories")
     pictured = _pictured(estimate)
     for number, name in enumerate(pictured):
-        progress(number / len(pictured), f"figure of {name}")
+        progress(ProgressReport(number / len(pictured), f"figure of {name}"))
         save(force_figure(estimate, name, truth=truth), folder / f"force_{name}")
     return pictured
 

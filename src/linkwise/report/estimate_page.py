@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from linkwise.model.toml_file import format_structure
 from linkwise.plot.force import force_title
 from linkwise.plot.force_view import force_view
 from linkwise.plot.interactive import force_page, histories_page
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.text import format_error, format_value
 
 TEMPLATES = Environment(
@@ -63,7 +64,7 @@ def report(
     pictured: tuple[str, ...],
     truth: Structure | None = None,
     nmse: Mapping[str, float | None] | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> str:
     """The page as text: HTML that carries its scripts and data in itself.
 
@@ -83,12 +84,12 @@ def page_parts(
     pictured: tuple[str, ...],
     truth: Structure | None = None,
     nmse: Mapping[str, float | None] | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, now: None,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """What the page's template shows, by name, for this page and those that extend it."""
     sections = []
     for done, link in enumerate(sorted(estimate.links, key=lambda each: not each.free)):  # found ones first
-        progress(done / len(estimate.links), f"page: {link.link.name}")
+        progress(ProgressReport(done / len(estimate.links), f"page: {link.link.name}"))
         sections.append(_section(estimate, link.link.name, truth, nmse or {}, link.link.name in pictured))
     return {
         "estimate": estimate,

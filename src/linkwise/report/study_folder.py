@@ -20,11 +20,10 @@ from linkwise.paper.figures_8_9 import figure_8, figure_9
 from linkwise.paper.table_2 import Table2
 from linkwise.plot import save
 from linkwise.plot.study_accuracy import accuracy_figure
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.report.section_page import embedded
 from linkwise.report.study_page import Illustration, StudyReport, study_page
 from linkwise.study.store import read_rows, stored_study
-
-Progress = Callable[[float, str], object]
 
 MOTION, FORCE, ACCURACY = (
     "How the chains move",
@@ -46,7 +45,7 @@ _TITLES = {
 _FIGURES = "figures"
 
 
-def write_study_report(folder: str | Path, *, progress: Progress = lambda fraction, now: None) -> Path:
+def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write report.html, figures/NAME.png and .svg and table_2.csv of the study in `folder`; returns the page's path.
 
     It may be called at any time, while the study runs too: what is missing is said. The paper's figures and table are there
@@ -57,12 +56,12 @@ def write_study_report(folder: str | Path, *, progress: Progress = lambda fracti
     plates = _plates(told)
     shown: dict[str, list[Illustration]] = {MOTION: [], FORCE: [], ACCURACY: []}
     for number, plate in enumerate(plates):
-        progress(number / len(plates), f"figure {plate.name}")
+        progress(ProgressReport(number / len(plates), f"figure {plate.name}"))
         figure = plate.draw()
         if figure is not None:
             address = _keep(figure, home / _FIGURES, plate.name)
             shown[plate.heading].append(Illustration(plate.name, plate.title, plate.caption, address))
-    progress(1.0, "page")
+    progress(ProgressReport(1.0, "page"))
     if told.comparison.cells:
         _write_table(told.comparison, told.table.methods, home / "table_2.csv")
     with atomic_file(home / "report.html") as page:

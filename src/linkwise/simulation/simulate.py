@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypedDict, Unpack
@@ -15,6 +15,7 @@ from linkwise.errors import RecordError, SimulationError
 from linkwise.model.excitation import Excitation, Impulse, InputSignal, Sampled
 from linkwise.model.link import BASE, near_miss
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance, SimulationTruth
@@ -44,7 +45,7 @@ def simulate(
     rate: float | None = None,
     times: ArrayLike | None = None,
     sensors: Iterable[str] = ("x",),
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = silent,
     **excitation: Unpack[ExcitationKeywords],
 ) -> Record:
     """Simulate from t = 0 and return what sensors see, with the truth in `.simulated`.
@@ -52,7 +53,7 @@ def simulate(
     Output at k/`rate` up to `duration` in s, or at `times` (N,), evenly spaced and not before 0. What drives the structure,
     as in `Excitation`: `release` {"x:m1": m, "v:m1": m/s}, `impulses` (Impulse(mass, N s, s), ...), `forces` {mass: expression
     of t or Sampled}, `base` likewise, its displacement. `sensors` are kinds ("x", "v", "a": on every mass) or channels
-    ("a:m2"); forces and base motion are added as channels. `progress` is called with the part that is done, 0 to 1.
+    ("a:m2"); forces and base motion are added as channels. `progress` is told the part that is done.
 
     The motion is integrated by a Taylor method to rounding. Raises SimulationError for what cannot be asked for and where a
     motion diverges, naming time and mass; StructureError where a mass or coefficient has no number.
@@ -93,7 +94,7 @@ class SimulatedMotion:
     run: RunLog
 
     @classmethod
-    def of(cls, schedule: RunSchedule, progress: Callable[[float], object] | None = None) -> SimulatedMotion:
+    def of(cls, schedule: RunSchedule, progress: Progress = silent) -> SimulatedMotion:
         """Run a schedule. SimulationError where it cannot be run to its end."""
         size = schedule.structure.size
         x, v = np.empty((len(schedule.times), size)), np.empty((len(schedule.times), size))
@@ -101,8 +102,7 @@ class SimulatedMotion:
         def receive(first: int, states: Floats) -> None:
             rows = slice(first, first + len(states))
             x[rows], v[rows] = states[:, :size], states[:, size:]
-            if progress is not None:
-                progress((first + len(states)) / len(schedule.times))
+            progress(ProgressReport((first + len(states)) / len(schedule.times), "simulating"))
 
         run = integrate(schedule, schedule.times, receive)
         x.flags.writeable = v.flags.writeable = False

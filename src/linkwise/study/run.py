@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 from linkwise.errors import StudyError
+from linkwise.progress import Progress, silent
 from linkwise.runtime import processors
 from linkwise.study.definition import Study
 from linkwise.study.executor import Executor, ProcessExecutor
 from linkwise.study.export import export_study
 from linkwise.study.row import Row
-from linkwise.study.runner import StudyProgress, run
+from linkwise.study.runner import run
 from linkwise.study.store import open_store, read_rows
 from linkwise.study.toml_file import read_study
 
@@ -24,13 +24,14 @@ def run_study(
     quick: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[StudyProgress], None] | None = None,
+    progress: Progress = silent,
 ) -> tuple[Row, ...]:
     """Run a study, "paper" or a TOML file, in `folder`, or go on with it there; write its tables and return its rows.
 
     `quick` takes the few cycles that the study calls quick. It runs on `workers` processes of this machine (default: as many
     as there are processors), or on the dask cluster whose `scheduler` is at this address. Killed at any moment it loses only
-    what was being computed; a row never depends on who computed it.
+    what was being computed; a row never depends on who computed it. `progress` is told how far it is, with a `StudyProgress`
+    as `detail`.
 
     Raises StudyError for a study that cannot be read, for a folder that holds another one or in which another process runs
     one, and where workers cannot be had.
@@ -44,13 +45,9 @@ def run_study(
     with open_store(Path(folder), study) as store:
         if len(store.done()) < len(study):
             with _crew(workers, scheduler) as executor:
-                run(study, store, executor, progress or _silently)
+                run(study, store, executor, progress)
         export_study(folder)
     return read_rows(folder)
-
-
-def _silently(progress: StudyProgress) -> None:
-    """Report to nobody."""
 
 
 def _crew(workers: int | None, scheduler: str | None) -> Executor:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 
 from linkwise.errors import StudyError
+from linkwise.progress import Progress, ProgressReport
 from linkwise.study.definition import Study
 from linkwise.study.executor import Executor, FailureKind
 from linkwise.study.row import Case
@@ -22,8 +23,16 @@ _TICK = 0.5  # s between two reports while nothing comes back
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """How far a study is: `done` cases of `total`, those of earlier runs included, `rate` in cases a second since this run
-    began, `left` seconds to go, None while nothing tells.
+    """How far a study is: the `detail` of the reports that `run_study` gives to its `progress`.
+
+    Parameters
+    ----------
+    done, total : int
+        Cases that are done, those of earlier runs included, and all cases.
+    rate : float
+        Cases a second since this run began.
+    left : float or None
+        Seconds to go; None while nothing tells.
     """
 
     done: int
@@ -31,11 +40,21 @@ class StudyProgress:
     rate: float
     left: float | None
 
+    @property
+    def report(self) -> ProgressReport:
+        """For whoever waits."""
+        left = "" if self.left is None else f", {_duration(self.left)} left"
+        activity = f"{self.done} of {self.total} cases, {self.rate:.2g}/s{left}"
+        return ProgressReport(self.done / self.total, activity, self)
 
-Report = Callable[[StudyProgress], None]
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def run(study: Study, store: Store, executor: Executor, report: Report) -> None:
+def run(study: Study, store: Store, executor: Executor, progress: Progress) -> None:
     """Run every case of `study` that is not done in `store`. What is interrupted, by whatever, goes on where it was.
 
     Raises StudyError where workers cannot run cases at all.
@@ -47,7 +66,7 @@ def run(study: Study, store: Store, executor: Executor, report: Report) -> None:
     work = _Work(study, executor, timing, pending)
 
     def tell() -> None:
-        report(StudyProgress(len(there) + timing.done, len(study), timing.rate, timing.left))
+        progress(StudyProgress(len(there) + timing.done, len(study), timing.rate, timing.left).report)
 
     tell()
     work.hand_out()

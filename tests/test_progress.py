@@ -1,0 +1,43 @@
+"""Progress: one protocol for all long work, and the parts of a whole."""
+
+from __future__ import annotations
+
+import inspect
+
+import linkwise as lw
+from linkwise.progress import part, silent
+
+
+def _parameters(thing: object) -> list[str]:
+    return list(inspect.signature(thing).parameters) if inspect.isfunction(thing) else []
+
+
+LONG = [name for name in lw.__all__ if "progress" in _parameters(getattr(lw, name))]
+
+
+def test_a_part_is_a_piece_of_the_whole() -> None:
+    seen: list[lw.ProgressReport] = []
+    within = part(part(seen.append, 0.5, 1.0), 0.0, 0.5)
+    for fraction in (0.0, 0.5, 1.0):
+        within(lw.ProgressReport(fraction, "looking", 7))
+    assert seen == [lw.ProgressReport(fraction, "looking", 7) for fraction in (0.5, 0.625, 0.75)]
+
+
+def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
+    assert {"absorb", "discover", "identify", "limit", "run_study", "simulate", "write_result"} <= set(LONG)
+    for name in LONG:
+        parameter = inspect.signature(getattr(lw, name)).parameters["progress"]
+        assert (parameter.annotation, parameter.default, parameter.kind) == (
+            "Progress",
+            silent,
+            inspect.Parameter.KEYWORD_ONLY,
+        ), name
+
+
+def test_a_limit_tells_how_far_it_is() -> None:
+    seen: list[lw.ProgressReport] = []
+    lw.limit(
+        lw.bnes_chain(2), duration=1.0, rate=200.0, noise=20.0, release={"v:m1": 1.0}, progress=seen.append
+    )
+    fractions = [report.fraction for report in seen]
+    assert fractions == sorted(fractions) and seen[-1] == lw.ProgressReport(0.5, "sensitivities")
