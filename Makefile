@@ -8,7 +8,7 @@ STUDY := results/paper
 PYTEST := -m pytest -q -n auto --maxprocesses 8 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify study test matrix docs benchmark check clean
+.PHONY: help env identify study test coverage matrix docs benchmark check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -35,14 +35,18 @@ study: env  ## reproduce the paper in results/paper: half an hour on two process
 test: env  ## run all tests
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python $(PYTEST)
 
+coverage: env  ## run all tests and measure the lines that they run; fail below the share in pyproject.toml
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python $(PYTEST) --cov
+
 matrix: env  ## run all tests on every installed Python from 3.11, and once with the lowest versions of all dependencies
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/matrix.py $(PYTEST)
 
 benchmark: env  ## measure speed and accuracy against the figures that they must reach
 	$(BIN)/python -m pytest -q -s -o python_files='bench_*.py' benchmarks
 
-check: env  ## lint and check types
+check: env  ## lint, check the format and the types of the package and its tests
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
 docs: env  ## build the documentation in docs/site, with warnings as errors
@@ -51,4 +55,4 @@ docs: env  ## build the documentation in docs/site, with warnings as errors
 	$(BIN)/python docs/check_site.py docs/site
 
 clean:  ## remove the environment and what was built or written
-	rm -rf $(VENV) .matrix results docs/site docs/api docs/gallery docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .matrix .coverage results docs/site docs/api docs/gallery docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
