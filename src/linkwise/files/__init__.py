@@ -6,12 +6,12 @@ import os
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 
 from linkwise.errors import RecordError
 from linkwise.files.assemble import ReadOptions, to_record
-from linkwise.files.table import Table
+from linkwise.files.isolated import read_here, read_isolated
 from linkwise.records.record import Record
 
 __all__ = ["read_record", "write_record"]
@@ -30,7 +30,12 @@ _MODULES = {
     ".tdms": "tdms",
 }
 _WRITABLE = (".csv", ".mat", ".h5", ".hdf5", ".parquet")
-_EXTRAS = frozenset({"pyarrow", "pyuff", "nptdms"})  # top-level packages of the extra [files]
+_TEXT = (f"{__name__}.csv",)  # modules that read in this process: text does not crash a library
+_EXTRAS = {
+    "parquet": "pyarrow",
+    "uff": "pyuff",
+    "tdms": "nptdms",
+}  # modules that need a library of the extra [files]
 
 
 def read_record(
@@ -86,14 +91,8 @@ def read_record(
     """
     path = Path(path)
     _check_exists(path)
-    module = _module(path.suffix, path)
-    try:
-        table: Table = module.read_table(path)
-    except (RecordError, MemoryError):
-        raise
-    except Exception as error:  # format libraries raise all kinds of errors on a damaged file
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
+    name = _module_name(path.suffix, path)
+    table = (read_here if name in _TEXT else read_isolated)(name, path)
     masses = None if known_masses is None else tuple(known_masses)
     return to_record(table, str(path), ReadOptions(channels or {}, rate, resample, masses))
 
@@ -138,7 +137,7 @@ def write_record(record: Record, path: str | Path) -> None:
             f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(_WRITABLE)}",
             path,
         )
-    module = _module(path.suffix, path)
+    module = import_module(_module_name(path.suffix, path))
     partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         module.write(record, partial)
@@ -149,22 +148,19 @@ def write_record(record: Record, path: str | Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _module(suffix: str, path: Path) -> ModuleType:
-    """The module of a format; RecordError for an unknown suffix and for a library that is not installed."""
+def _module_name(suffix: str, path: Path) -> str:
+    """The full name of a format's module; RecordError for an unknown suffix and for a library that is not installed."""
     name = _MODULES.get(suffix.lower())
     if name is None:
         what = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
         raise RecordError(f"{what}; choose from {', '.join(_MODULES)}", path)
-    try:
-        return import_module(f"{__name__}.{name}")
-    except ModuleNotFoundError as error:
-        library = (error.name or "").partition(".")[0]
-        if library not in _EXTRAS:
-            raise
+    library = _EXTRAS.get(name)
+    if library is not None and find_spec(library) is None:
         raise RecordError(
             f"{suffix} files need the library {library}, which the extra 'files' installs: pip install 'linkwise[files]'",
             path,
-        ) from error
+        )
+    return f"{__name__}.{name}"
 
 
 def _check_exists(path: Path) -> None:
