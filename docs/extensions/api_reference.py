@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from enum import Enum
 from importlib import import_module
 from pathlib import Path
 
@@ -67,53 +68,72 @@ def comment(name: str, module: str) -> list[str]:
     return comments["", name]
 
 
+def folder_of(value: object) -> str:
+    """The folder of a page: `Limit` and `limit` are one file where capitals do not count."""
+    if inspect.ismodule(value):
+        return "modules"
+    return "classes" if inspect.isclass(value) else "functions" if callable(value) else "constants"
+
+
 def page(name: str, home: str) -> str:
     """The page of one public name."""
     value = getattr(lw, name)
     head = f"{name}\n{'=' * len(name)}\n\n.. currentmodule:: linkwise\n\n"
     if inspect.isclass(value):
-        return f"{head}.. autoclass:: {name}\n   :members:\n"
-    if callable(value):
-        return f"{head}.. autofunction:: {name}\n"
+        return f"{head}.. autoclass:: {name}\n   :members:\n{members(value)}"
     if inspect.ismodule(value):
         return f"{head}.. automodule:: linkwise.{name}\n   :members:\n"
+    if callable(value):
+        return f"{head}.. autofunction:: {name}\n"
     text = "\n   ".join(comment(name, home))
     return f"{head}.. py:data:: {name}\n   :value: {value!r}\n\n   {text}\n"
 
 
-def summary(name: str, value: object) -> str:
-    """A line of the index."""
-    return f"   {name}\n" if callable(value) or inspect.ismodule(value) else ""
+def members(value: type) -> str:
+    """The members of an enumeration with their values; nothing for other classes."""
+    if not issubclass(value, Enum):
+        return ""
+    return "\n.. rubric:: Members\n\n" + "".join(f"``{each.name}``\n   {each.value}\n\n" for each in value)
+
+
+def section(title: str, names: list[str]) -> str:
+    """A section of the index: a table of what can be called, a line of constants."""
+    values = {name: getattr(lw, name) for name in names}
+    table = "".join(
+        f"   {name}\n" for name, value in values.items() if callable(value) or inspect.ismodule(value)
+    )
+    constants = ", ".join(f":py:data:`{name}`" for name in names if folder_of(values[name]) == "constants")
+    tree = "".join(f"   {folder_of(value)}/{name}\n" for name, value in values.items())
+    return (
+        f"{title}\n{'-' * len(title)}\n\n.. autosummary::\n   :nosignatures:\n\n{table}\n"
+        f"{'Constants: ' + constants if constants else ''}\n\n.. toctree::\n   :hidden:\n\n{tree}\n"
+    )
 
 
 def pages() -> dict[str, str]:
-    """All pages of the reference by name, the index among them."""
+    """All pages of the reference by path, the index among them."""
     home = imported("linkwise")
     if missing := sorted(set(lw.__all__) - set(home)):
         raise ExtensionError(f"public names that are not imported for type checkers: {', '.join(missing)}")
-    package = {name: home[name].split(".")[1] for name in lw.__all__}
+    package = {name: f"{home[name]}.{name}".split(".")[1] for name in lw.__all__}
     if unknown := sorted(set(package.values()) - set(PACKAGES)):
         raise ExtensionError(f"docs/extensions/api_reference.py has no title for: {', '.join(unknown)}")
-    written = {name: page(name, home[name]) for name in lw.__all__}
-    index = [INDEX]
+    written = {f"{folder_of(getattr(lw, name))}/{name}": page(name, home[name]) for name in lw.__all__}
+    index = INDEX
     for folder, title in PACKAGES.items():
-        names = sorted((name for name in lw.__all__ if package[name] == folder), key=str.lower)
-        if names:
-            table = "".join(summary(name, getattr(lw, name)) for name in names)
-            tree = "".join(f"   {name}\n" for name in names)
-            index += [title, "-" * len(title), "", ".. autosummary::", "", table]
-            index += [".. toctree::", "   :hidden:", "", tree]
-    return {**written, "index": "\n".join(index)}
+        if names := sorted((name for name in lw.__all__ if package[name] == folder), key=str.lower):
+            index += "\n" + section(title, names)
+    return {**written, "index": index}
 
 
 def write(app: Sphinx) -> None:
     """Write the pages into docs/api; those that have not changed keep their time, so that they are not built again."""
     folder = Path(app.srcdir) / "api"
-    folder.mkdir(exist_ok=True)
     wanted = {folder / f"{name}.rst": text for name, text in pages().items()}
-    for old in set(folder.glob("*.rst")) - set(wanted):
+    for old in set(folder.rglob("*.rst")) - set(wanted):
         old.unlink()
     for path, text in wanted.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
 
