@@ -68,6 +68,7 @@ sphinx_gallery_conf = {
 
 # Site
 html_theme = "pydata_sphinx_theme"
+html_math_renderer = "mathml"
 html_title = "linkwise"
 html_static_path = ["static"]
 html_css_files = ["linkwise.css"]
