@@ -30,7 +30,7 @@ def test_one_verdict_that_forbids_is_enough() -> None:
 def test_text_data_and_intervals_of_an_estimate_follow_its_verdicts(
     verdict: Verdict, fitted: lw.Estimate
 ) -> None:
-    estimate = replace(fitted, verdicts=(verdict,))
+    estimate = replace(fitted, fit_verdicts=(verdict,))
     told = estimate.to_dict()
     assert told["verdicts"] == [verdict.name] and told["trusted"] is not verdict.forbids
     assert told["status"] == estimate.status

@@ -47,6 +47,26 @@ class Verdict(Enum):
     UNEXPLAINED_FORCES = (
         "The laws leave too much of the forces unexplained: a term or a link is missing, or noise hides them."
     )
+    SYSTEMATIC_MISFIT = (
+        "What the laws leave of the record follows the motion: a term or a link is missing, or a sensor is not what it is "
+        "taken for. Intervals would count it as noise."
+    )
+    COLOURED_RESIDUALS = (
+        "The residuals are not white, as the noise is taken to be, so intervals would be too narrow. Look at the sensors for "
+        "a filter or a drift, and at the laws for a missing term."
+    )
+    SEVERAL_OPTIMA = (
+        "Around the values found the likelihood has other optima, or not the shape that intervals assume. Give starts that "
+        "are nearer, a shorter piece of the record, or less noise."
+    )
+    ENERGY_FED = (
+        "A link gives energy to the motion, which no spring or damper does: a force that is not in the record, or a term that "
+        "is missing, looks like that."
+    )
+    OUTLIERS = (
+        "The noise has outliers, which the method does not allow for: remove them, or use maximum likelihood with a robust "
+        "loss."
+    )
     SEARCH_UNSETTLED = (
         "The search for terms did not settle: this is the best model so far, and another may be better."
     )

@@ -129,7 +129,7 @@ def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Es
 
 
 def test_an_answer_not_to_be_trusted_has_no_intervals(fitted: lw.Estimate, tmp_path: Path) -> None:
-    bad = replace(fitted, verdicts=(lw.Verdict.NOT_CONVERGED,), message="The cost still falls.")
+    bad = replace(fitted, fit_verdicts=(lw.Verdict.NOT_CONVERGED,), message="The cost still falls.")
     with pytest.raises(lw.IdentificationError, match=r"no covariance to draw from \(not converged\)"):
         lw.absorption_intervals(bad, **TRIAL)
     lw.write_result(bad, tmp_path / "bad")

@@ -86,7 +86,7 @@ def test_columns_are_mapped(
 def test_an_answer_not_to_be_trusted_has_exit_code_3(
     files: Path, fitted: lw.Estimate, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bad = replace(fitted, verdicts=(lw.Verdict.NOT_CONVERGED,))
+    bad = replace(fitted, fit_verdicts=(lw.Verdict.NOT_CONVERGED,))
     monkeypatch.setattr(lw, "identify", lambda record, structure, **_: bad)
     assert run(arguments(files)) == 3
     assert "not converged" in capsys.readouterr().out

@@ -73,7 +73,7 @@ def answer() -> lw.Estimate:
     steps = np.linspace(-1.0, 1.0, 5)[:, None]
     return lw.Estimate(
         method="weak",
-        verdicts=(lw.Verdict.CONVERGED,),
+        fit_verdicts=(lw.Verdict.CONVERGED,),
         message="The laws explain the record to within its noise.",
         seconds=0.0123,
         asked=asked,
@@ -103,7 +103,7 @@ def test_an_answer_that_can_be_trusted() -> None:
 def test_an_answer_that_cannot() -> None:
     refused = replace(
         answer(),
-        verdicts=(lw.Verdict.NOISE_MISMATCH,),
+        fit_verdicts=(lw.Verdict.NOISE_MISMATCH,),
         message="The laws explain the record to within 3.1 % of its forces, which is 4.53 times what noise would leave, so no "
         "interval is given.",
         chi_square_per_sample=20.53,

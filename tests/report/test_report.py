@@ -35,7 +35,7 @@ def test_verdict_comes_first(fitted: lw.Estimate) -> None:
 
 
 def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
-    bad = replace(fitted, verdicts=(lw.Verdict.NOT_CONVERGED,), message="The cost still falls.")
+    bad = replace(fitted, fit_verdicts=(lw.Verdict.NOT_CONVERGED,), message="The cost still falls.")
     assert not bad.trusted
     page = page_of(bad)
     assert "Do not trust this answer." in page and "can be trusted" not in page

@@ -70,7 +70,7 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
     return (
         f"{_count(len(estimate.masses), 'mass', 'masses')}, {_count(len(estimate.links), 'link')} with "
         f"{_count(terms, 'term')}: {trust}",
-        f"{search}{estimate.message} {certainty_sentence(discovery)} ({len(discovery.terms)} candidates tested, "
+        f"{search}{estimate.explanation} {certainty_sentence(discovery)} ({len(discovery.terms)} candidates tested, "
         f"{estimate.samples} samples{chi_square}, {_count(discovery.rounds, 'round')}, {discovery.seconds:.2g} s)",
     )
 

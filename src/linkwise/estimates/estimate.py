@@ -13,6 +13,7 @@ from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
+from linkwise.estimates.energy_supply import supplied_power
 from linkwise.estimates.findings import link_findings
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
@@ -54,7 +55,7 @@ class NoiseEstimate:
 class Estimate:
     """Values `values` (p,) of the unknowns `parameters` of `asked`, with their `covariance` (p, p), from `record`.
 
-    `verdicts` are what can be said of the answer as a whole, and `message` says what the first of them means here; without
+    `fit_verdicts` are what can be said of the fit as a whole, and `message` says what the first of them means here; without
     convergence, or with residuals that noise does not explain
     (`chi_square_per_sample` far from 1), no interval is given.
     `moved` tells, when asked, how the identified links moved; `profile` gives, for a likelihood fit, the profile-likelihood
@@ -64,7 +65,7 @@ class Estimate:
     """
 
     method: str
-    verdicts: tuple[Verdict, ...]
+    fit_verdicts: tuple[Verdict, ...]
     message: str
     seconds: float
     asked: Structure
@@ -85,6 +86,30 @@ class Estimate:
     def trusted(self) -> bool:
         """Whether no verdict forbids trust."""
         return is_trusted(self.verdicts)
+
+    @cached_property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What can be said of the answer as a whole: of the fit, and of the laws that it found."""
+        return (*self.fit_verdicts, Verdict.ENERGY_FED) if self.supplies else self.fit_verdicts
+
+    @cached_property
+    def supplies(self) -> dict[str, float]:
+        """Mean power in W of the links that give energy to the motion beyond doubt; empty where intervals say nothing."""
+        if not (self.intervals and is_trusted(self.fit_verdicts)):
+            return {}
+        powers = {
+            link.name: supplied_power(
+                link, *self._freedom(index), self.motion.d[:, index], self.motion.v[:, index]
+            )
+            for index, link in enumerate(self.structure.links)
+            if self._freedom(index)[0]
+        }
+        return {name: power for name, power in powers.items() if power is not None}
+
+    @property
+    def explanation(self) -> str:
+        """`message`, and the advice of verdicts on the laws found."""
+        return " ".join([self.message, *(v.value for v in self.verdicts if v not in self.fit_verdicts)])
 
     @property
     def status(self) -> str:
@@ -124,9 +149,9 @@ class Estimate:
             f"{name} was stopped by its bound and has no interval; widen the bound if it is not physical."
             for name in stopped
         )
-        d, v = self.motion.d, self.motion.v
-        told = (line for i, link in enumerate(self.links) for line in link_findings(link, d[:, i], v[:, i]))
-        return (*self.remarks, *bounds, *told)
+        supplies = self.supplies
+        of_links = (line for link in self.links for line in link_findings(link, supplies.get(link.link.name)))
+        return (*self.remarks, *bounds, *of_links)
 
     def coefficient(self, name: str) -> CoefficientEstimate:
         """The coefficient "nes1.alpha" or the mass "m1.mass"; StructureError lists the names there are."""
@@ -153,7 +178,7 @@ class Estimate:
             "status": self.status,
             "verdicts": [verdict.name for verdict in self.verdicts],
             "trusted": self.trusted,
-            "message": self.message,
+            "message": self.explanation,
             "seconds": self.seconds,
             "noise": {
                 name: {"sigma": n.sigma, "unit": n.unit, "snr_db": n.snr_db} for name, n in self.noise.items()
@@ -193,12 +218,7 @@ class Estimate:
 
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
-        numbers = {
-            name: self._places[index, name] for name in link.coefficients if (index, name) in self._places
-        }
-        which = np.array(list(numbers.values()), dtype=int)
-        block = self.covariance[np.ix_(which, which)] if len(which) else np.zeros((0, 0))
-        dense = block if isinstance(block, np.ndarray) else block.toarray()
+        free, covariance = self._freedom(index)
         masses = dict(zip(self.structure.mass_names, self.structure.mass_values, strict=True))
         return LinkEstimate(
             link=link,
@@ -210,10 +230,21 @@ class Estimate:
             ),
             d_range=(float(self.motion.visited[index, 0]), float(self.motion.visited[index, 1])),
             v_range=_range(self.motion.v[:, index]),
-            free=tuple(numbers),
-            covariance=np.asarray(dense) if self.trusted and self.intervals else None,
+            free=free,
+            covariance=covariance if self.trusted and self.intervals else None,
             moving_mass=1.0 / sum(1.0 / masses[end] for end in link.between if end in masses),
         )
+
+    def _freedom(self, index: int) -> tuple[tuple[str, ...], Floats]:
+        """The coefficients of a link that were found (q,), and their covariance (q, q)."""
+        numbers = {
+            name: self._places[index, name]
+            for name in self.asked.links[index].coefficients
+            if (index, name) in self._places
+        }
+        which = np.array(list(numbers.values()), dtype=int)
+        block = self.covariance[np.ix_(which, which)] if len(which) else np.zeros((0, 0))
+        return tuple(numbers), np.asarray(block if isinstance(block, np.ndarray) else block.toarray())
 
     def _unknown_name(self, name: str, there: Mapping[str, Any]) -> Any:
         raise StructureError(f'"{name}" is not in the answer; there are {", ".join(there)}')

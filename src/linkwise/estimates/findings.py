@@ -6,18 +6,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from linkwise.arrays import Floats
-from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.estimates.link_estimate import LinkEstimate
 
 _TOGETHER = 0.995  # correlation beyond which two coefficients are one piece of knowledge
 
 
-def link_findings(found: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
-    """Sentences on one identified link that moved through elongations `d` in m at rates `v` in m/s, both (R,)."""
+def link_findings(found: LinkEstimate, supply: float | None) -> Iterator[str]:
+    """Sentences on one identified link, which gives the mean power `supply` in W to the motion where that is beyond doubt."""
     yield from _unvisited(found)
     yield from _together(found)
     yield from _nothing(found)
-    yield from _feeding(found, d, v)
+    if supply is not None:
+        yield (
+            f"{found.link.name} gives energy to the motion, {supply:.3g} W on average, as no damper does. A force that is not "
+            "in the record would look like that."
+        )
 
 
 def _unvisited(found: LinkEstimate) -> Iterator[str]:
@@ -62,20 +65,3 @@ def _nothing(found: LinkEstimate) -> Iterator[str]:
         if each.interval is not None and each.interval[0] < 0.0 < each.interval[1]:
             error = each.standard_error or 0.0
             yield f"{each.name} cannot be told from zero: {each.value:.3g} within ±{error:.2g} {each.unit}."
-
-
-def _feeding(found: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
-    """A link that gives energy to the motion beyond doubt: no spring or damper does."""
-    if found.covariance is None:
-        return
-    moving, resting = (found.link.law.partials(d, rate, found.link.values) for rate in (v, np.zeros_like(v)))
-    power = float(np.nanmean((moving.force - resting.force) * v))
-    slopes = np.array(
-        [np.nanmean((moving.by_coefficient[name] - resting.by_coefficient[name]) * v) for name in found.free]
-    )
-    deviation = float(np.sqrt(max(float(slopes @ found.covariance @ slopes), 0.0)))
-    if power < -NORMAL_95 * deviation and deviation > 0.0:
-        yield (
-            f"{found.link.name} gives energy to the motion, {-power:.3g} W on average: no damper does. A force that is not in "
-            "the record would look like that."
-        )

@@ -39,7 +39,7 @@ def _verdict(estimate: Estimate) -> str:
         "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     )
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
-    told = f"{estimate.message} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
+    told = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
     return f"{head}\n{fill(told, _WIDTH)}"
 
 

@@ -11,9 +11,10 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.judgement import judged
+from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.starts.coefficients import law_start
@@ -22,13 +23,10 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
-from linkwise.verdict import Verdict
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.residual import weak_residual
-
-_LITTLE = 0.1  # of the forces on a mass: a model error beyond it is no small one
 
 
 def likelihood_estimate(
@@ -55,6 +53,7 @@ def likelihood_estimate(
         fit = first_good(partial(likelihood_fit, records, structure), theta, options)
     else:
         fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
+        fit = lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
     return estimate_of(fit, structure, records)
 
 
@@ -62,10 +61,10 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
     """What a fit of `structure` to `records` says, and how far it can be trusted."""
     found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(found)
-    verdict, message = _judged(fit, identified)
+    verdict, message = judged(fit, identified)
     return Estimate(
         method="ml",
-        verdicts=(verdict,),
+        fit_verdicts=(verdict,),
         message=message,
         seconds=0.0,
         asked=structure,
@@ -112,36 +111,6 @@ def _start(
     best = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
     values = np.array([starts.get(p.name, value) for p, value in zip(parameters, best.values, strict=True)])
     return values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))
-
-
-def _judged(fit: LikelihoodFit, identified: Structure) -> tuple[Verdict, str]:
-    if fit.status is not AnnealingStatus.CONVERGED:
-        told = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
-        return Verdict.NOT_CONVERGED, told
-    if fit.chi_square_off:
-        return Verdict.NOISE_MISMATCH, (
-            f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise, so no interval is given: the noise is not what "
-            "was stated or found, a term is missing from a law, or a link from the structure. The values are the best of "
-            "these laws."
-        )
-    if fit.model_error > 0.0:
-        share = _share(fit, identified)
-        told = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
-        if share > _LITTLE:
-            return (
-                Verdict.UNEXPLAINED_FORCES,
-                f"{told}; that is too much for intervals: a term or a link is missing.",
-            )
-        return Verdict.MODEL_ERROR_NEEDED, f"{told}, a model error that all intervals count in."
-    return Verdict.CONVERGED, "The laws explain the record to within its noise."
-
-
-def _share(fit: LikelihoodFit, identified: Structure) -> float:
-    """Root mean square of the model's force error over that of the forces, the worst mass counting."""
-    n = identified.size
-    acceleration = fit.misfit.orbit.accelerations.reshape(-1, n, fit.segments.count)
-    forces = identified.mass_values * np.sqrt(np.mean(acceleration**2, axis=(0, 2)))
-    return float(np.max(fit.force_error / np.maximum(forces, np.finfo(float).tiny)))
 
 
 def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:

@@ -153,11 +153,6 @@ def _fitted(
         chi_square = factor**2
         left = chi_square > _LARGEST_EXCESS and lag_one_autocorrelation(fit.misfit) > _WHITE
         off = left or (stated and abs(chi_square - 1.0) > limit)
-    elif off and not stated and chi_square < 1.0:
-        factor, off = (
-            float(np.sqrt(chi_square)),
-            False,
-        )  # motion was taken for noise when it was found, and nothing is wrong
     p = segments.system.parameters.size
     return LikelihoodFit(
         values=fit.point.theta,

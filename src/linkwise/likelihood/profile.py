@@ -42,7 +42,7 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
         )
     if not estimate.trusted:
         raise IdentificationError(
-            f"there is no interval of a fit that cannot be trusted ({estimate.status}): {estimate.message}"
+            f"there is no interval of a fit that cannot be trusted ({estimate.status}): {estimate.explanation}"
         )
     deviation = float(np.sqrt(max(estimate.covariance[column, column], 0.0)))
     if not estimate.free[column] or not 0.0 < deviation < np.inf:

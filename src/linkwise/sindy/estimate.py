@@ -59,7 +59,7 @@ def sindy_estimate(record: Record, structure: Structure, options: PhysicsInforme
     verdict, message = _judged(float(fit.residual[0]))
     return Estimate(
         method="sindy",
-        verdicts=(verdict,),
+        fit_verdicts=(verdict,),
         message=message,
         seconds=0.0,
         asked=structure,

@@ -107,5 +107,5 @@ def _identified(
         },
         coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
         standard_errors=dict(zip(names, map(float, errors), strict=False)),
-        reason="" if estimate.trusted else estimate.message,
+        reason="" if estimate.trusted else estimate.explanation,
     )

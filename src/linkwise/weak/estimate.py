@@ -15,6 +15,7 @@ from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
+from linkwise.signals.outliers import has_outliers
 from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, differences, read_displacements
 from linkwise.weak.equations import WeakEquations, weak_equations
@@ -38,7 +39,7 @@ def weak_estimate(record: Record, structure: Structure) -> Estimate:
     verdict, message = _judged(record, equations, fit) if settled else (Verdict.NOT_CONVERGED, _UNSETTLED)
     return Estimate(
         method="weak",
-        verdicts=(verdict,),
+        fit_verdicts=(verdict,),
         message=message,
         seconds=0.0,
         asked=structure,
@@ -123,10 +124,20 @@ def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Ver
             "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
             f"record, or the noise is not white{larger}. The values are the best of these laws."
         )
-    if fit.excess < lowest and record.noise and not equations.motion.quiet:
+    if fit.excess < lowest and not equations.motion.quiet:
+        how, advice = (
+            ("stated", "State it right, or not at all")
+            if record.noise
+            else ("found", "State it, if it is known")
+        )
         return Verdict.NOISE_MISMATCH, (
             f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
-            "stated, and taking out its bias has bent the values. State it right, or not at all."
+            f"{how} or not white, and taking out its bias has bent the values. {advice}."
+        )
+    if has_outliers(equations.motion.x.T, np.sqrt(equations.motion.variance)):
+        return Verdict.OUTLIERS, (
+            "The noise has more large errors than normal noise, and the weak form takes out its bias as if it had not, so no "
+            'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
         )
     return Verdict.CONVERGED, "The laws explain the record to within its noise."
 
