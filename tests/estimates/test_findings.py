@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.estimates.energy_supply import supplied_power
 from linkwise.estimates.findings import link_findings
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 
@@ -41,7 +42,10 @@ def found(
 def sentences(estimate: LinkEstimate) -> list[str]:
     low, high = estimate.d_range
     d = 0.5 * (low + high) + 0.5 * (high - low) * np.sin(40 * TIME)
-    return list(link_findings(estimate, d, 20 * (high - low) * np.cos(40 * TIME)))
+    v = 20 * (high - low) * np.cos(40 * TIME)
+    covariance = estimate.covariance
+    supply = None if covariance is None else supplied_power(estimate.link, estimate.free, covariance, d, v)
+    return list(link_findings(estimate, supply))
 
 
 SINK = {"alpha": -100.0, "beta": 1e6, "c": 0.02}
@@ -86,7 +90,8 @@ def test_a_coefficient_that_may_be_zero() -> None:
 
 
 @pytest.mark.parametrize(
-    ("c", "error", "said"), [(-0.02, 1e-4, True), (-0.02, 0.05, False), (0.02, 1e-4, False)]
+    ("c", "error", "said"),
+    [(-0.02, 1e-4, True), (-0.02, 0.0066, True), (-0.02, 0.0067, False), (0.02, 1e-4, False)],
 )
 def test_a_link_that_gives_energy(c: float, error: float, said: bool) -> None:
     """Only where its sign is beyond doubt."""

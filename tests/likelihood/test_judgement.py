@@ -1,0 +1,141 @@
+"""Answers that fit well and are wrong: what must take trust away, and what must not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.likelihood.whiteness import is_coloured
+from linkwise.signals.outliers import has_outliers
+
+DURATION, RATE, SNR = 6.0, 1000.0, 20.0
+
+
+def record(structure: lw.Structure, speed: float = 1.0) -> lw.Record:
+    return lw.simulate(structure, release={"v:m1": speed}, duration=DURATION, rate=RATE)
+
+
+def with_errors(clean: lw.Record, errors: np.ndarray) -> lw.Record:
+    """`clean` with `errors` (N, C) of unit variance at 20 dB."""
+    size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0 ** (-SNR / 20.0)
+    return replace(clean, values=clean.values + size * errors)
+
+
+def autoregressive(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    """First-order noise with a correlation of 0.5 from sample to sample in the first channel, white noise in the others."""
+    errors = rng.normal(size=shape)
+    for k in range(1, shape[0]):
+        errors[k, 0] = 0.5 * errors[k - 1, 0] + np.sqrt(0.75) * errors[k, 0]
+    return errors
+
+
+def differenced(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return np.asarray(np.diff(rng.normal(size=(shape[0] + 1, shape[1])), axis=0) / np.sqrt(2.0))
+
+
+@pytest.mark.parametrize("method", ["ml", "weak"])
+@pytest.mark.parametrize("noise", [autoregressive, differenced])
+def test_coloured_noise_is_not_trusted(
+    noise: Callable[[np.random.Generator, tuple[int, int]], np.ndarray],
+    method: Literal["ml", "weak"],
+    chain: lw.Structure,
+) -> None:
+    clean = record(chain)
+    noisy = with_errors(clean, noise(np.random.default_rng(3), clean.values.shape))
+    fit = lw.identify(noisy, chain.unknown("all"), method=method)
+    assert not fit.trusted and fit.coefficient("nes1.alpha").interval is None
+
+
+def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Structure) -> None:
+    """Student's t with 3 degrees of freedom: maximum likelihood bears it, a bias taken out as of normal noise is wrong."""
+    clean = record(chain)
+    errors = np.random.default_rng(4).standard_t(3, size=clean.values.shape) / np.sqrt(3.0)
+    noisy = with_errors(clean, errors)
+    weak = lw.identify(noisy, chain.unknown("all"), method="weak")
+    assert weak.verdicts == (lw.Verdict.OUTLIERS,)
+    assert lw.identify(noisy, chain.unknown("all")).trusted
+
+
+def test_outliers_are_seen_and_normal_noise_has_none() -> None:
+    rng = np.random.default_rng(5)
+    normal = rng.normal(size=(6000, 3))
+    assert not has_outliers(normal, np.ones(3)) and not has_outliers(normal, np.zeros(3))
+    hit = normal.copy()
+    hit[::200, 1] += 8.0
+    assert has_outliers(hit, np.array([1.0, np.std(hit[:, 1]), 1.0]))
+    moving = (
+        normal + 30.0 * np.sin(np.arange(6000.0))[:, None]
+    )  # differences hold the motion: they tell nothing
+    assert not has_outliers(moving, np.ones(3))
+
+
+@pytest.mark.parametrize(("correlation", "coloured"), [(0.0, False), (0.3, True), (-0.3, True)])
+def test_whiteness_of_a_channel(correlation: float, coloured: bool) -> None:
+    """Beside white channels; samples that were not measured are zero and do not count."""
+    errors = np.random.default_rng(6).normal(size=(5, 2, 1200))
+    series = errors[:, 1].T.ravel()
+    for k in range(1, len(series)):
+        series[k] += correlation * series[k - 1]
+    errors[:, 1] = series.reshape(-1, 5).T
+    errors[:, :, 300:400] = 0.0
+    assert is_coloured(errors) is coloured
+
+
+def test_a_model_error_that_follows_the_motion_is_no_excuse() -> None:
+    """Six masses whose sinks have a quintic part, identified as cubic: the fit says which force it lacks."""
+    chain = lw.bnes_chain(6)
+    law = lw.Law.parse("alpha*d + beta*d**3 + g*d**5 + c*v")
+    quintic = {
+        link.name: replace(link, law=law, coefficients={**link.coefficients, "g": lw.Coefficient.number(3e9)})
+        for link in chain.links
+        if link.name.startswith("nes")
+    }
+    assert len(quintic) == 3
+    true = replace(chain, links=tuple(quintic.get(link.name, link) for link in chain.links))
+    fit = lw.identify(record(true, 3.0).with_noise(SNR, seed=1), chain.unknown("nes"))
+    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT and not fit.trusted
+    assert "a force like d**5 in nes" in fit.message
+
+
+def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
+    """A damper that pushes: the fit is right, and an answer that no passive link could give."""
+    driven = replace(
+        chain,
+        links=tuple(
+            replace(link, coefficients={**link.coefficients, "c": lw.Coefficient.number(-0.02)})
+            if link.name == "nes1"
+            else link
+            for link in chain.links
+        ),
+    )
+    clean = lw.simulate(driven, release={"v:m1": 1.0}, duration=1.0, rate=RATE)
+    fit = lw.identify(clean.with_noise(30.0, seed=1), chain.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.CONVERGED, lw.Verdict.ENERGY_FED) and not fit.trusted
+    assert fit.supplies["nes1"] > 0.0 and set(fit.supplies) == {"nes1"}
+    assert "gives energy to the motion" in str(fit) and "NOT to be trusted" in str(fit)
+    assert fit.to_dict()["verdicts"] == ["CONVERGED", "ENERGY_FED"]
+
+
+def test_a_search_of_many_steps_is_done_once_more() -> None:
+    """Four masses at 10 dB, seed 2: the first search ends 67 in -2 log likelihood above the second, 9 standard errors off."""
+    chain = lw.bnes_chain(4)
+    fit = lw.identify(record(chain, 3.0).with_noise(10.0, seed=2), chain.unknown("all"))
+    z = [
+        (value - (chain.coefficient(parameter.name).value or np.nan)) / error
+        for parameter, value, error in zip(
+            fit.parameters, fit.values, np.sqrt(fit.covariance.diagonal()), strict=True
+        )
+    ]
+    assert np.max(np.abs(z)) < 5.0  # standard errors
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clean_records_are_trusted(seed: int, chain: lw.Structure) -> None:
+    for snr_db in (10.0, 20.0, 40.0):
+        fit = lw.identify(record(chain).with_noise(snr_db, seed=3000 + seed), chain.unknown("all"))
+        assert fit.verdicts == (lw.Verdict.CONVERGED,)
