@@ -34,7 +34,7 @@ def random_case(seed: int) -> Case:
     """
     rng = np.random.default_rng([seed, 20261121])
     while True:
-        structure, release = _draw(rng)
+        structure, release = draw_structure(rng)
         try:
             record = lw.simulate(structure, release=release, duration=DURATION, rate=RATE)
         except LinkwiseError:
@@ -43,12 +43,15 @@ def random_case(seed: int) -> Case:
             return Case(structure, record, release)
 
 
-def _draw(rng: np.random.Generator) -> tuple[lw.Structure, dict[str, float]]:
-    n = int(rng.integers(3, 9))
+def draw_structure(
+    rng: np.random.Generator, masses: tuple[int, int] = (3, 8)
+) -> tuple[lw.Structure, dict[str, float]]:
+    """A structure with `masses` from the first to the second number of masses, and the velocities that hits give it."""
+    n = int(rng.integers(masses[0], masses[1] + 1))
     kilograms = 10.0 ** rng.uniform(-1.0, 1.0, n)
     pairs = [(i, int(rng.integers(-1 if i == 0 else 0, i)) if i else -1) for i in range(n)]
     free = [(i, j) for i in range(n) for j in range(-1, i) if (i, j) not in pairs]
-    extra = rng.choice(len(free), size=int(rng.integers(0, 3)), replace=False)
+    extra = rng.choice(len(free), size=min(int(rng.integers(0, 3)), len(free)), replace=False)
     pairs += [free[index] for index in sorted(extra)]
     order = rng.permutation(n)  # so that the ground is not always at the first mass
     names = [f"m{int(place) + 1}" for place in order]

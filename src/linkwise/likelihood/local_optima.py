@@ -27,8 +27,8 @@ _SEED = 20261122
 
 
 def went_straight(fit: LikelihoodFit) -> bool:
-    """Whether the search took so few steps that there is no sign of another optimum."""
-    return len(fit.path) <= _STRAIGHT
+    """Whether there is no sign of another optimum: few steps, or a model error, which smooths the likelihood."""
+    return len(fit.path) <= _STRAIGHT or fit.model_error > 0.0
 
 
 def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) -> LikelihoodFit:
@@ -39,7 +39,7 @@ def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) 
     if again.status is AnnealingStatus.INTERRUPTED:
         return again
     better = again.status is AnnealingStatus.CONVERGED and again.chi_square < fit.chi_square
-    return again if better and again.model_error <= fit.model_error else fit
+    return again if better and again.model_error == 0.0 else fit
 
 
 def is_regular(fit: LikelihoodFit) -> bool:
