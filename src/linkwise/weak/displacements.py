@@ -41,6 +41,11 @@ class MeasuredDisplacements:
         return self.ends[:-2]
 
     @property
+    def measured(self) -> Floats:
+        """(n, N) displacements of the masses, NaN where a sample is missing."""
+        return self.x if self.missing is None else np.where(self.missing, np.nan, self.x)
+
+    @property
     def samples(self) -> int:
         """Displacement samples that were seen."""
         lost = 0 if self.missing is None else int(np.sum(self.missing[self.seen]))

@@ -134,7 +134,7 @@ def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Ver
             f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
             f"{how} or not white, and taking out its bias has bent the values. {advice}."
         )
-    if has_outliers(equations.motion.x.T, np.sqrt(equations.motion.variance)):
+    if has_outliers(equations.motion.measured.T, np.sqrt(equations.motion.variance)):
         return Verdict.OUTLIERS, (
             "The noise has more large errors than normal noise, and the weak form takes out its bias as if it had not, so no "
             'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
