@@ -11,6 +11,7 @@ import linkwise as lw
 from linkwise.deprecation import Deprecated, deprecated_keyword
 
 SOURCE = Path(lw.__file__).parent
+CHANGELOG = (Path(__file__).resolve().parents[1] / "CHANGELOG.md").read_text(encoding="utf-8")
 SAMPLE = Deprecated("Stlsq", since="0.2.0", until="9.0.0")
 
 
@@ -75,9 +76,10 @@ def test_both_spellings_are_refused() -> None:
 
 
 @pytest.mark.parametrize("old", sorted(lw._DEPRECATED))
-def test_every_old_public_name_leads_to_a_public_one(old: str) -> None:
+def test_every_old_public_name_leads_to_a_public_one_and_is_in_the_changelog(old: str) -> None:
     with pytest.warns(DeprecationWarning, match=rf"use linkwise\.{lw._DEPRECATED[old].new}$"):
         assert getattr(lw, old) is not None
+    assert f"| `{old}` | `{lw._DEPRECATED[old].new}` |" in CHANGELOG
     assert old not in lw.__all__ and lw._DEPRECATED[old].new.split(".")[0] in lw.__all__
 
 
