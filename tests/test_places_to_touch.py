@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -39,12 +40,33 @@ class Places:
         self._undo.callback(sys.modules.pop, name, None)
         self.files += 1
 
-    def script(self, text: str, where: Path) -> None:
-        """Run a program that can import the modules written so far; a study's workers import the program itself."""
+    def copy(self) -> Path:
+        """A copy of the package, which `script` will import; returns its folder."""
+        folder = self._folder / "linkwise"
+        shutil.copytree(Path(lw.__file__).parent, folder, ignore=shutil.ignore_patterns("__pycache__"))
+        return folder
+
+    def insert(self, path: Path, after: str, line: str) -> None:
+        """Add a line to a copied file, behind another that is there once."""
+        text = path.read_text(encoding="utf-8")
+        assert text.count(after) == 1 and line.count("\n") == 1
+        path.write_text(text.replace(after, after + line), encoding="utf-8")
+        self.lines += 1
+
+    def script(self, text: str, where: Path) -> str:
+        """What a program prints that can import the modules written so far; a study's workers import the program itself."""
         path = where / "program.py"
         path.write_text(text, encoding="utf-8")
         environment = {**os.environ, "PYTHONPATH": str(self._folder)}
-        subprocess.run([sys.executable, path.name], cwd=where, env=environment, check=True)
+        ran = subprocess.run(
+            [sys.executable, path.name],
+            cwd=where,
+            env=environment,
+            check=True,
+            text=True,
+            stdout=subprocess.PIPE,
+        )
+        return ran.stdout
 
     def line(self, registry: Registry[Any], name: str, entry: object) -> None:
         """Register something for the time of the test."""
@@ -190,6 +212,35 @@ def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> Non
     assert [row.status for row in lw.read_rows(tmp_path / "study")] == ["converged", "converged"]
     page = (tmp_path / "study" / "report.html").read_text(encoding="utf-8")
     assert "least squares with an L2 penalty" in page
+
+
+LABEL = """
+import linkwise as lw
+from linkwise.absorption import absorb
+from linkwise.cli import run
+
+answer = absorb.answer
+absorb.answer = lambda comparison, progress: (print("label:", comparison.options.label), answer(comparison, progress))[1]
+lw.absorb(lw.bnes_chain(2), duration=0.5, release={"v:m1": 1.0}, label="by keyword")
+lw.absorb(lw.bnes_chain(2), lw.AbsorptionOptions.of(duration=0.5, release={"v:m1": 1.0}, label="by object"))
+lw.write_structure(lw.bnes_chain(2), "chain.toml")
+run(["absorb", "chain.toml", "--duration", "0.5", "--release", "v:m1=1.0", "--label", "by command"])
+"""
+
+
+def test_an_option_of_absorb_is_a_field_and_a_line(places: Places, tmp_path: Path) -> None:
+    """In a copy of the package, since a frozen object has all of its fields from the start."""
+    options = places.copy() / "absorption" / "options.py"
+    places.insert(options, "    settle: float = 0.05\n", '    label: str = ""\n')
+    places.insert(options, "    settle: float\n", "    label: str\n")  # its type, for those who check them
+    command = options.parents[1] / "cli" / "absorb.py"
+    places.insert(
+        command, '    "asked",\n', '    click.option("--label", help="What the answer is called."),\n'
+    )
+    assert (places.files, places.lines) == (0, 3)
+    printed = places.script(LABEL, tmp_path)
+    labels = [line for line in printed.splitlines() if line.startswith("label:")]
+    assert labels == ["label: by keyword", "label: by object", "label: by command"]
 
 
 def _command(*arguments: str) -> Result:

@@ -16,6 +16,7 @@ from linkwise.deprecation import Deprecated
 if TYPE_CHECKING:
     from linkwise.absorption.absorb import absorb
     from linkwise.absorption.intervals import AbsorptionIntervals, absorption_intervals
+    from linkwise.absorption.options import AbsorptionOptions
     from linkwise.absorption.result import Absorption
     from linkwise.absorption.sweep import AbsorptionMap, absorption_map
     from linkwise.analysis.equilibria import Equilibrium, equilibria
@@ -99,6 +100,7 @@ __all__ = [
     "Absorption",
     "AbsorptionIntervals",
     "AbsorptionMap",
+    "AbsorptionOptions",
     "AnnealingStep",
     "Coefficient",
     "Decision",
@@ -201,6 +203,7 @@ _HOMES = {
     "report.absorption_json": ("absorption_of",),
     "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
     "estimates.uncertainty": ("Posterior", "read_posterior"),
+    "absorption.options": ("AbsorptionOptions",),
     "absorption.result": ("Absorption",),
     "absorption.sweep": ("AbsorptionMap", "absorption_map"),
     "report.estimate_folder": ("write_result",),

@@ -192,7 +192,10 @@ def test_no_command_takes_the_place_of_another_ones_result(
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     options = ["--duration", "1", "--release", "v:m1=1.0", "--draws", "4"]
     assert run(["absorb", str(folder), *options, "-o", str(folder)]) == 2
-    assert "is the result of another command (result.json), so it is left as it is" in capsys.readouterr().err
+    assert (
+        "already exists and holds the result of another command (result.json); it was not changed"
+        in capsys.readouterr().err
+    )
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 

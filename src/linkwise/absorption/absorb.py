@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Unpack
 
 import numpy as np
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
+from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.rest_positions import rest_positions
 from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
@@ -16,49 +16,56 @@ from linkwise.absorption.runs import single_run
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
-from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.simulation.schedule import RunSchedule
-from linkwise.simulation.simulate import ExcitationKeywords, SimulatedMotion
+from linkwise.simulation.simulate import SimulatedMotion
 
 Passages = tuple[Floats, ...]
 
 
 def absorb(
     structure: Structure,
+    options: AbsorptionOptions | None = None,
     *,
-    duration: float,
-    rate: float | None = None,
-    sinks: Sequence[str] = (),
-    without: str = "removed",
-    settle: float = 0.05,
-    harvesters: Mapping[str, float] | None = None,
     progress: Progress = silent,
-    **excitation: Unpack[ExcitationKeywords],
+    **keywords: Unpack[AbsorptionKeywords],
 ) -> Absorption:
-    """What the sinks of a structure do for `duration` in s, against the same structure without them.
+    """Compare what a structure does with its sinks and without them.
 
-    `sinks` names their links; without names, every link with more than one stable well is one. They are "removed" with all
-    that hangs on their masses, as in the paper, or "locked" where they start; `without` says which. A mass is settled when it
-    stays below `settle` times its peak without sinks until the end, and has done so for the last 5 % at least; excursions
-    are counted from the stable equilibrium where it ends. `harvesters` are dampers in N s/m in parallel to links. Output is at
-    `rate` in Hz, by default 20 or more samples in a period of the fastest mode; `excitation` is as in `simulate`.
+    Parameters
+    ----------
+    structure : Structure
+        The structure, all of its coefficients with a number.
+    options : AbsorptionOptions, optional
+        What is asked.
+    progress : Progress
+        Called with a `ProgressReport` before each of the two runs.
+    **keywords
+        In place of `options`: its fields `duration` (s, required), `rate` (Hz), `sinks`, `without`, `settle` and `harvesters`
+        (N s/m by link), and what drives the structure, as in `simulate`: `release`, `impulses`, `forces`, `base`.
 
-    Raises StructureError for a link that is not there, a coefficient without a number, no sinks; SimulationError where nothing
-    moves, and as `simulate` does.
+    Returns
+    -------
+    Absorption
+        Decay and settling of the primary masses, the share of the energy that each link dissipates, and how often each
+        sink crosses from well to well.
+
+    Raises
+    ------
+    StructureError
+        If a named link does not exist, a coefficient has no number, or the structure has no sinks.
+    SimulationError
+        If nothing moves, and as `simulate` does.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.absorb(lw.bnes_chain(2), duration=6.0, release={"v:m1": 1.0})
+    >>> found.masses[0].name, found.to_dict()["sinks"]["nes1"]["crossings"]
+    ('m1', 109)
     """
-    comparison = Comparison.of(
-        structure,
-        Excitation.of(**excitation),
-        duration=duration,
-        rate=rate,
-        sinks=sinks,
-        without=without,
-        settle=settle,
-        harvesters=harvesters,
-    )
-    return answer(comparison, progress)
+    return answer(Comparison.of(structure, AbsorptionOptions.given(options, keywords)), progress)
 
 
 def answer(trial: Comparison, progress: Progress = silent) -> Absorption:
@@ -68,11 +75,11 @@ def answer(trial: Comparison, progress: Progress = silent) -> Absorption:
     one, vibration, passages = _side(trial, trial.schedule, potentials)
     progress(ProgressReport(0.5, "without sinks"))
     other, baseline, _ = _side(trial, trial.baseline_schedule, Potentials.of([trial.baseline.structure]))
-    level = trial.settle * baseline.peak
+    level = trial.options.settle * baseline.peak
     if not np.any(baseline.runs.v):
         raise SimulationError(
-            f"with the sinks {trial.manner} nothing moves, so there is nothing to compare with: the structure starts at rest "
-            "in equilibrium; give a release, an impulse, a force or a motion of the base that moves a primary mass"
+            f"with the sinks {trial.options.without} nothing moves, so there is nothing to compare with: the structure starts "
+            "at rest in equilibrium; give a release, an impulse, a force or a motion of the base that moves a primary mass"
         )
     both = zip(_masses(vibration, level), _masses(baseline, level), strict=True)
     masses = tuple(
@@ -80,8 +87,8 @@ def answer(trial: Comparison, progress: Progress = silent) -> Absorption:
         for row, (name, pair) in enumerate(zip(trial.primaries, both, strict=True))
     )
     return Absorption(
-        manner=trial.manner,
-        settle=trial.settle,
+        manner=trial.options.without,
+        settle=trial.options.settle,
         time=trial.times,
         masses=masses,
         sinks=_sinks(trial, one, passages, potentials.tops(0)),
@@ -139,7 +146,7 @@ def _sinks(
 ) -> tuple[SinkResult, ...]:
     names = [link.name for link in side.structure.links]
     before_horizon = np.inf if side.horizon is None else side.horizon
-    base = trial.excitation.base
+    base = trial.options.excitation.base
     d = side.structure.elongations(side.x, None if base is None else base.value(trial.times))
     found = []
     for sink in trial.sinks:
@@ -152,7 +159,7 @@ def _sinks(
 
 def _harvests(trial: Comparison, side: AbsorptionRun) -> tuple[Harvest, ...]:
     found = []
-    for link, damping in trial.harvesters.items():
+    for link, damping in (trial.options.harvesters or {}).items():
         share = side.share(f"{link}{SUFFIX}")
         energy = share * side.total
         found.append(Harvest(link, damping, energy, energy / float(trial.times[-1]), share))

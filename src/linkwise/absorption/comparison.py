@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
+from linkwise.absorption.options import AbsorptionOptions
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
 from linkwise.absorption.without_sinks import WithoutSinks, without_sinks
 from linkwise.analysis.modes import modes
@@ -26,62 +26,48 @@ _MOST = 2_000_000  # samples, without a rate
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A `structure` with its harvesters, its `sinks`, what drives it, and the `baseline` structure that it is compared with.
-
-    `times` (N,) s are those of the output, `settle` the part of its peak without sinks below which a mass counts as settled,
-    `harvesters` the damping in N s/m by link.
+    """A `structure` with its harvesters, its `sinks`, the `baseline` structure that it is compared with, the `times` (N,) s
+    of the output, and the `options` that ask for it.
     """
 
     structure: Structure
     sinks: tuple[Sink, ...]
-    excitation: Excitation
     baseline: WithoutSinks
-    manner: str
     times: Floats
-    settle: float
-    harvesters: Mapping[str, float]
+    options: AbsorptionOptions
 
     @classmethod
-    def of(
-        cls,
-        structure: Structure,
-        excitation: Excitation,
-        *,
-        duration: float,
-        rate: float | None = None,
-        sinks: Sequence[str] = (),
-        without: str = "removed",
-        settle: float = 0.05,
-        harvesters: Mapping[str, float] | None = None,
-    ) -> Comparison:
+    def of(cls, structure: Structure, options: AbsorptionOptions) -> Comparison:
         """Raises StructureError and SimulationError for what cannot be asked, as `absorb` says."""
-        if not 0.0 < settle < 1.0:
-            raise SimulationError(
-                f"a mass settles when it stays below a part of its peak between 0 and 1, which {settle!r} is not"
-            )
         _ = [link.values for link in structure.links], structure.mass_values  # says what has no number
-        found = find_sinks(structure, sinks)
-        equipped = with_harvesters(structure, harvesters or {})
-        times = output_times(duration, rate if rate is not None else _rate(structure, duration))
+        sinks, excitation = find_sinks(structure, options.sinks), options.excitation
+        equipped = with_harvesters(structure, options.harvesters or {})
+        rate = _rate(structure, options.duration) if options.rate is None else options.rate
+        times = output_times(options.duration, rate)
         check_excitation(equipped, excitation, float(times[-1]))
         if not (any(excitation.release.values()) or excitation.impulses or excitation.drives):
             raise SimulationError(
                 "nothing sets the structure in motion: give a release, an impulse, a force or a motion of the base"
             )
-        baseline = without_sinks(equipped, found, excitation, without)
-        return cls(equipped, found, excitation, baseline, without, times, settle, dict(harvesters or {}))
+        return cls(
+            equipped, sinks, without_sinks(equipped, sinks, excitation, options.without), times, options
+        )
 
     def varied(
         self, structure: Structure, excitation: Excitation, baseline: WithoutSinks | None = None
     ) -> Comparison:
         """The same question about another structure of this shape, harvesters included; `baseline` where it is known."""
-        other = baseline or without_sinks(structure, self.sinks, excitation, self.manner)
-        return replace(self, structure=structure, excitation=excitation, baseline=other)
+        return replace(
+            self,
+            structure=structure,
+            baseline=baseline or without_sinks(structure, self.sinks, excitation, self.options.without),
+            options=replace(self.options, excitation=excitation),
+        )
 
     @property
     def schedule(self) -> RunSchedule:
         """The run with sinks."""
-        return RunSchedule(self.structure, self.excitation, self.times)
+        return RunSchedule(self.structure, self.options.excitation, self.times)
 
     @property
     def baseline_schedule(self) -> RunSchedule:

@@ -146,7 +146,7 @@ def _reference(
     def note(runs: Runs, which: Indices) -> None:
         columns = [schedules[0].structure.mass_names.index(name) for name in trials[0].primaries]
         vibration = Vibration(runs, columns, [resting[run] for run in which])
-        level = trials[0].settle * vibration.peak
+        level = trials[0].options.settle * vibration.peak
         found[:, :, which] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
 
     crew.run(schedules, potentials, note)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from linkwise.absorption.absorb import answer
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import Ensemble, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
+from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import Absorption, closure_verdict
 from linkwise.absorption.variants import Variants
@@ -18,7 +19,6 @@ from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.model.excitation import Excitation
 from linkwise.progress import Progress, part, silent
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted
@@ -105,30 +105,54 @@ class AbsorptionIntervals:
 
 def absorption_intervals(
     identified: Estimate | Posterior,
+    options: AbsorptionOptions | None = None,
     *,
-    duration: float,
     draws: int = 200,
     seed: int = 0,
     workers: int | None = None,
     progress: Progress = silent,
-    **options: Any,
+    **keywords: Unpack[AbsorptionKeywords],
 ) -> AbsorptionIntervals:
-    """`absorb` of what was identified, with 95 % intervals from `draws` normal draws with its covariance, made with `seed`.
+    """Compare what an identified structure does with its sinks and without them, with 95 % intervals.
 
-    `options` are the keywords of `absorb` and `simulate`. Raises IdentificationError for an answer that is not to be trusted
-    and for bounds that leave no draws, LinkwiseError where more than a tenth of the draws diverge, and as `absorb` does.
+    Parameters
+    ----------
+    identified : Estimate or Posterior
+        The identified structure with its covariance.
+    options : AbsorptionOptions, optional
+        What is asked.
+    draws : int
+        How many structures are drawn, normally distributed with the covariance.
+    seed : int
+        Seed of the draws.
+    workers : int, optional
+        Threads; by default one a processor.
+    progress : Progress
+        Called with a `ProgressReport` as runs end.
+    **keywords
+        In place of `options`: its fields and what drives the structure, as in `absorb`.
+
+    Returns
+    -------
+    AbsorptionIntervals
+        The comparison at the identified values, and intervals of its quantities.
+
+    Raises
+    ------
+    IdentificationError
+        If the estimate is not to be trusted, or its bounds leave no draws.
+    LinkwiseError
+        If `draws` is less than 2, or more than a tenth of the draws diverge.
+    StructureError, SimulationError
+        As `absorb` does.
     """
+    asked = AbsorptionOptions.given(options, keywords)
     known = identified if isinstance(identified, Posterior) else Posterior.of(identified)
     if draws < 2:
         raise LinkwiseError(f"{draws} draws tell no interval; ask for 100 or more")
-    own = {
-        name: options.pop(name)
-        for name in ("rate", "sinks", "without", "settle", "harvesters")
-        if name in options
-    }
-    trial = Comparison.of(known.structure, Excitation.of(**options), duration=duration, **own)
+    trial = Comparison.of(known.structure, asked)
     found = answer(trial, part(progress, 0.0, 0.1))
-    variants = Variants(with_harvesters(known.structure, own.get("harvesters") or {}), trial, known.names)
+    variants = Variants(with_harvesters(known.structure, asked.harvesters or {}), trial, known.names)
     table = known.draws(draws, seed)
     trials = [variants.at(dict(zip(known.names, row.tolist(), strict=True))) for row in table]
     itself = run_ensemble([trial], alone=True).values[0]

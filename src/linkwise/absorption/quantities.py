@@ -42,7 +42,7 @@ class BaselineQuantities:
 
 def quantities_of(trial: Comparison) -> tuple[Quantity, ...]:
     """What `quantity_values` tells, in order."""
-    percent = f"{100.0 * trial.settle:g} %"
+    percent = f"{100.0 * trial.options.settle:g} %"
     found = [
         Quantity("settled", "s", f"settling time (below {percent})", True),
         Quantity("settled_without", "s", f"settling time without sinks (below {percent})", True),
@@ -67,7 +67,7 @@ def quantities_of(trial: Comparison) -> tuple[Quantity, ...]:
     ]
     found += [
         Quantity(f"power:{link}", "W", f"average power of the harvester on {link}")
-        for link in trial.harvesters
+        for link in trial.options.harvesters or ()
     ]
     return tuple(found)
 
@@ -77,7 +77,7 @@ def quantity_values(
 ) -> dict[str, Floats]:
     """(W,) of every quantity."""
     settled = vibration.settled(reference.level)
-    base = trial.excitation.base
+    base = trial.options.excitation.base
     where = None if base is None else base.value(runs.time[-1:])
     left = (potentials.kinetic(runs.v[-1:]) + potentials.stored(runs.x[-1:], where))[0]
     put_in = runs.put_in - potentials.floor
@@ -106,4 +106,6 @@ def quantity_values(
     found |= {f"share:{name}": share for name, share in shares.items()}
     found |= {f"crossings:{name}": count for name, count in crossings.items()}
     end = runs.time[-1]
-    return found | {f"power:{link}": shares[f"{link}{SUFFIX}"] * total / end for link in trial.harvesters}
+    return found | {
+        f"power:{link}": shares[f"{link}{SUFFIX}"] * total / end for link in trial.options.harvesters or ()
+    }

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import prod
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import run_ensemble
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
+from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import closure_verdict
 from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
-from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.runtime import available_memory
@@ -145,27 +145,53 @@ class AbsorptionMap:
 def absorption_map(
     structure: Structure,
     over: Mapping[str, ArrayLike],
+    options: AbsorptionOptions | None = None,
     *,
-    duration: float,
     workers: int | None = None,
     progress: Progress = silent,
-    **options: Any,
+    **keywords: Unpack[AbsorptionKeywords],
 ) -> AbsorptionMap:
-    """`absorb` over a grid: `over` gives the values of one or two parameters by name, as `SweepAxis` names them.
+    """Compare what a structure does with its sinks and without them over a grid of one or two of its parameters.
 
-    `options` are the keywords of `absorb` (rate, sinks, without, settle, harvesters) and of `simulate` (release, ...); runs
-    go side by side on `workers` threads (default: one a processor). Where sinks are not named they are those of `structure`; a
-    swept coefficient may be unknown in it, then they are those in the middle of the grid. Raises StructureError for a
-    parameter that is not there, SimulationError as `absorb` does and for more runs than there is memory for, LinkwiseError
-    where no run at all comes to its end.
+    Parameters
+    ----------
+    structure : Structure
+        The structure. A swept coefficient may be unknown in it.
+    over : mapping of str to array_like
+        The values (K,) of one or two parameters by name: a coefficient ("nes1.alpha"), a mass ("m2.mass", kg) or a release
+        ("x:m1", m; "v:m1", m/s).
+    options : AbsorptionOptions, optional
+        What is asked. Where it names no sinks they are those of `structure`, or of the middle of the grid where a swept
+        coefficient is unknown.
+    workers : int, optional
+        Threads; by default one a processor.
+    progress : Progress
+        Called with a `ProgressReport` as runs end.
+    **keywords
+        In place of `options`: its fields and what drives the structure, as in `absorb`.
+
+    Returns
+    -------
+    AbsorptionMap
+        Every quantity over the grid.
+
+    Raises
+    ------
+    StructureError
+        If a parameter does not exist, and as `absorb` does.
+    SimulationError
+        If there is not enough memory for so many runs, and as `absorb` does.
+    LinkwiseError
+        If none of the runs comes to its end.
     """
-    equipped = with_harvesters(structure, options.get("harvesters") or {})
+    asked = AbsorptionOptions.given(options, keywords)
+    equipped = with_harvesters(structure, asked.harvesters or {})
     axes = _axes(equipped, over)
     _require_room(axes, structure.size)
     points = list(product(*(axis.values.tolist() for axis in axes)))
     names = [axis.name for axis in axes]
     middle = {axis.name: float(axis.values[len(axis.values) // 2]) for axis in axes}
-    trial = _trial(structure, middle, duration, options)
+    trial = _trial(structure, middle, asked)
     progress(ProgressReport(0.0, f"preparing {len(points)} runs"))
     variants = Variants(equipped, trial, names)
     found = run_ensemble(
@@ -181,8 +207,8 @@ def absorption_map(
     shape = tuple(len(axis.values) for axis in axes)
     return AbsorptionMap(
         structure=trial.structure,
-        manner=trial.manner,
-        settle=trial.settle,
+        manner=trial.options.without,
+        settle=trial.options.settle,
         duration=float(trial.times[-1]),
         axes=axes,
         quantities=found.quantities,
@@ -241,13 +267,8 @@ def _unit(structure: Structure, name: str) -> str:
     return "kg" if key == "mass" and owner in structure.mass_names else structure.link(owner).law.units[key]
 
 
-def _trial(
-    structure: Structure, middle: Mapping[str, float], duration: float, options: Mapping[str, Any]
-) -> Comparison:
+def _trial(structure: Structure, middle: Mapping[str, float], options: AbsorptionOptions) -> Comparison:
     """The question at one point of the grid."""
-    own = ("rate", "without", "settle", "harvesters")
-    drives = {name: value for name, value in options.items() if name not in (*own, "sinks")}
-    given = dict(drives.pop("release", None) or {})
     release = {name: value for name, value in middle.items() if ":" in name}
     numbers = {
         name: value
@@ -256,11 +277,6 @@ def _trial(
     }
     there = structure.with_values(numbers) if numbers else structure
     known = all(structure.coefficient(name).value is not None for name in numbers)
-    sinks = options.get("sinks") or [sink.link for sink in find_sinks(structure if known else there)]
-    return Comparison.of(
-        there,
-        Excitation.of(release={**given, **release}, **drives),
-        duration=duration,
-        sinks=sinks,
-        **{name: options[name] for name in own if name in options},
-    )
+    sinks = options.sinks or [sink.link for sink in find_sinks(structure if known else there)]
+    excitation = replace(options.excitation, release={**options.excitation.release, **release})
+    return Comparison.of(there, replace(options, sinks=sinks, excitation=excitation))

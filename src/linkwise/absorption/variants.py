@@ -23,7 +23,7 @@ class Variants:
         """The trial with these values of the parameters."""
         numbers = {name: value for name, value in values.items() if ":" not in name}
         release = {name: value for name, value in values.items() if ":" in name}
-        excitation = self.trial.excitation
+        excitation = self.trial.options.excitation
         if release:
             excitation = replace(excitation, release={**excitation.release, **release})
         structure = self.equipped.with_values(numbers) if numbers else self.trial.structure
@@ -40,4 +40,4 @@ def _touches_bare(trial: Comparison, equipped: Structure, name: str) -> bool:
     left = trial.baseline.structure
     if owner in {link.name for link in equipped.links}:
         return owner in {link.name for link in left.links}
-    return trial.manner != "removed" or owner in left.mass_names
+    return trial.options.without != "removed" or owner in left.mass_names

@@ -18,8 +18,6 @@ from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.structure import Structure
 
-MANNERS = ("removed", "locked")
-
 
 @dataclass(frozen=True, eq=False)
 class WithoutSinks:
@@ -37,10 +35,6 @@ def without_sinks(
     Removed: what would drive a sink's mass drives nothing. Locked: it drives the host, and a release keeps the momentum of
     both. Raises StructureError where that leaves no structure, SimulationError where nothing would drive it.
     """
-    if manner not in MANNERS:
-        raise StructureError(
-            f"sinks can be compared with sinks {' or '.join(MANNERS)}, not with sinks {manner!r}"
-        )
     baseline = (_removed if manner == "removed" else _locked)(structure, sinks, excitation)
     left = baseline.excitation
     if not (any(left.release.values()) or left.impulses or left.drives):

@@ -13,40 +13,20 @@ import linkwise as lw
 from linkwise.atomic import ABSORPTION, check_result_folder, to_json
 from linkwise.cli.console import deliver, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
-from linkwise.cli.options import FOLDER, POSITIVE, grouped, number, pairs
+from linkwise.cli.options import FOLDER, POSITIVE, grouped, keyword_group, number, pairs
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
 MOST = 100_000  # values of a swept parameter
 
 
 @dataclass(frozen=True)
-class ComparisonOptions:
-    """What is compared with what, as typed."""
+class RepetitionOptions:
+    """Over what the comparison is repeated, as typed."""
 
-    duration: float
-    rate: float | None
-    sink: tuple[str, ...]
-    without: str
-    settle: float
-    harvester: tuple[str, ...]
     sweep: tuple[str, ...]
     workers: int | None
     draws: int | None
     seed: int | None
-
-    def keywords(self) -> dict[str, Any]:
-        """Keyword arguments of `linkwise.absorb`."""
-        dampings = pairs(self.harvester, "--harvester", "nes1=0.01")
-        return {
-            "duration": self.duration,
-            "rate": self.rate,
-            "sinks": self.sink,
-            "without": self.without,
-            "settle": self.settle,
-            "harvesters": {
-                name: number(value, "--harvester", "nes1=0.01") for name, value in dampings.items()
-            },
-        }
 
     def check(self, folder: bool) -> None:
         """UsageError for options that do not go together; `folder` tells whether STRUCTURE is one."""
@@ -65,6 +45,12 @@ class ComparisonOptions:
     def axes(self) -> dict[str, list[float]]:
         """Values of each swept parameter."""
         return {name: _values(text) for name, text in pairs(self.sweep, "--sweep", EXAMPLE).items()}
+
+
+def _dampings(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> dict[str, float]:
+    """Dampings in N s/m by link."""
+    found = pairs(texts, "--harvester", "nes1=0.01")
+    return {name: number(value, "--harvester", "nes1=0.01") for name, value in found.items()}
 
 
 def _values(text: str) -> list[float]:
@@ -87,9 +73,8 @@ def _values(text: str) -> list[float]:
     return [first * (last / first) ** way for way in ways]
 
 
-comparison_options = grouped(
-    ComparisonOptions,
-    "comparison",
+absorption_options = keyword_group(
+    "asked",
     click.option("--duration", metavar="S", type=POSITIVE, required=True, help="How long to look, in s."),
     click.option(
         "--rate",
@@ -99,6 +84,7 @@ comparison_options = grouped(
     ),
     click.option(
         "--sink",
+        "sinks",
         metavar="LINK",
         multiple=True,
         help="A link that is a sink (default: those with more than one stable well). Repeatable.",
@@ -120,10 +106,17 @@ comparison_options = grouped(
     ),
     click.option(
         "--harvester",
+        "harvesters",
+        callback=_dampings,
         metavar="LINK=NS/M",
         multiple=True,
         help="Put a damper of so many N s/m in parallel to a link and tell its power. Repeatable.",
     ),
+)
+
+repetition_options = grouped(
+    RepetitionOptions,
+    "repetition",
     click.option(
         "--sweep",
         metavar="NAME=FROM:TO:COUNT[:log]",
@@ -148,7 +141,8 @@ comparison_options = grouped(
 
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
-@comparison_options
+@absorption_options
+@repetition_options
 @drive_options
 @click.option(
     "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
@@ -158,7 +152,8 @@ comparison_options = grouped(
 )
 def absorb(
     structure: Path,
-    comparison: ComparisonOptions,
+    asked: dict[str, Any],
+    repetition: RepetitionOptions,
     drive: ExcitationOptions,
     output: Path | None,
     as_json: bool,
@@ -178,13 +173,13 @@ def absorb(
       linkwise absorb chain.toml --duration 6 --release v:m1=1.0 -o map \\
         --sweep nes1.alpha=-200:-20:100 --sweep nes1.beta=1e5:2e6:100:log
     """
-    comparison.check(structure.is_dir())
+    repetition.check(structure.is_dir())
     if output is not None:
         check_result_folder(output, ABSORPTION)  # before the work, so that nobody waits for a refusal
-    asked = {**comparison.keywords(), **drive.keywords()}
+    keywords = {**asked, **drive.keywords()}
     with progress("simulating") as step:
         try:
-            found = _answer(structure, comparison, {**asked, "progress": step})
+            found = _answer(structure, repetition, {**keywords, "progress": step})
         except lw.SimulationError as error:
             if error.time is None:  # it never began: what was asked for cannot be
                 raise click.UsageError(str(error)) from error
@@ -202,13 +197,13 @@ def absorb(
 
 
 def _answer(
-    structure: Path, comparison: ComparisonOptions, asked: dict[str, Any]
+    structure: Path, repetition: RepetitionOptions, keywords: dict[str, Any]
 ) -> lw.Absorption | lw.AbsorptionIntervals | lw.AbsorptionMap:
-    """A map for a sweep, intervals for the folder of an answer, else the plain comparison."""
-    over = comparison.axes()
+    """A map for a sweep, intervals for the folder of an answer, else one comparison."""
+    over = repetition.axes()
     if structure.is_dir() and not over:
-        return lw.absorption_intervals(lw.read_posterior(structure), **comparison.drawing(), **asked)
+        return lw.absorption_intervals(lw.read_posterior(structure), **repetition.drawing(), **keywords)
     subject = lw.read_structure(structure / "structure.toml" if structure.is_dir() else structure)
     if over:
-        return lw.absorption_map(subject, over, workers=comparison.workers, **asked)
-    return lw.absorb(subject, **asked)
+        return lw.absorption_map(subject, over, workers=repetition.workers, **keywords)
+    return lw.absorb(subject, **keywords)

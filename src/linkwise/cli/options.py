@@ -90,6 +90,31 @@ def grouped(
     return decorate
 
 
+def keyword_group(
+    keyword: str, *options: Callable[[Any], Any]
+) -> Callable[[Callable[..., R]], Callable[..., R]]:
+    """A decorator that gives a command these click options, as one argument `keyword`: a dict by the names of the options.
+
+    The names are those of keywords of the library, so that a command hands the dict on and no other line names an option.
+    Options that were not given and have no default are left out.
+    """
+
+    def decorate(command: Callable[..., R]) -> Callable[..., R]:
+        names = [each.name for option in options for each in option(click.Command(None)).params]
+
+        @wraps(command)
+        def wrapped(**values: Any) -> R:
+            own = {name: values.pop(name) for name in names}
+            given = {name: value for name, value in own.items() if value is not None and value != ()}
+            return command(**{keyword: given}, **values)
+
+        for option in reversed(options):
+            wrapped = option(wrapped)
+        return wrapped
+
+    return decorate
+
+
 @dataclass(frozen=True)
 class RecordOptions:
     """A record's file and how to read it: the answers to the options of `record_options`."""
