@@ -11,6 +11,7 @@ from importlib import import_module
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
+from linkwise import plot
 from linkwise.deprecation import Deprecated
 
 if TYPE_CHECKING:
@@ -172,6 +173,7 @@ __all__ = [
     "noisy_states",
     "parse_structure",
     "parse_terms",
+    "plot",
     "profile_interval",
     "read_known",
     "read_posterior",

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import linkwise as lw
-from linkwise.plot.absorption import crossings_figure, decay_figure, energy_figure
+from linkwise.plot import crossings_figure, decay_figure, energy_figure
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,9 @@ def test_decay_shows_every_primary_mass_with_and_without(eight: lw.Absorption) -
 
 
 def test_bands_are_drawn_where_there_are_any(eight: lw.Absorption) -> None:
-    envelope = eight.with_sinks.envelope
-    assert "envelope, 95 % of draws" in labels(decay_figure(eight, (0.9 * envelope, 1.1 * envelope)))
+    lower, upper = 0.9 * eight.with_sinks.envelope, 1.1 * eight.with_sinks.envelope
+    drawn = lw.AbsorptionIntervals(eight, 2, 0, (), lower, upper, diverged=0, closure=0.0)
+    assert "envelope, 95 % of draws" in labels(decay_figure(drawn))
 
 
 def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.Absorption) -> None:

@@ -16,11 +16,9 @@ from matplotlib.figure import Figure
 
 import linkwise as lw
 from linkwise.discovery.text import term_rows
-from linkwise.plot import save
-from linkwise.plot.discovery_graph import graph_figure
-from linkwise.plot.discovery_path import evidence_figure, path_figure
-from linkwise.plot.graph_layout import crossings, places
-from linkwise.plot.palette import SEEN
+from linkwise.plot import evidence_figure, graph_figure, path_figure, save
+from linkwise.plot.graph_layout import crossings, node_positions
+from linkwise.plot.palette import MEASURED
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +145,7 @@ def test_graph_draws_doubt(found: lw.Discovery) -> None:
     assert line_styles(graph_figure(gone)).count("--") == 1
     dropped = in_doubt(found, "m2-ground.k3")
     faint = [line for line in graph_figure(dropped).axes[0].lines if line.get_linestyle() == ":"]
-    assert [to_hex(line.get_color()).upper() for line in faint] == [SEEN]
+    assert [to_hex(line.get_color()).upper() for line in faint] == [MEASURED]
 
 
 def test_stiffer_links_are_wider(found: lw.Discovery) -> None:
@@ -158,9 +156,9 @@ def test_stiffer_links_are_wider(found: lw.Discovery) -> None:
 def test_a_tree_is_drawn_without_crossings_and_the_same_each_time() -> None:
     rng = np.random.default_rng(1001)
     edges = [(int(rng.integers(0, node)), node) for node in range(1, 40)]
-    points = places(40, edges)
+    points = node_positions(40, edges)
     assert crossings(points, edges) == 0
-    np.testing.assert_array_equal(points, places(40, edges))
+    np.testing.assert_array_equal(points, node_positions(40, edges))
     lengths = np.array([np.hypot(*(points[a] - points[b])) for a, b in edges])
     assert np.median(lengths) == pytest.approx(1.0, abs=0.25)  # a link is about 1 long, as declared
 
@@ -172,7 +170,7 @@ def test_crossings_are_counted() -> None:
 
 
 def test_parts_that_nothing_joins_stand_apart() -> None:
-    points = places(6, [(0, 1), (2, 3), (3, 4)])
+    points = node_positions(6, [(0, 1), (2, 3), (3, 4)])
     heights = [points[nodes, 1] for nodes in ([0, 1], [2, 3, 4], [5])]
     assert heights[0].max() < heights[1].min() and heights[1].max() < heights[2].min()
 
@@ -191,7 +189,7 @@ def test_path_marks_the_chosen_point(found: lw.Discovery) -> None:
 
 def test_evidence_stands_above_the_price_where_a_term_was_kept(found: lw.Discovery) -> None:
     [axes] = evidence_figure(found).axes
-    [prices] = [line.get_xdata() for line in axes.lines if line.get_label() == "price of the term"]
+    [prices] = [line.get_xdata() for line in axes.lines if line.get_label() == "penalty of the term"]
     bars = np.array([bar.get_width() for bars in axes.containers for bar in bars])
     assert len(bars) == len(found.terms)
     np.testing.assert_array_equal(bars > prices, [term.kept for term in found.terms])

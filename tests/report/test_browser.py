@@ -28,7 +28,7 @@ def test_identify_page_renders_without_a_word_on_the_console(identified: Shown) 
 
 def test_identify_page_has_its_figures(identified: Shown) -> None:
     """plotly draws three layers a figure, all named main-svg, into the division that waits for it."""
-    for name in ("force-nes1", "force-spring1", "histories"):
+    for name in ("force_nes1", "force_spring1", "histories"):
         division = identified.body.partition(f'id="{name}"')[2]
         assert 'class="main-svg"' in division[:3000], name
 
@@ -72,7 +72,7 @@ def test_discovery_page_renders_with_its_figures(
     shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
     assert shown.console == () and shown.shades > 50
     assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400
-    for name in ("force-m1-ground", "force-m2-m1", "histories"):
+    for name in ("force_m1-ground", "force_m2-m1", "histories"):
         assert 'class="main-svg"' in shown.body.partition(f'id="{name}"')[2][:3000], name
 
 

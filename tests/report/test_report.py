@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.report.estimate_page import report
+from linkwise.report.estimate_page import estimate_page
+from linkwise.report.section import Reported
 from linkwise.text import format_value
 
 
@@ -23,8 +24,8 @@ def folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.Te
 
 
 def page_of(estimate: lw.Estimate, **options: Any) -> str:
-    """The page without its 4 MB of script."""
-    page = report(estimate, **{"version": "1.2.3", "pictured": (), **options})
+    """The page without its 4 MB of script and without figures."""
+    page = estimate_page(Reported(estimate, **options), {}, version="1.2.3")
     return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
 
 
@@ -69,7 +70,7 @@ def test_page_needs_nothing_else(folder: Path) -> None:
     assert re.findall(r"<(?:script|link|img|iframe)[^>]*\b(?:src|href)=", page) == []
     assert "http" not in markup
     assert page.count("plotly.js v") == 1
-    assert {f'id="{name}"' in page for name in ("force-nes1", "force-spring1", "histories")} == {True}
+    assert {f'id="{name}"' in page for name in ("force_nes1", "force_spring1", "histories")} == {True}
     assert len(page) < 6e6
 
 

@@ -198,3 +198,8 @@ def _likely(quantity: Quantity, value: float, drawn: Floats) -> QuantityInterval
 
 def _known(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def without_intervals(answer: Absorption | AbsorptionIntervals) -> Absorption:
+    """The comparison itself, of an answer with intervals or of one without."""
+    return answer.found if isinstance(answer, AbsorptionIntervals) else answer

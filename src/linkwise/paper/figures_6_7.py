@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from linkwise.paper.published import DECIBELS
 from linkwise.paper.subset import PaperStudy
 from linkwise.plot.palette import IDENTIFIED, SERIES
-from linkwise.plot.study_force import FoundForce, found_forces_figure
+from linkwise.plot.study_force import IdentifiedForce, identified_forces_figure
 from linkwise.study.cells import StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
@@ -40,22 +40,22 @@ def _figure(
     subject = study.subject(name)
     structure = subject.structure
     link = _median_link(judged)  # one link for all curves: each has its own range of motion
-    found: list[FoundForce] = []
+    found: list[IdentifiedForce] = []
     told: list[str] = []
     for level, row in rows.items():
         if row is not None:
             one = structure.with_values(row.coefficients).link(link)
             label = f"SINDy, {level:g} dB"
-            found.append(FoundForce(one, label, _LEVELS[level], dashed=True, in_both=level in shown))
+            found.append(IdentifiedForce(one, label, _LEVELS[level], dashed=True, in_both=level in shown))
             told.append(f"{row.links[link]:.3g} % at {level:g} dB")
     for method in paper.likelihood[:1]:
         ours = _middle(table, name, DECIBELS[-1], method)
         if ours is not None:
             one = structure.with_values(ours.coefficients).link(link)
-            found.append(FoundForce(one, f"{method}, {DECIBELS[-1]:g} dB", IDENTIFIED))
+            found.append(IdentifiedForce(one, f"{method}, {DECIBELS[-1]:g} dB", IDENTIFIED))
             told.append(f"{method} {ours.links[link]:.3g} % at {DECIBELS[-1]:g} dB")
     title = f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(told)}"
-    return found_forces_figure(structure.link(link), found, _visited(subject, link), title=title)
+    return identified_forces_figure(structure.link(link), found, _visited(subject, link), title=title)
 
 
 def _visited(subject: Subject, link: str) -> tuple[float, float]:

@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 
 from linkwise.paper.published import DECIBELS, INFORMED_NMSE, INFORMED_SECONDS, TABLE_2
 from linkwise.paper.subset import PaperStudy
-from linkwise.plot.palette import SEEN
-from linkwise.plot.study_accuracy import Pen, Printed, draw_errors, draw_times, name_curves, pens
-from linkwise.plot.style import sheet
+from linkwise.plot.palette import MEASURED
+from linkwise.plot.study_accuracy import CurveStyle, PublishedValues, curve_styles, draw_curves
+from linkwise.plot.style import legend_below, sheet
 from linkwise.study.cells import StudyTable
 
 
@@ -20,30 +20,32 @@ def figure_8(table: StudyTable, paper: PaperStudy, classical: str | None = None)
     """
     others = [method for method in paper.classical if method != classical]
     drawn = {
-        **dict.fromkeys(others, Pen("SINDy, other conventions", SEEN, "", faint=True)),
-        **pens([method for method in table.methods if method not in (*others, *paper.informed)]),
+        **dict.fromkeys(others, CurveStyle("SINDy, other conventions", MEASURED, "", faint=True)),
+        **curve_styles([method for method in table.methods if method not in (*others, *paper.informed)]),
     }
     with sheet(2, 2, height=5.9) as (figure, panels):
         for letter, axes, decibel in zip("abc", panels, DECIBELS, strict=False):
             printed = {name: TABLE_2[masses, decibel] for name, masses in paper.masses.items()}
-            draw_errors(axes, table, decibel, drawn, Printed("paper, Table 2", printed))
+            draw_curves(axes, table, decibel, "nmse", drawn, PublishedValues("paper, Table 2", printed))
             axes.set_title(f"{letter}  {decibel:g} dB")
-        draw_times(panels[3], table, DECIBELS[-1], drawn)
+        draw_curves(panels[3], table, DECIBELS[-1], "seconds", drawn)
         panels[3].set_title(f"d  time of one estimate, {DECIBELS[-1]:g} dB")
-        name_curves(figure, panels)
+        legend_below(figure, *panels)
     return figure
 
 
 def figure_9(table: StudyTable, paper: PaperStudy) -> Figure:
     """Physics-informed SINDy at 20 dB: a the error, b the time, with linkwise's own estimators beside it."""
-    drawn = pens([method for method in table.methods if method not in paper.classical])
+    drawn = curve_styles([method for method in table.methods if method not in paper.classical])
     level = DECIBELS[-1]
     error = dict.fromkeys(paper.masses, INFORMED_NMSE)
     seconds = {name: INFORMED_SECONDS[masses] for name, masses in paper.masses.items()}
     with sheet(1, 2, height=3.3) as (figure, panels):
-        draw_errors(panels[0], table, level, drawn, Printed("paper, physics-informed", error))
+        draw_curves(panels[0], table, level, "nmse", drawn, PublishedValues("paper, physics-informed", error))
         panels[0].set_title(f"a  {level:g} dB")
-        draw_times(panels[1], table, level, drawn, Printed("paper, physics-informed", seconds))
+        draw_curves(
+            panels[1], table, level, "seconds", drawn, PublishedValues("paper, physics-informed", seconds)
+        )
         panels[1].set_title(f"b  time of one estimate, {level:g} dB")
-        name_curves(figure, panels)
+        legend_below(figure, *panels)
     return figure

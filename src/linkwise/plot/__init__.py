@@ -1,7 +1,71 @@
-"""Figures: each made by a function from a result; results know nothing of them."""
+"""Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
-from linkwise.plot.force import force_figure
-from linkwise.plot.histories import histories_figure
-from linkwise.plot.style import save
+`force`, `histories`, `graph`, `path`, `runners_up`, `evidence`, `absorption`, `energy`, `crossings`, `map` and `study` draw
+one picture on one Axes. Functions whose names end in `_figure` put these pictures together as the commands write them. All
+take results and compute nothing. Names load on first use, so that matplotlib is imported when something is drawn.
+"""
 
-__all__ = ["force_figure", "histories_figure", "save"]
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from linkwise.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from linkwise.plot.absorption_crossings import crossings, crossings_figure
+    from linkwise.plot.absorption_decay import absorption, decay_figure
+    from linkwise.plot.absorption_energy import energy, energy_figure
+    from linkwise.plot.absorption_map import map, map_figure
+    from linkwise.plot.discovery_evidence import evidence, evidence_figure
+    from linkwise.plot.discovery_graph import graph, graph_figure
+    from linkwise.plot.discovery_path import path, path_figure, runners_up
+    from linkwise.plot.link_force import force, force_figure
+    from linkwise.plot.study_accuracy import accuracy_figure, study
+    from linkwise.plot.style import save
+    from linkwise.plot.time_histories import histories, histories_figure
+
+__all__ = [
+    "absorption",
+    "accuracy_figure",
+    "crossings",
+    "crossings_figure",
+    "decay_figure",
+    "energy",
+    "energy_figure",
+    "evidence",
+    "evidence_figure",
+    "force",
+    "force_figure",
+    "graph",
+    "graph_figure",
+    "histories",
+    "histories_figure",
+    "map",
+    "map_figure",
+    "path",
+    "path_figure",
+    "runners_up",
+    "save",
+    "study",
+]
+
+# The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
+_HOMES = {
+    "absorption_crossings": ("crossings", "crossings_figure"),
+    "absorption_decay": ("absorption", "decay_figure"),
+    "absorption_energy": ("energy", "energy_figure"),
+    "absorption_map": ("map", "map_figure"),
+    "discovery_evidence": ("evidence", "evidence_figure"),
+    "discovery_graph": ("graph", "graph_figure"),
+    "discovery_path": ("path", "path_figure", "runners_up"),
+    "link_force": ("force", "force_figure"),
+    "study_accuracy": ("accuracy_figure", "study"),
+    "style": ("save",),
+    "time_histories": ("histories", "histories_figure"),
+}
+
+__getattr__ = lazy_names(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
@@ -11,43 +13,89 @@ from matplotlib.patches import Patch
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.sweep import AbsorptionMap, SweepAxis
 from linkwise.arrays import Floats
-from linkwise.plot.palette import IDENTIFIED, SEEN, WELL
-from linkwise.plot.style import sheet
+from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL
+from linkwise.plot.style import axes_for, literal, sheet
 
 SHOWN = ("settled", "sinks_share", "rms_reduction", "crossings")
 _WIDE = 50.0  # largest over smallest from which colours go by ratio
-_NEVER, _LOST = "#D9D9D9", "#F2B8A0"
+_NEVER, _DIVERGED = "#D9D9D9", "#F2B8A0"
 
 
-def map_figure(found: AbsorptionMap, names: tuple[str, ...] = SHOWN) -> Figure:
-    """One panel a quantity: colours over two parameters, a curve over one."""
-    by_name = {each.name: each for each in found.quantities}
+def map(
+    result: AbsorptionMap, quantity: str = "settled", *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw a quantity over the swept parameters: colours over two, a curve over one.
+
+    Parameters
+    ----------
+    result : AbsorptionMap
+        An answer of `linkwise.absorption_map`.
+    quantity : str, default "settled"
+        Name of one of ``result.quantities``, such as ``"sinks_share"``, ``"rms_reduction"`` or ``"crossings"``.
+    legend : bool, default True
+        Add a legend to the axes where there are cells without a number.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; a colour bar is put beside them. By default those of a new figure, which is ``ax.figure`` of the
+        returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: the swept parameters in their SI units, parts of 1 in %.
+
+    Raises
+    ------
+    KeyError
+        If there is no such quantity.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    >>> lw.plot.map(swept, "sinks_share").get_ylabel()
+    '%'
+    """
+    values, unit = _shown(result, quantity)
+    with axes_for(ax, width=4.6, height=3.4) as axes:
+        if len(result.axes) == 2:
+            _draw_map(axes, result, values, unit)
+        else:
+            _draw_curve(axes, result, values, unit)
+        axes.set_title(literal(_quantity(result, quantity).title))
+        handles = _missing(result, [quantity])
+        if legend and handles:
+            axes.legend(handles=handles)
+    return axes
+
+
+def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
+    """One panel a quantity."""
     rows = -(-len(names) // 2)
     with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):
-            values, unit = _shown(found, by_name[name])
-            if len(found.axes) == 2:
-                _draw_map(figure, axes, found, values, unit)
-            else:
-                _draw_curve(axes, found, values, unit)
-            axes.set_title(by_name[name].title)
+            map(result, name, legend=False, ax=axes)
         for axes in panels[len(names) :]:
             axes.remove()
-        handles = _missing(found, names)
+        handles = _missing(result, names)
         if handles:
             figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
 
-def _shown(found: AbsorptionMap, quantity: Quantity) -> tuple[Floats, str]:
+def _quantity(result: AbsorptionMap, name: str) -> Quantity:
+    return next(each for each in result.quantities if each.name == name)
+
+
+def _shown(result: AbsorptionMap, name: str) -> tuple[Floats, str]:
     """Values as they are read: parts of 1 in %."""
-    values = found[quantity.name]
-    part = quantity.unit == "" and not quantity.name.startswith("crossings")
-    return (100.0 * values, "%") if part else (values, quantity.unit)
+    values, unit = result[name], _quantity(result, name).unit
+    part = unit == "" and not name.startswith("crossings")
+    return (100.0 * values, "%") if part else (values, unit)
 
 
-def _draw_map(figure: Figure, axes: Axes, found: AbsorptionMap, values: Floats, unit: str) -> None:
-    across, up = found.axes
+def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
+    across, up = result.axes
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     positive = finite[finite > 0.0]
@@ -56,43 +104,47 @@ def _draw_map(figure: Figure, axes: Axes, found: AbsorptionMap, values: Floats, 
     axes.set_facecolor(_NEVER)
     edges = _edges(across), _edges(up)
     mesh = axes.pcolormesh(*edges, values.T, norm=norm, cmap="viridis", rasterized=True)
-    lost = np.where(found.alive, np.nan, 0.0)
-    if not found.alive.all():
-        axes.pcolormesh(*edges, lost.T, cmap=ListedColormap([_LOST]), rasterized=True)
-    _scale(axes, across, up)
+    if not result.alive.all():
+        diverged = np.where(result.alive, np.nan, 0.0)
+        axes.pcolormesh(*edges, diverged.T, cmap=ListedColormap([_DIVERGED]), rasterized=True)
+    _scale_axes(axes, across, up)
     axes.grid(False)
     if finite.size:  # a bar would show numbers that nothing has
-        figure.colorbar(mesh, ax=axes, label=unit or None)
+        axes.figure.colorbar(mesh, ax=axes, label=unit or None)
 
 
-def _draw_curve(axes: Axes, found: AbsorptionMap, values: Floats, unit: str) -> None:
-    (across,) = found.axes
+def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
+    (across,) = result.axes
     axes.plot(across.values, values, ".-" if len(values) <= 60 else "-", color=IDENTIFIED, markersize=4)
-    for which, color in ((~found.alive, WELL), (np.isnan(values) & found.alive, SEEN)):
-        if which.any():
-            places = across.values[which]
+    for missing, color in ((~result.alive, WELL), (np.isnan(values) & result.alive, MEASURED)):
+        if missing.any():
             axes.plot(
-                places, np.zeros(len(places)), "x", color=color, markersize=5, clip_on=False,
+                across.values[missing],
+                np.zeros(int(missing.sum())),
+                "x",
+                color=color,
+                markersize=5,
+                clip_on=False,
                 transform=axes.get_xaxis_transform(),
-            )  # fmt: skip
-    _scale(axes, across, None)
+            )
+    _scale_axes(axes, across, None)
     edges = _edges(across)
     axes.set_xlim(min(edges), max(edges))
     axes.set_ylabel(unit or "number")
 
 
-def _scale(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
-    axes.set_xlabel(_title(across))
+def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
+    axes.set_xlabel(_axis_label(across))
     if across.logarithmic and across.values[0] > 0.0:
         axes.set_xscale("log")
     if up is not None:
-        axes.set_ylabel(_title(up))
+        axes.set_ylabel(_axis_label(up))
         if up.logarithmic and up.values[0] > 0.0:
             axes.set_yscale("log")
 
 
-def _title(axis: SweepAxis) -> str:
-    return f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name
+def _axis_label(axis: SweepAxis) -> str:
+    return literal(f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name)
 
 
 def _edges(axis: SweepAxis) -> Floats:
@@ -111,14 +163,13 @@ def _middles(values: Floats) -> Floats:
     return np.concatenate([[2.0 * values[0] - inner[0]], inner, [2.0 * values[-1] - inner[-1]]])
 
 
-def _missing(found: AbsorptionMap, names: tuple[str, ...]) -> list[Patch]:
+def _missing(result: AbsorptionMap, names: Sequence[str]) -> list[Patch]:
     """What the colours of cells without a number mean, where there are such."""
     handles = []
-    over_two = len(found.axes) == 2
-    if any(np.any(np.isnan(found[name]) & found.alive) for name in names):
-        handles.append(
-            Patch(color=_NEVER if over_two else SEEN, label=f"did not settle within {found.duration:g} s")
-        )
-    if not found.alive.all():
-        handles.append(Patch(color=_LOST if over_two else WELL, label="the motion diverges"))
+    over_two = len(result.axes) == 2
+    if any(np.any(np.isnan(result[name]) & result.alive) for name in names):
+        color = _NEVER if over_two else MEASURED
+        handles.append(Patch(color=color, label=f"did not settle within {result.duration:g} s"))
+    if not result.alive.all():
+        handles.append(Patch(color=_DIVERGED if over_two else WELL, label="the motion diverges"))
     return handles

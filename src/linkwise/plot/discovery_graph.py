@@ -1,11 +1,10 @@
-"""A discovered structure as a graph: masses, what holds them, links by kind, stiffness and certainty."""
+"""A discovered structure as a graph: masses, ground and base, links by kind, stiffness and certainty."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, cos, hypot, log10, pi, sin
-from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,12 +15,13 @@ from linkwise.analysis.law_kind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFT
 from linkwise.arrays import Floats
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.text import headline
-from linkwise.plot.graph_layout import places
-from linkwise.plot.palette import SEEN, SERIES, TRUE, scale
-from linkwise.plot.style import sheet
+from linkwise.model.link import GROUND
+from linkwise.plot.graph_layout import node_positions
+from linkwise.plot.palette import MEASURED, SERIES, TRUE, scale
+from linkwise.plot.style import axes_for, axes_inches, label, literal, sheet, wrapped
 from linkwise.verdict import Decision
 
-_COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: SEEN}
+_COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: MEASURED}
 _OTHER = SERIES[5]
 _WIDTHS = (1.2, 4.2)  # points, of the softest and the stiffest link
 _DASH, _GAP = 7.0, 3.5  # points, of a link in doubt
@@ -38,176 +38,265 @@ _FAINT = 12  # dropped links that are drawn
 
 @dataclass(frozen=True)
 class Edge:
-    """A line from node to node in the drawing; masses come first, then one node for each thing that holds."""
+    """A line from node to node in the drawing: masses come first, then a node for every end at the ground or the base.
+
+    `found` is False for a link that was dropped in doubt, `certain` tells whether the link is there beyond doubt and
+    `doubtful_term` whether one of its terms is not.
+    """
 
     first: int
     second: int
     kind: str
     stiffness: float
+    found: bool
     certain: bool
-    there: bool
-    doubt: bool  # about some term of it
+    doubtful_term: bool
 
 
-def graph_figure(found: Discovery) -> Figure:
-    """The structure drawn: stiffer links wider, links in doubt dashed, links that were dropped in doubt dotted.
+@dataclass(frozen=True)
+class Drawing:
+    """Edges, and `positions` (V, 2) of the nodes; `fixed` says of each node behind the masses whether it is ground or base."""
 
-    The ground and the base are drawn wherever a link holds on to them. Kinds of laws stand beside the links where there is
-    room, and in the legend.
+    edges: Sequence[Edge]
+    fixed: Sequence[str]
+    positions: Floats
+
+    @property
+    def corners(self) -> tuple[Floats, Floats]:
+        """The lower left and the upper right corner (2,) of the picture."""
+        return self.positions.min(axis=0) - _MARGIN, self.positions.max(axis=0) + _MARGIN
+
+
+def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw a discovered structure as a graph of masses and links.
+
+    Colours tell the kinds of laws, stiffer links are wider, links in doubt dashed, links that were dropped in doubt dotted. A
+    question mark says that a term of the link is in doubt. Ground and base are drawn wherever a link holds on to them.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        An answer of `linkwise.discover`.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; their limits are set and their frame is taken off. By default those of a new figure whose size
+        fits the structure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on. Their coordinates have no unit: a link is about 1 long.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> ax = lw.plot.graph(found)
+    >>> sorted(text.get_text() for text in ax.texts)
+    ['1 kg', '10 g', 'bistable', 'linear', 'm1', 'm2']
     """
-    names = [mass.name for mass in found.structure.masses]
-    edges, held = _edges(found, names)
-    points = places(len(names) + len(held), [(edge.first, edge.second) for edge in edges])
-    inch = _inches(points)
-    low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
-    width, height = np.maximum((high - low) * inch, (5.0, 1.3))
-    with sheet(width=float(width), height=float(height) + 1.1) as (figure, [axes]):
+    drawing = _drawing(discovery)
+    width, height = _size(drawing)
+    with axes_for(ax, width=width, height=height) as axes:
+        low, high = drawing.corners
+        inch = _inches(drawing) if ax is None else float(min(axes_inches(axes) / (high - low)))
         axes.set_aspect("equal")
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         axes.axis("off")
-        radii = _radii(found)
-        _draw_links(axes, edges, points, labelled=inch >= _LABELLED)
-        for place, what in enumerate(held, start=len(names)):
-            edge = next(each for each in edges if each.second == place)
-            _draw_hold(axes, points[edge.first], points[place], "" if what == "ground" else what)
-        _draw_masses(axes, found, points, radii, inch)
-        figure.suptitle(
-            fill(headline(found)[0], int(13 * width)), x=0.01, horizontalalignment="left", fontsize=10
-        )
-        handles = _legend(edges)
-        figure.legend(
-            handles=handles, loc="outside lower center", ncols=max(1, min(len(handles), int(width / 1.35)))
-        )
+        _draw_links(axes, drawing, labelled=inch >= _LABELLED)
+        for node, name in enumerate(drawing.fixed, start=len(discovery.structure.masses)):
+            mass = next(edge.first for edge in drawing.edges if edge.second == node)
+            _draw_fixed(
+                axes, drawing.positions[mass], drawing.positions[node], "" if name == GROUND else name
+            )
+        _draw_masses(axes, discovery, drawing.positions, inch)
+        axes.set_title(wrapped(headline(discovery)[0], axes_inches(axes)[0]))
+        if legend:
+            axes.legend(handles=_legend_handles(drawing.edges))
+    return axes
+
+
+def graph_figure(discovery: Discovery) -> Figure:
+    """The graph on a figure of its own, as large as the structure asks for."""
+    width, height = _size(_drawing(discovery))
+    with sheet(width=width, height=height) as (figure, [axes]):
+        graph(discovery, legend=False, ax=axes)
+        axes.set_title("")
+        title = wrapped(headline(discovery)[0], width)
+        figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+        handles = _legend_handles(_drawing(discovery).edges)
+        columns = max(1, min(len(handles), int(width / 1.35)))
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
     return figure
 
 
-def _edges(found: Discovery, names: Sequence[str]) -> tuple[list[Edge], list[str]]:
-    """Links, then dropped links that are not beyond doubt; and what each node behind the masses is, "ground" or "base"."""
-    index = {name: number for number, name in enumerate(names)}
-    held: list[str] = []
+def _drawing(discovery: Discovery) -> Drawing:
+    edges, fixed = _edges(discovery)
+    nodes = len(discovery.structure.masses) + len(fixed)
+    return Drawing(edges, fixed, node_positions(nodes, [(edge.first, edge.second) for edge in edges]))
+
+
+def _edges(discovery: Discovery) -> tuple[list[Edge], list[str]]:
+    """Links, then dropped links that are in doubt; and what each node behind the masses is, ground or base."""
+    index = {mass.name: number for number, mass in enumerate(discovery.structure.masses)}
+    fixed: list[str] = []
+
+    def nodes(between: tuple[str, str]) -> tuple[int, int]:
+        masses = [index[end] for end in between if end in index]
+        if len(masses) == 2:
+            return masses[0], masses[1]
+        fixed.append(next(end for end in between if end not in index))
+        return masses[0], len(index) + len(fixed) - 1
+
+    unsure = {term.link for term in discovery.kept if not term.certain}
     edges: list[Edge] = []
-
-    def ends(between: tuple[str, str]) -> tuple[int, int]:
-        inside = [index[end] for end in between if end in index]
-        if len(inside) == 2:
-            return inside[0], inside[1]
-        held.append(next(end for end in between if end not in index))
-        return inside[0], len(names) + len(held) - 1
-
-    unsure = {term.link for term in found.kept if not term.certain}
-    for each in found.estimate.links:
-        link = each.link
-        reach = max(abs(end) for end in each.d_range)
-        stiffness = max(abs(float(link.force(side))) for side in (-reach, reach)) / reach
-        certain = found.decision(link.name) is Decision.CERTAIN
-        edges.append(Edge(*ends(link.between), each.kind, stiffness, certain, True, link.name in unsure))
-    linked = {frozenset(each.link.between) for each in found.estimate.links}
-    faint: list[tuple[str, str]] = []
-    for term in found.doubtful:
-        pair = frozenset(term.between)
-        if (
-            not term.kept
-            and term.identifiable
-            and term.margin <= CERTAIN
-            and pair not in linked
-            and len(faint) < _FAINT
-        ):
-            linked.add(pair)
-            faint.append(term.between)
-    edges += [Edge(*ends(between), "", 0.0, False, False, True) for between in faint]
-    return edges, held
+    for link in discovery.estimate.links:
+        reach = max(abs(end) for end in link.d_range)
+        name = link.link.name
+        edges.append(
+            Edge(
+                *nodes(link.link.between),
+                kind=link.kind,
+                stiffness=max(abs(float(link.link.force(end))) for end in (-reach, reach)) / reach,
+                found=True,
+                certain=discovery.decision(name) is Decision.CERTAIN,
+                doubtful_term=name in unsure,
+            )
+        )
+    for between in _dropped_in_doubt(discovery):
+        edges.append(Edge(*nodes(between), "", 0.0, found=False, certain=False, doubtful_term=True))
+    return edges, fixed
 
 
-def _inches(points: Floats) -> float:
-    """How long a link of length 1 is drawn."""
-    span = points.max(axis=0) - points.min(axis=0) + 2.0 * _MARGIN
+def _dropped_in_doubt(discovery: Discovery) -> list[tuple[str, str]]:
+    """Ends of the links that were dropped although a term of them is not beyond doubt, the most doubtful first."""
+    linked = {frozenset(link.link.between) for link in discovery.estimate.links}
+    dropped: list[tuple[str, str]] = []
+    for term in discovery.doubtful:
+        in_doubt = not term.kept and term.identifiable and term.margin <= CERTAIN
+        if in_doubt and frozenset(term.between) not in linked and len(dropped) < _FAINT:
+            linked.add(frozenset(term.between))
+            dropped.append(term.between)
+    return dropped
+
+
+def _size(drawing: Drawing) -> tuple[float, float]:
+    """Width and height in inches of a figure that has room for the drawing, its title and its legend."""
+    low, high = drawing.corners
+    width, height = np.maximum((high - low) * _inches(drawing), (5.0, 1.3))
+    return float(width), float(height) + 1.1
+
+
+def _inches(drawing: Drawing) -> float:
+    """How long a link of length 1 is drawn on a figure of its own."""
+    low, high = drawing.corners
+    span = high - low
     return float(np.clip(min(_WIDEST / span[0], _HIGHEST / span[1]), *_INCH))
 
 
-def _radii(found: Discovery) -> Floats:
-    masses = found.structure.mass_values
+def _radii(discovery: Discovery) -> Floats:
+    """(n,) radii of the masses in units of a link's length."""
+    masses = discovery.structure.mass_values
     relative = (masses / np.exp(np.mean(np.log(masses)))) ** _SIXTH
     return np.asarray(_RADIUS * np.clip(relative, *_SIZES))
 
 
-def _draw_links(axes: Axes, edges: Sequence[Edge], points: Floats, *, labelled: bool) -> None:
-    stiff = [edge.stiffness for edge in edges if edge.stiffness > 0.0]
-    pairs = [frozenset((edge.first, edge.second)) for edge in edges]
-    for number, edge in enumerate(edges):
-        a, b = points[edge.first], points[edge.second]
-        same = pairs.count(pairs[number])
-        if same > 1:  # side by side
+def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
+    stiffnesses = [edge.stiffness for edge in drawing.edges if edge.stiffness > 0.0]
+    pairs = [frozenset((edge.first, edge.second)) for edge in drawing.edges]
+    for number, edge in enumerate(drawing.edges):
+        a, b = drawing.positions[edge.first], drawing.positions[edge.second]
+        parallel = pairs.count(pairs[number])
+        if parallel > 1:  # side by side
             aside = np.array([a[1] - b[1], b[0] - a[0]]) / max(hypot(*(b - a)), 1e-9)
-            offset = 0.1 * (pairs[:number].count(pairs[number]) - 0.5 * (same - 1)) * aside
+            offset = 0.1 * (pairs[:number].count(pairs[number]) - 0.5 * (parallel - 1)) * aside
             a, b = a + offset, b + offset
-        width = _width(edge, stiff)
-        dashes = (
-            0,
-            (_DASH / width, _GAP / width),
-        )  # matplotlib counts in widths; a stiff link would fall apart
-        style = ":" if not edge.there else "-" if edge.certain else dashes
+        width = _width(edge, stiffnesses)
+        dashes = (0, (_DASH / width, _GAP / width))  # matplotlib counts in line widths
+        style = ":" if not edge.found else "-" if edge.certain else dashes
         axes.plot(
-            *np.stack([a, b], axis=1), color=_color(edge), linestyle=style, linewidth=width, solid_capstyle="round", zorder=1,
-        )  # fmt: skip
-        if labelled and edge.there:
+            *np.stack([a, b], axis=1),
+            color=_color(edge),
+            linestyle=style,
+            linewidth=width,
+            solid_capstyle="round",
+            zorder=1,
+        )
+        if labelled and edge.found:
             x, y = 0.5 * (a + b)
-            word = edge.kind.replace(" ", "\n") + ("?" if edge.doubt else "")
             axes.text(
-                x, y, word, color=_color(edge), fontsize=7, ha="center", va="center", zorder=4,
+                x,
+                y,
+                edge.kind.replace(" ", "\n") + ("?" if edge.doubtful_term else ""),
+                color=_color(edge),
+                fontsize=7,
+                ha="center",
+                va="center",
+                zorder=4,
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
-            )  # fmt: skip
+            )
 
 
 def _color(edge: Edge) -> str:
-    return _COLORS.get(edge.kind, _OTHER) if edge.there else SEEN
+    return _COLORS.get(edge.kind, _OTHER) if edge.found else MEASURED
 
 
-def _width(edge: Edge, stiff: Sequence[float]) -> float:
+def _width(edge: Edge, stiffnesses: Sequence[float]) -> float:
+    """Width in points: the wider, the stiffer, in equal steps a decade."""
     thin, thick = _WIDTHS
-    if not (edge.there and edge.stiffness > 0.0):
+    if not (edge.found and edge.stiffness > 0.0):
         return thin
-    decades = log10(max(stiff) / min(stiff))
-    share = log10(edge.stiffness / min(stiff)) / decades if decades > 0.3 else 0.5
+    decades = log10(max(stiffnesses) / min(stiffnesses))
+    share = log10(edge.stiffness / min(stiffnesses)) / decades if decades > 0.3 else 0.5
     return thin + (thick - thin) * share
 
 
-def _draw_hold(axes: Axes, mass: Floats, place: Floats, name: str) -> None:
-    """The sign of a wall at `place`, across the link that comes from `mass`."""
-    along = (place - mass) / max(hypot(*(place - mass)), 1e-9)
+def _draw_fixed(axes: Axes, mass: Floats, position: Floats, name: str) -> None:
+    """The sign of a wall at `position`, across the link that comes from `mass`, with a `name` where it is not the ground."""
+    along = (position - mass) / max(hypot(*(position - mass)), 1e-9)
     across = np.array([-along[1], along[0]])
-    wall = np.stack([place - 0.2 * across, place + 0.2 * across], axis=1)
+    wall = np.stack([position - 0.2 * across, position + 0.2 * across], axis=1)
     axes.plot(*wall, color=TRUE, linewidth=1.6, zorder=2, solid_capstyle="butt")
     for share in np.linspace(-0.16, 0.2, 5):
-        foot = place + share * across
-        axes.plot(
-            *np.stack([foot, foot + 0.1 * along - 0.06 * across], axis=1), color=TRUE, linewidth=0.7, zorder=2
-        )
+        foot = position + share * across
+        hatch = np.stack([foot, foot + 0.1 * along - 0.06 * across], axis=1)
+        axes.plot(*hatch, color=TRUE, linewidth=0.7, zorder=2)
     if name:
-        x, y = place + 0.26 * along
-        axes.text(x, y, name, fontsize=7, ha="center", va="center")
+        x, y = position + 0.26 * along
+        axes.text(x, y, literal(name), fontsize=7, ha="center", va="center")
 
 
-def _draw_masses(axes: Axes, found: Discovery, points: Floats, radii: Floats, inch: float) -> None:
+def _draw_masses(axes: Axes, discovery: Discovery, positions: Floats, inch: float) -> None:
+    """Circles with names, and kilograms beside them where a link of `inch` inches leaves room."""
     size = float(np.clip(9.0 * inch, 4.5, 8.5))
-    for number, mass in enumerate(found.structure.masses):
-        x, y = points[number]
+    radii = _radii(discovery)
+    for number, mass in enumerate(discovery.structure.masses):
+        x, y = positions[number]
         radius = 72.0 * inch * radii[number]  # points
         axes.plot(
             x, y, "o", ms=2.0 * radius, color="white", markeredgecolor=TRUE, markeredgewidth=1.2, zorder=5
         )
         fits = 0.3 * size * len(mass.name) < 0.9 * radius
         if fits:
-            axes.text(x, y, mass.name, fontsize=size, ha="center", va="center", zorder=6)
-        aside = [] if fits else [mass.name]
+            axes.text(x, y, literal(mass.name), fontsize=size, ha="center", va="center", zorder=6)
+        beside = [] if fits else [literal(mass.name)]
         if inch >= _AMOUNTS:
-            aside.append(_amount(float(found.structure.mass_values[number])))
-        angle = _free(number, points)
+            beside.append(_amount(float(discovery.structure.mass_values[number])))
+        angle = _free_direction(number, positions)
         reach, side = radii[number] + 0.13, cos(angle)
         axes.text(
-            x + reach * side, y + reach * sin(angle), "\n".join(aside), color="#57606A", fontsize=max(size - 1.5, 4.0),
-            ha="center" if abs(side) < 0.4 else "left" if side > 0.0 else "right", va="center", zorder=6,
-        )  # fmt: skip
+            x + reach * side,
+            y + reach * sin(angle),
+            "\n".join(beside),
+            color="#57606A",
+            fontsize=max(size - 1.5, 4.0),
+            ha="center" if abs(side) < 0.4 else "left" if side > 0.0 else "right",
+            va="center",
+            zorder=6,
+        )
 
 
 def _amount(kilograms: float) -> str:
@@ -216,26 +305,28 @@ def _amount(kilograms: float) -> str:
     return f"{kilograms * factor * (1.0 if unit == 'kg' else 1000.0):.3g} {unit}"
 
 
-def _free(number: int, points: Floats) -> float:
+def _free_direction(number: int, positions: Floats) -> float:
     """The direction from a mass in which the nearest other nodes leave most room; up or down where that is free."""
-    others = np.delete(points, number, axis=0) - points[number]
+    others = np.delete(positions, number, axis=0) - positions[number]
     angles = [atan2(y, x) for x, y in others[np.hypot(*others.T) < 1.8]]
     if not angles:
         return pi / 2.0
 
-    def room(angle: float) -> float:
-        return min(abs((angle - each + pi) % (2.0 * pi) - pi) for each in angles)
+    def room(direction: float) -> float:
+        return min(abs((direction - angle + pi) % (2.0 * pi) - pi) for angle in angles)
 
-    upright = [angle for angle in (pi / 2.0, -pi / 2.0) if room(angle) > pi / 3.5]
+    upright = [direction for direction in (pi / 2.0, -pi / 2.0) if room(direction) > pi / 3.5]
     return upright[0] if upright else float(max(np.linspace(-pi, pi, 24, endpoint=False), key=room))
 
 
-def _legend(edges: Sequence[Edge]) -> list[Line2D]:
-    kinds = dict.fromkeys(edge.kind for edge in edges if edge.there)
-    handles = [Line2D([], [], color=_COLORS.get(kind, _OTHER), linewidth=2.5, label=kind) for kind in kinds]
-    if any(edge.there and not edge.certain for edge in edges):
+def _legend_handles(edges: Sequence[Edge]) -> list[Line2D]:
+    kinds = dict.fromkeys(edge.kind for edge in edges if edge.found)
+    handles = [
+        Line2D([], [], color=_COLORS.get(kind, _OTHER), linewidth=2.5, label=label(kind)) for kind in kinds
+    ]
+    if any(edge.found and not edge.certain for edge in edges):
         handles.append(Line2D([], [], color=TRUE, linestyle=(0, (4, 2.5)), label="in doubt"))
-    if any(not edge.there for edge in edges):
-        handles.append(Line2D([], [], color=SEEN, linestyle=":", label="dropped, in doubt"))
+    if any(not edge.found for edge in edges):
+        handles.append(Line2D([], [], color=MEASURED, linestyle=":", label="dropped, in doubt"))
     handles.append(Line2D([], [], color="none", label="wider: stiffer"))
     return handles

@@ -1,4 +1,4 @@
-"""Fewer points for the same picture: a trace keeps the extremes of every stretch that is narrower than a pixel."""
+"""Fewer points for the same picture: a trace keeps the extremes of every block of samples that is narrower than a pixel."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from linkwise.arrays import Floats
 def envelope(time: Floats, values: Floats, points: int = 4000) -> tuple[Floats, Floats]:
     """`time` (N,) and `values` (N,) as at most about `points` points whose line covers the same pixels.
 
-    Each stretch gives its least and its greatest value in order of time. A stretch that lacks all its samples
-    gives NaN, so gaps stay gaps.
+    Each block gives its least and its greatest value in order of time. A block that lacks all its samples gives NaN, so gaps
+    stay gaps.
     """
-    stretch = -(-len(time) // max(points // 2, 1))
-    if stretch <= 2:
+    block = -(-len(time) // max(points // 2, 1))
+    if block <= 2:
         return time, values
-    count = -(-len(time) // stretch)
-    padded = np.full(count * stretch, np.nan)
+    count = -(-len(time) // block)
+    padded = np.full(count * block, np.nan)
     padded[: len(values)] = values
-    rows = padded.reshape(count, stretch)
-    least = np.where(np.isnan(rows), np.inf, rows).argmin(axis=1)
-    greatest = np.where(np.isnan(rows), -np.inf, rows).argmax(axis=1)
-    picked = np.sort(np.stack([least, greatest], axis=1), axis=1) + stretch * np.arange(count)[:, None]
+    blocks = padded.reshape(count, block)
+    least = np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1)
+    greatest = np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1)
+    picked = np.sort(np.stack([least, greatest], axis=1), axis=1) + block * np.arange(count)[:, None]
     index = np.minimum(picked.ravel(), len(time) - 1)
     return time[index], values[index]
 

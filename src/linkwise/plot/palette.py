@@ -1,4 +1,4 @@
-"""Colours and number scales that all figures share, on paper and on the page."""
+"""Colours and number scales that all figures share, still and interactive."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import math
 # Okabe and Ito: told apart with any kind of colour vision, and in grey.
 IDENTIFIED = "#0072B2"
 TRUE = "#000000"
-SEEN = "#8C8C8C"
+MEASURED = "#8C8C8C"
 WELL = "#D55E00"
 VISITED = "#E8EEF4"
+CHAOS = "#F3EDE4"  # behind a motion that is one of many
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 
 _PREFIXES = {3: "G", 2: "M", 1: "k", 0: "", -1: "m", -2: "µ", -3: "n"}

@@ -1,4 +1,4 @@
-"""The force of a link as several methods found it, beside the true one, and how far each is off (paper, Figs. 6 and 7)."""
+"""The force of a link as several methods identified it, beside the true one, and the error of each (paper, Figs. 6 and 7)."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from matplotlib.figure import Figure
 from linkwise.arrays import Floats
 from linkwise.model.structure import Link
 from linkwise.plot.palette import TRUE, scale
-from linkwise.plot.style import sheet
+from linkwise.plot.style import label, legend_below, literal, sheet
 
 _GRID = 801
 _DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there
 
 
 @dataclass(frozen=True)
-class FoundForce:
-    """A `link` as it was identified and how to draw it; `in_both` whether panel a shows it too."""
+class IdentifiedForce:
+    """A `link` as it was identified and how to draw it; `in_both` tells whether panel a shows it too."""
 
     link: Link
     label: str
@@ -30,26 +30,26 @@ class FoundForce:
     in_both: bool = True
 
 
-def relative_error(true: Link, found: Link, d: Floats) -> Floats:
+def relative_error(true: Link, identified: Link, d: Floats) -> Floats:
     """(G,) difference of both forces at v = 0 and the elongations `d` (G,), in % of the largest true one."""
     force = true.force(d)
-    return np.asarray(100.0 * np.abs(found.force(d) - force) / np.abs(force).max())
+    return np.asarray(100.0 * np.abs(identified.force(d) - force) / np.abs(force).max())
 
 
-def found_forces_figure(
-    true: Link, found: Sequence[FoundForce], visited: tuple[float, float], *, title: str = ""
+def identified_forces_figure(
+    true: Link, identified: Sequence[IdentifiedForce], visited: tuple[float, float], *, title: str = ""
 ) -> Figure:
-    """a The true force of a link over the `visited` elongations in m, and what was found; b the error in % of the largest.
+    """a The true force of a link over the `visited` elongations in m and those identified; b their errors in % of the largest.
 
     The paper divides by the force itself, which has three zeros; by its largest value the error is finite everywhere.
     """
     d = np.linspace(*visited, _GRID)
     to_d, unit_d = scale(float(np.abs(d).max()), "m")
     with sheet(1, 2, height=3.7) as (figure, (left, right)):
-        _draw_forces(left, true, [one for one in found if one.in_both], d, to_d)
-        errors = [relative_error(true, one.link, d) for one in found]
-        for one, error in zip(found, errors, strict=True):
-            right.plot(d * to_d, error, label=one.label, **_line(one))
+        _draw_forces(left, true, [curve for curve in identified if curve.in_both], d, to_d)
+        errors = [relative_error(true, curve.link, d) for curve in identified]
+        for curve, error in zip(identified, errors, strict=True):
+            right.plot(d * to_d, error, label=label(curve.label), **_line(curve))
         right.set_yscale("log")
         right.set_ylim(bottom=_DEPTH * min(error.max() for error in errors))
         right.set_ylabel("error, % of the largest force")
@@ -58,25 +58,22 @@ def found_forces_figure(
         for axes in (left, right):
             axes.set_xlabel(f"elongation d, {unit_d}")
             axes.set_xlim(d[0] * to_d, d[-1] * to_d)
-        named = {
-            label: handle
-            for axes in (left, right)
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=3)
+        legend_below(figure, left, right)
         if title:
-            figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=9)
+            figure.suptitle(literal(title), x=0.01, horizontalalignment="left", fontsize=9)
     return figure
 
 
-def _draw_forces(axes: Axes, true: Link, found: Sequence[FoundForce], d: Floats, to_d: float) -> None:
+def _draw_forces(
+    axes: Axes, true: Link, identified: Sequence[IdentifiedForce], d: Floats, to_d: float
+) -> None:
     force = true.force(d)
     to_f, unit_f = scale(float(np.abs(force).max()), "N")
     axes.plot(d * to_d, force * to_f, color=TRUE, linewidth=3.0, alpha=0.35, label="theory")
-    for one in found:
-        axes.plot(d * to_d, one.link.force(d) * to_f, label=one.label, **_line(one))
+    for curve in identified:
+        axes.plot(d * to_d, curve.link.force(d) * to_f, label=label(curve.label), **_line(curve))
     axes.set_ylabel(f"force at v = 0, {unit_f}")
 
 
-def _line(one: FoundForce) -> dict[str, Any]:
-    return {"color": one.color, "linestyle": (0, (4, 2)) if one.dashed else "-"}
+def _line(curve: IdentifiedForce) -> dict[str, Any]:
+    return {"color": curve.color, "linestyle": (0, (4, 2)) if curve.dashed else "-"}

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.plot.palette import IDENTIFIED, SEEN, TRUE, VISITED, scale
-from linkwise.plot.style import sheet
+from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, VISITED, scale
+from linkwise.plot.style import literal, sheet
 from linkwise.simulation.neighbours import OrbitEnvelope
 
 _PANEL_HEIGHT = 1.45  # inches
-_STRETCH = 10  # samples of a range drawn as one: narrower than a line
+_BLOCK = 10  # samples of a range drawn as one: narrower than a line
 
 
 def responses_figure(motion: OrbitEnvelope, *, columns: int = 1, titles: Sequence[str] = ()) -> Figure:
@@ -29,7 +29,7 @@ def responses_figure(motion: OrbitEnvelope, *, columns: int = 1, titles: Sequenc
         for number, (axes, mass) in enumerate(zip(panels, masses, strict=False)):
             factor = _draw_range(axes, motion, mass)
             _draw_record(axes, motion, mass, factor, color=IDENTIFIED, label="this orbit")
-            axes.set_title(f"{_letter(number)}  {titles[number]}")
+            axes.set_title(literal(f"{_letter(number)}  {titles[number]}"))
         _finish(figure, panels, len(masses), columns, motion)
     return figure
 
@@ -44,9 +44,10 @@ def comparison_figure(
     with sheet(rows, columns, height=0.9 + (_PANEL_HEIGHT + 0.15) * rows) as (figure, panels):
         for number, (axes, mass) in enumerate(zip(panels, masses, strict=False)):
             factor = _draw_range(axes, motion, mass, also=without)
-            _draw_record(axes, without, mass, factor, color=SEEN, label="without sinks")
+            _draw_record(axes, without, mass, factor, color=MEASURED, label="without sinks")
             _draw_record(axes, motion, mass, factor, color=IDENTIFIED, label="with sinks")
-            axes.set_title(f"{_letter(number)}  {titles[number]}" if len(masses) > 1 else titles[number])
+            lettered = f"{_letter(number)}  " if len(masses) > 1 else ""
+            axes.set_title(literal(f"{lettered}{titles[number]}"))
         _finish(figure, panels, len(masses), columns, motion)
     return figure
 
@@ -61,7 +62,7 @@ def _draw_range(axes: Axes, motion: OrbitEnvelope, mass: str, also: OrbitEnvelop
     axes.set_ylabel(f"x, {unit}")
     time = motion.record.time
     if motion.horizon is not None and motion.horizon < time[-1]:
-        starts = np.arange(int(np.searchsorted(time, motion.horizon)), len(time), _STRETCH)
+        starts = np.arange(int(np.searchsorted(time, motion.horizon)), len(time), _BLOCK)
         axes.axvspan(motion.horizon, time[-1], color=VISITED, zorder=0, label="past the horizon")
         axes.fill_between(
             time[starts],

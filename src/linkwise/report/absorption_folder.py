@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.intervals import AbsorptionIntervals
-from linkwise.absorption.intervals_text import interval_headline, interval_rows
-from linkwise.absorption.result import Absorption
+from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.sweep import AbsorptionMap
-from linkwise.absorption.sweep_text import map_headline, map_rows
-from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION, atomic_folder, to_json
-from linkwise.model.toml_file import format_structure, write_structure
-from linkwise.plot import save
-from linkwise.plot.absorption import Bands, crossings_figure, decay_figure, energy_figure
-from linkwise.plot.absorption_map import map_figure
-from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.model.toml_file import write_structure
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.report.absorption_json import absorption_of
-from linkwise.report.section_page import Section, embedded, sheet_page
+from linkwise.report.absorption_page import (
+    MAP_SECTIONS,
+    SECTIONS,
+    Answer,
+    absorption_page,
+    map_page,
+)
+from linkwise.report.section import Reported, sections_of, write_figures
 
 
 def write_absorption(
-    answer: Absorption | AbsorptionIntervals,
+    answer: Answer,
     folder: str | Path,
     *,
     progress: Progress = silent,
@@ -37,55 +36,28 @@ def write_absorption(
     An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
     something else.
     """
-    told = answer if isinstance(answer, AbsorptionIntervals) else None
-    found = answer.found if isinstance(answer, AbsorptionIntervals) else answer
-    bands = None if told is None else (told.lower, told.upper)
+    reported = Reported(answer)
     with atomic_folder(Path(folder), ABSORPTION) as partial:
-        _write_histories(found, bands, partial)
-        progress(ProgressReport(0.2, "figures"))
-        save(decay_figure(found, bands), partial / "decay")
-        save(energy_figure(found), partial / "energy")
-        save(crossings_figure(found), partial / "crossings")
+        _write_histories(answer, partial)
+        write_structure(without_intervals(answer).with_sinks.structure, partial / "structure.toml")
+        pictures = write_figures(sections_of(SECTIONS, reported), partial, part(progress, 0.0, 0.9))
         progress(ProgressReport(0.9, "page"))
-        sections = _sections(found, partial)
-        if told is not None:
-            sections.insert(0, Section("Intervals", interval_headline(told), interval_rows(told)))
-        structure = found.with_sinks.structure
-        write_structure(structure, partial / "structure.toml")
-        page = sheet_page(
-            structure.name or "structure",
-            verdict=headline(found),
-            trusted=answer.trusted,
-            sections=sections,
-            structure=format_structure(structure),
-            version=version("linkwise"),
-            findings=found.findings,
-        )
-        (partial / "report.html").write_text(page, encoding="utf-8")
+        (partial / "report.html").write_text(absorption_page(reported, pictures), encoding="utf-8")
         _finish(partial, absorption_of(answer))
     return Path(folder)
 
 
 def write_absorption_map(found: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write absorption.json, map.csv, map.png, map.svg and report.html of a sweep into `folder`, as `write_absorption`."""
+    reported = Reported(found)
     with atomic_folder(Path(folder), ABSORPTION) as partial:
         grids = np.meshgrid(*(axis.values for axis in found.axes), indexing="ij")
         names = [axis.name for axis in found.axes] + [each.name for each in found.quantities]
         table = [grid.ravel() for grid in grids] + list(found.values.reshape(-1, len(found.quantities)).T)
         _write_columns(partial / "map.csv", names, table)
-        progress(ProgressReport(0.2, "figure"))
-        save(map_figure(found), partial / "map")
-        structure = format_structure(found.structure)
-        page = sheet_page(
-            found.structure.name or "structure",
-            verdict=map_headline(found),
-            trusted=found.trusted,
-            sections=[Section("Map", "", map_rows(found), embedded(partial / "map.svg"))],
-            structure=structure,
-            version=version("linkwise"),
-            findings=found.findings,
-        )
-        (partial / "report.html").write_text(page, encoding="utf-8")
+        pictures = write_figures(sections_of(MAP_SECTIONS, reported), partial, part(progress, 0.0, 0.9))
+        progress(ProgressReport(0.9, "page"))
+        (partial / "report.html").write_text(map_page(reported, pictures), encoding="utf-8")
         _finish(partial, absorption_of(found))
     return Path(folder)
 
@@ -103,8 +75,10 @@ def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) 
     )
 
 
-def _write_histories(found: Absorption, bands: Bands | None, folder: Path) -> None:
+def _write_histories(answer: Answer, folder: Path) -> None:
     """decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
+    found = without_intervals(answer)
+    bands = (answer.lower, answer.upper) if isinstance(answer, AbsorptionIntervals) else ()
     names, columns = ["time"], [found.time]
     for number, mass in enumerate(found.masses):
         for side, label in ((found.with_sinks, ""), (found.without, " without sinks")):
@@ -113,7 +87,7 @@ def _write_histories(found: Absorption, bands: Bands | None, folder: Path) -> No
                 side.x[:, side.structure.mass_names.index(mass.name)],
                 np.ascontiguousarray(side.envelope[:, number]),
             ]
-        for end, label in zip(bands or (), ("lower", "upper"), strict=False):
+        for end, label in zip(bands, ("lower", "upper"), strict=False):
             names.append(f"envelope:{mass.name} {label}")
             columns.append(np.ascontiguousarray(end[:, number]))
     _write_columns(folder / "decay.csv", names, columns)
@@ -126,23 +100,3 @@ def _write_histories(found: Absorption, bands: Bands | None, folder: Path) -> No
     _write_columns(folder / "energy.csv", names, columns)
     rows = [f"{work.sink.link},{time:.12g}" for work in found.sinks for time in work.crossings]
     (folder / "crossings.csv").write_text("\n".join(["sink,time", *rows]) + "\n", encoding="utf-8")
-
-
-def _sections(found: Absorption, folder: Path) -> list[Section]:
-    settle = (
-        f"A mass has settled when it stays below {100 * found.settle:g} % of its peak without sinks until the end, and has "
-        "done so for the last 5 % of the run at least. The envelope is the largest excursion still to come; decay is the rate "
-        "of an exponential through the peaks that none later exceeds."
-    )
-    energy = (
-        "Energies count from the lowest wells of all links, so that what was put in is what is still there and what each link "
-        f"dissipated: the balance closes to {max(found.with_sinks.closure, found.without.closure):.0e}."
-    )
-    sections = [
-        Section("Primary masses", settle, mass_rows(found), embedded(folder / "decay.svg")),
-        Section("Energy", energy, energy_rows(found), embedded(folder / "energy.svg")),
-        Section("Wells crossed", "", crossing_rows(found), embedded(folder / "crossings.svg")),
-    ]
-    if found.harvests:
-        sections.append(Section("Harvesters", "Dampers in parallel to links.", harvest_rows(found)))
-    return sections

@@ -9,16 +9,15 @@ from pathlib import Path
 
 from linkwise.atomic import atomic_folder
 from linkwise.discovery.result import Discovery, TermEvidence
-from linkwise.discovery.scoring import align_truth, term_score
+from linkwise.discovery.scoring import align_truth
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
-from linkwise.plot import save
-from linkwise.plot.discovery_graph import graph_figure
-from linkwise.plot.discovery_path import evidence_figure, path_figure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.report.discovery_json import discovery_of
-from linkwise.report.discovery_page import discovery_page
-from linkwise.report.estimate_folder import write_links, write_page
+from linkwise.report.discovery_page import SECTIONS, discovery_page
+from linkwise.report.estimate_folder import write_numbers, write_page
+from linkwise.report.estimate_page import estimate_figures
+from linkwise.report.section import Reported, sections_of, write_figures
 
 
 def write_discovery(
@@ -36,20 +35,15 @@ def write_discovery(
     """
     result = discovery_of(found, truth)
     beside = None if truth is None else align_truth(found.structure, truth)
-    found = replace(found, estimate=_by_names_found(found.estimate))
+    reported = Reported(replace(found, estimate=_by_names_found(found.estimate)), truth)
+    links = Reported(reported.result.estimate, beside, result.get("nmse_percent", {}))
     with atomic_folder(Path(folder)) as partial:
-        progress(ProgressReport(0.0, "graph"))
-        figures = {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}
-        for name, draw in figures.items():
-            save(draw(found), partial / name)
         _write_terms(found, partial / "terms.csv")
-        pictured = write_links(found.estimate, partial, beside, part(progress, 0.1, 0.7))
-        page = discovery_page(
-            found, partial, score=None if truth is None else term_score(found.structure, truth),
-            progress=part(progress, 0.7, 1.0),
-            version=result["version"], pictured=pictured, truth=beside, nmse=result.get("nmse_percent"),
-        )  # fmt: skip
-        write_page(page, result, partial)
+        write_numbers(links.result, partial)
+        figures = {**sections_of(SECTIONS, reported), **estimate_figures(links)}
+        pictures = write_figures(figures, partial, part(progress, 0.0, 0.9))
+        progress(ProgressReport(0.9, "page"))
+        write_page(discovery_page(reported, links, pictures, version=result["version"]), result, partial)
     return Path(folder)
 
 

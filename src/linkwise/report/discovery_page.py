@@ -1,13 +1,14 @@
-"""The report page of a discovery: verdict, graph, links by certainty, path; then the sections of an estimate's page."""
+"""The page of a discovery: verdict, graph, links by certainty, path; then what the page of an estimate shows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from functools import partial
+
+from markupsafe import Markup
 
 from linkwise.discovery.result import CERTAIN, Discovery
-from linkwise.discovery.scoring import TermScore
+from linkwise.discovery.scoring import term_score
 from linkwise.discovery.text import (
     all_remarks,
     doubt_mark,
@@ -18,40 +19,95 @@ from linkwise.discovery.text import (
     runner_up_rows,
     term_rows,
 )
-from linkwise.progress import Progress, silent
-from linkwise.report.estimate_page import TEMPLATES, page_parts
-from linkwise.report.section_page import embedded
+from linkwise.estimates.estimate import Estimate
+from linkwise.plot import evidence_figure, graph_figure, path_figure
+from linkwise.registry import Registry
+from linkwise.report.estimate_page import page_parts
+from linkwise.report.section import Build, Reported, Section, figure_section, sections_of
+from linkwise.report.templates import TEMPLATES
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 
 
+def _comparison(reported: Reported[Discovery]) -> Section | None:
+    """The terms that are right, missing and false, where the truth is known."""
+    if reported.truth is None:
+        return None
+    score = term_score(reported.result.structure, reported.truth)
+    counts = (
+        f"{len(score.right)} terms are right, {len(score.missing)} are missing, {len(score.extra)} are false."
+    )
+    lists = (("Missing", score.missing), ("False", score.extra))
+    listed = [f"{what}: {', '.join(names)}." for what, names in lists if names]
+    return Section("Comparison with the truth", [counts, *listed])
+
+
+def _certainty(reported: Reported[Discovery]) -> Section:
+    """Every term with its evidence, the most certain links first."""
+    margin = (
+        "Margin: by how much the criterion, -2 log likelihood plus the penalty on links and terms, rises when the "
+        f"decision is reversed; beyond {CERTAIN:g} the decision is certain. z: the value in units of its standard error."
+    )
+    return Section("How certain it is", [margin], rows=[_HEAD, *_rows(reported.result)])
+
+
+def _doubts(reported: Reported[Discovery]) -> Section | None:
+    """The decisions that are not beyond doubt, where there are such."""
+    rows = doubtful_rows(reported.result)
+    title = doubtful_title(reported.result)
+    return Section(title[:1].upper() + title[1:], rows=rows) if len(rows) > 1 else None
+
+
+def _path(reported: Reported[Discovery]) -> Section:
+    """The path over model sizes and the next best models."""
+    found = reported.result
+    return Section("Why these terms", rows=runner_up_rows(found), figure=partial(path_figure, found))
+
+
+def _evidence(reported: Reported[Discovery]) -> Section:
+    """What each term explains."""
+    return Section(
+        "The evidence term by term",
+        ["terms.csv lists all candidates that were tested."],
+        figure=partial(evidence_figure, reported.result),
+        folded=True,
+    )
+
+
+SECTIONS: Registry[Build[Discovery]] = Registry(
+    "section",
+    {
+        "graph": figure_section("Discovered links", graph_figure),
+        "comparison": _comparison,
+        "certainty": _certainty,
+        "doubts": _doubts,
+        "path": _path,
+        "evidence": _evidence,
+    },
+)
+"""What stands before the links, in order; the name of a section is that of its figure's files."""
+
+
 def discovery_page(
-    found: Discovery,
-    figures: Path,
+    reported: Reported[Discovery],
+    links: Reported[Estimate],
+    pictures: Mapping[str, Markup],
     *,
-    score: TermScore | None = None,
-    progress: Progress = silent,
-    **options: Any,
+    version: str,
 ) -> str:
     """The page as self-contained HTML.
 
-    `figures` is the folder with graph.svg, path.svg and evidence.svg; `score` compares with the truth; `options` are those
-    of `page_parts`.
+    `links` is the estimate to show with the truth under the names of the links found, `pictures` are those that
+    `write_figures` made of these sections and of `estimate_figures`.
     """
-    parts: Mapping[str, Any] = page_parts(found.estimate, progress=progress, **options)
+    found = reported.result
     return TEMPLATES.get_template("discovery.html.jinja").render(
         {
-            **parts,
+            **page_parts(links, pictures, version=version),
             "found": found,
             "headline": headline(found),
             "remarks": all_remarks(found),
-            "certain": CERTAIN,
-            "links": [_HEAD, *_rows(found)],
-            "doubts": doubtful_rows(found),
-            "doubt_title": doubtful_title(found),
-            "runners": runner_up_rows(found),
-            "score": score,
-            **{name: embedded(figures / f"{name}.svg") for name in ("graph", "path", "evidence")},
+            "lead": sections_of(SECTIONS, reported),
         }
     )
 

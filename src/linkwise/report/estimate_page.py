@@ -1,34 +1,53 @@
-"""From an estimate to the page: verdict first, then numbers, pictures, and what was done."""
+"""The page of an estimate: verdict first, then numbers, figures, and what was done."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.graph_objects import Figure
-from plotly.io import to_html
+from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
-from linkwise.plot.force import force_title
-from linkwise.plot.force_view import force_view
-from linkwise.plot.interactive import force_page, histories_page
-from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.plot import force_figure, histories_figure
+from linkwise.plot.link_force import force_title
+from linkwise.registry import Registry
+from linkwise.report.section import Build, Reported, Section, sections_of
+from linkwise.report.templates import TEMPLATES
 from linkwise.text import format_error, format_value
 
-TEMPLATES = Environment(
-    loader=PackageLoader("linkwise", "report"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
+NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
+
+
+def _record(reported: Reported[Estimate]) -> Section:
+    """The record: where it comes from, its noise and its histories."""
+    estimate = reported.result
+    record = estimate.record
+    return Section(
+        "Record",
+        text=[
+            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+            f"{record.time[-1]:g} s."
+        ],
+        items=record.notes,
+        rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
+        figure=partial(histories_figure, record),
+        interactive=True,
+    )
+
+
+SECTIONS: Registry[Build[Estimate]] = Registry("section", {"histories": _record})
+"""What follows the links, in order; the name of a section is that of its figure's files."""
+
+LINK_FIGURES: Registry[Callable[..., Figure]] = Registry("figure", {"force": force_figure})
+"""What is drawn of each link: functions of the estimate and the link's name, with the keyword `truth`."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +65,7 @@ class CoefficientRow:
 
 @dataclass(frozen=True)
 class LinkSection:
-    """One link: heading, coefficients, derived quantities, comparison with the truth (a sentence) and picture."""
+    """One link: heading, coefficients, derived quantities, comparison with the truth (a sentence), names of its figures."""
 
     title: str
     name: str
@@ -54,58 +73,47 @@ class LinkSection:
     derived: tuple[str, ...]
     visited: str
     nmse: str
-    picture: Markup
+    pictures: tuple[str, ...]
 
 
-def report(
-    estimate: Estimate,
-    *,
-    version: str,
-    pictured: tuple[str, ...],
-    truth: Structure | None = None,
-    nmse: Mapping[str, float | None] | None = None,
-    progress: Progress = silent,
-) -> str:
+def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
+    """All sections with a figure, by the name of its files: those of the links, then the others."""
+    estimate = reported.result
+    links = {
+        f"{kind}_{name}": Section(
+            name, figure=partial(draw, estimate, name, truth=reported.truth), interactive=True
+        )
+        for name in _pictured(estimate)
+        for kind, draw in LINK_FIGURES.items()
+    }
+    return {**links, **sections_of(SECTIONS, reported)}
+
+
+def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup], *, version: str) -> str:
     """The page as text: HTML that carries its scripts and data in itself.
 
-    `pictured` names the links that get a picture; `truth` and `nmse` (in %, by link) compare with the true
-    structure; `progress` is told the fraction done.
+    `pictures` are those that `write_figures` made of `estimate_figures`.
     """
-    parts = page_parts(
-        estimate, version=version, pictured=pictured, truth=truth, nmse=nmse, progress=progress
-    )
-    return TEMPLATES.get_template("page.html.jinja").render(parts)
+    return TEMPLATES.get_template("page.html.jinja").render(page_parts(reported, pictures, version=version))
 
 
 def page_parts(
-    estimate: Estimate,
-    *,
-    version: str,
-    pictured: tuple[str, ...],
-    truth: Structure | None = None,
-    nmse: Mapping[str, float | None] | None = None,
-    progress: Progress = silent,
+    reported: Reported[Estimate], pictures: Mapping[str, Markup], *, version: str
 ) -> dict[str, Any]:
     """What the page's template shows, by name, for this page and those that extend it."""
-    sections = []
-    for done, link in enumerate(sorted(estimate.links, key=lambda each: not each.free)):  # found ones first
-        progress(ProgressReport(done / len(estimate.links), f"page: {link.link.name}"))
-        sections.append(_section(estimate, link.link.name, truth, nmse or {}, link.link.name in pictured))
+    estimate, truth = reported.result, reported.truth
+    identified_first = sorted(estimate.links, key=lambda each: not each.free)
     return {
         "estimate": estimate,
-        "record": estimate.record,
-        "sections": sections,
+        "links": [_link_section(reported, each.link.name, pictures) for each in identified_first],
         "masses": [
             _row(mass, None if truth is None else _true_mass(truth, mass.name)) for mass in estimate.masses
-        ],
-        "noise": [
-            (name, f"{found.sigma:.3g}", found.unit, f"{found.snr_db:.1f}")
-            for name, found in estimate.noise.items()
         ],
         "chi_square": ""
         if estimate.chi_square_per_sample is None
         else f"{estimate.chi_square_per_sample:.3f}",
-        "histories": _picture(histories_page(estimate.record), "histories"),
+        "sections": sections_of(SECTIONS, reported),
+        "pictures": pictures,
         "structure": format_structure(estimate.structure),
         "plotly": Markup(get_plotlyjs()),
         "compared": truth is not None,
@@ -113,15 +121,26 @@ def page_parts(
     }
 
 
-def _section(
-    estimate: Estimate, name: str, truth: Structure | None, nmse: Mapping[str, float | None], pictured: bool
-) -> LinkSection:
-    found = estimate.link(name)
-    true = {} if truth is None else truth.link(name).values
-    derived = [*found.wells, *([found.barrier] if found.barrier else []), *found.frequencies]
-    picture = (
-        _picture(force_page(force_view(estimate, name, truth)), f"force-{name}") if pictured else Markup("")
+def _pictured(estimate: Estimate) -> list[str]:
+    """The links that get figures: those with something identified first, as many as anyone looks at."""
+    links = sorted(
+        estimate.links, key=lambda each: all(coefficient.known for coefficient in each.coefficients)
     )
+    return [each.link.name for each in links[:PICTURED]]
+
+
+def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
+    return [
+        (name, f"{noise.sigma:.3g}", noise.unit, f"{noise.snr_db:.1f}")
+        for name, noise in estimate.noise.items()
+    ]
+
+
+def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> LinkSection:
+    found = reported.result.link(name)
+    true = {} if reported.truth is None else reported.truth.link(name).values
+    derived = [*found.wells, *([found.barrier] if found.barrier else []), *found.frequencies]
+    error = reported.nmse.get(name)
     return LinkSection(
         title=force_title(found.link),
         name=name,
@@ -129,8 +148,8 @@ def _section(
         derived=tuple(_derived(each) for each in derived),
         visited=f"d from {found.d_range[0]:.3g} to {found.d_range[1]:.3g} m, "
         f"v from {found.v_range[0]:.3g} to {found.v_range[1]:.3g} m/s",
-        nmse="" if nmse.get(name) is None else f"{nmse[name]:.3g} %",
-        picture=picture,
+        nmse="" if error is None else f"{error:.3g} %",
+        pictures=tuple(f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures),
     )
 
 
@@ -160,9 +179,3 @@ def _derived(found: DerivedQuantity) -> str:
 
 def _true_mass(truth: Structure, name: str) -> float | None:
     return truth.mass(name.removesuffix(".mass")).mass.value
-
-
-def _picture(figure: Figure, identifier: str) -> Markup:
-    """The figure as a part of a page that holds the script already."""
-    config = {"displaylogo": False, "responsive": True}
-    return Markup(to_html(figure, config=config, include_plotlyjs=False, full_html=False, div_id=identifier))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from linkwise.paper.claims import Claim, claims
 from linkwise.paper.subset import PaperStudy
 from linkwise.paper.table_2 import NEAR, Table2, explanation
-from linkwise.report.estimate_page import TEMPLATES
+from linkwise.report.templates import TEMPLATES
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.cells import SPREAD, Cell, StudyTable

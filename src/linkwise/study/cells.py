@@ -107,6 +107,14 @@ class StudyTable:
             )
         )
 
+    @classmethod
+    def of_rows(cls, rows: Iterable[Row]) -> StudyTable:
+        """The cells that `rows` fill, in the order in which they first appear; every case counts as run."""
+        found: dict[tuple[str, float, str], list[Row]] = defaultdict(list)
+        for row in rows:
+            found[row.structure, row.snr_db, row.method].append(row)
+        return cls(tuple(_cell(key, inside[0].masses, len(inside), inside) for key, inside in found.items()))
+
     @property
     def structures(self) -> tuple[str, ...]:
         """Names of the structures, fewest masses first."""

@@ -11,8 +11,6 @@ import pytest
 import linkwise as lw
 from linkwise.plot import force_figure, histories_figure, save
 from linkwise.plot.downsample import envelope, scattered
-from linkwise.plot.force_view import force_view
-from linkwise.plot.interactive import force_page, histories_page
 from linkwise.plot.palette import scale
 
 
@@ -72,40 +70,6 @@ def test_scattered_bounds_the_number_of_points(count: int) -> None:
     assert min(count, 1500) <= kept <= 3000
 
 
-def test_view_covers_the_visited_range_and_its_band_holds_the_curve(fitted: lw.Estimate) -> None:
-    view = force_view(fitted, "nes1")
-    assert view.d[0] < view.visited[0] < view.visited[1] < view.d[-1]
-    assert np.all(view.lower <= view.force) and np.all(view.force <= view.upper)
-    np.testing.assert_array_equal(view.force, fitted.structure.link("nes1").force(view.d))
-    assert view.frame[0] < view.force.min() and view.force.max() < view.frame[1]
-
-
-def test_view_of_a_simulated_record_shows_the_truth(fitted: lw.Estimate, chain: lw.Structure) -> None:
-    view = force_view(fitted, "nes1")
-    assert view.true is not None and view.cloud_is_true
-    np.testing.assert_array_equal(view.true, chain.link("nes1").force(view.d))
-    # without noise, force less damping lies on the elastic curve but for the error of the identified damping
-    damping = fitted.coefficient("nes1.c").value - 0.02
-    speed = max(abs(end) for end in fitted.link("nes1").v_range)
-    off = np.abs(view.cloud - chain.link("nes1").force(view.cloud_d))
-    assert off.max() <= 1.1 * abs(damping) * speed
-
-
-def test_view_of_a_measured_record_shows_what_was_measured(
-    measured: lw.Estimate, chain: lw.Structure
-) -> None:
-    view = force_view(measured, "nes1")
-    assert view.true is None and not view.cloud_is_true
-    assert len(view.cloud) == len(view.cloud_d) <= 3000
-    assert force_view(measured, "nes1", chain).true is not None
-
-
-def test_view_without_any_force_has_no_cloud(measured: lw.Estimate) -> None:
-    blind = replace(measured, moved=lambda: replace(measured.motion, leave=lambda: None))
-    assert len(force_view(blind, "nes1").cloud) == 0
-    assert "less damping" not in " ".join(labels(force_figure(blind, "nes1")))
-
-
 def labels(figure: object) -> list[str]:
     """The words of a figure's first legend."""
     return [text.get_text() for text in figure.legends[0].get_texts()]  # type: ignore[attr-defined]
@@ -119,6 +83,12 @@ def test_force_figure_names_axes_units_and_curves(measured: lw.Estimate, chain: 
     assert figure.get_suptitle() == "nes1 (m2 – m1):  alpha*d + beta*d**3 + c*v"
     low, high = near.get_xlim()
     assert wide.get_xlim()[0] < low < -10.0 and 10.0 < high < wide.get_xlim()[1]  # wells at 10 mm
+
+
+def test_samples_are_drawn_where_there_are_any(measured: lw.Estimate) -> None:
+    blind = replace(measured, moved=lambda: replace(measured.motion, leave=lambda: None))
+    assert "measured less damping" in labels(force_figure(measured, "nes1"))
+    assert "less damping" not in " ".join(labels(force_figure(blind, "nes1")))
 
 
 def test_a_link_without_wells_has_one_panel(fitted: lw.Estimate) -> None:
@@ -153,17 +123,3 @@ def test_saved_figures_are_the_same_every_time(fitted: lw.Estimate, tmp_path: Pa
     again = [path.read_bytes() for path in save(force_figure(fitted, "nes1"), tmp_path / "c.d")]
     assert first == again
     assert {path.name for path in tmp_path.iterdir()} == {"a.b.png", "a.b.svg", "c.d.png", "c.d.svg"}
-
-
-def test_page_shows_what_the_paper_shows(fitted: lw.Estimate) -> None:
-    page, view = force_page(force_view(fitted, "nes1")), force_view(fitted, "nes1")
-    traces = {trace.name: trace for trace in page.data}
-    assert {"true", "95 % band", "identified", "wells", "true less damping"} == set(traces)
-    np.testing.assert_allclose(traces["identified"].x, 1e3 * view.d, rtol=1e-12)
-    assert page.layout.xaxis.title.text == "elongation d, mm"
-
-
-def test_page_histories_zoom_together() -> None:
-    page = histories_page(waves(3))
-    assert [trace.name for trace in page.data] == ["x:m1", "x:m2", "x:m3"]
-    assert page.layout.xaxis.matches == page.layout.xaxis2.matches == "x3"

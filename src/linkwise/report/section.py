@@ -1,0 +1,100 @@
+"""What a page consists of: sections with text, tables and figures, from lists that a page keeps.
+
+A new figure is one function and one line in such a list:
+
+    SECTIONS = Registry("section", {..., "spectrum": figure_section("Spectrum", spectrum_figure, interactive=True)})
+
+It is then drawn once, saved as spectrum.png and spectrum.svg beside the page and shown on it.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from linkwise.model.structure import Structure
+from linkwise.plot import save
+from linkwise.plot.interactive import interactive_html
+from linkwise.progress import Progress, ProgressReport, silent
+
+R = TypeVar("R")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Reported(Generic[R]):
+    """A result that a page is about, with the true structure and the error of each link's force in % where they are known."""
+
+    result: R
+    truth: Structure | None = None
+    nmse: Mapping[str, float | None] = field(default_factory=dict)
+
+    def replaced(self, result: T) -> Reported[T]:
+        """The same with another result."""
+        return Reported(result, self.truth, self.nmse)
+
+
+@dataclass(frozen=True)
+class Section:
+    """One heading: paragraphs of `text`, `items` of a list, `rows` of a table (the first are its titles) and a `figure`.
+
+    The figure is shown as a picture, or `interactive`: to zoom and read values off. A `folded` section opens on demand.
+    """
+
+    title: str
+    text: Sequence[str] = ()
+    items: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+    figure: Callable[[], Figure] | None = None
+    interactive: bool = False
+    folded: bool = False
+
+
+Build = Callable[[Reported[R]], Section | None]
+
+
+def figure_section(title: str, draw: Callable[[R], Figure], *, interactive: bool = False) -> Build[R]:
+    """A section that shows the figure that `draw` makes of a result, and nothing else."""
+    return lambda reported: Section(title, figure=partial(draw, reported.result), interactive=interactive)
+
+
+def sections_of(builders: Mapping[str, Build[R]], reported: Reported[R]) -> dict[str, Section]:
+    """The sections of a page by name, in order; those that have nothing to say are left out."""
+    built = {name: build(reported) for name, build in builders.items()}
+    return {name: section for name, section in built.items() if section is not None}
+
+
+def write_figures(
+    sections: Mapping[str, Section], folder: Path, progress: Progress = silent
+) -> dict[str, Markup]:
+    """Draw the figures of the sections and save each as NAME.png and NAME.svg in `folder`.
+
+    Returns what a page shows of each, by the name of its section. `progress` is told the fraction done.
+    """
+    drawn = {name: section for name, section in sections.items() if section.figure is not None}
+    shown = {}
+    for number, (name, section) in enumerate(drawn.items()):
+        progress(ProgressReport(number / len(drawn), f"figure {name}"))
+        shown[name] = _write_figure(name, section, folder)
+    return shown
+
+
+def _write_figure(name: str, section: Section, folder: Path) -> Markup:
+    assert section.figure is not None
+    figure = section.figure()
+    _, svg = save(figure, folder / name)
+    if section.interactive:
+        return Markup(interactive_html(figure, name))
+    return Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
+
+
+def embedded(svg: Path) -> str:
+    """An SVG file as an address that holds it, for a page that needs nothing else."""
+    return f"data:image/svg+xml;base64,{b64encode(svg.read_bytes()).decode('ascii')}"

@@ -1,0 +1,48 @@
+"""The curve of a link's force: it covers what the record visited and knows no more than the record does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.estimates.force_curve import force_curve
+
+
+@pytest.fixture
+def measured(fitted: lw.Estimate) -> lw.Estimate:
+    """The same estimate as if its record had been measured: nobody knows the truth."""
+    return replace(fitted, record=replace(fitted.record, simulated=None))
+
+
+def test_curve_covers_the_visited_range_and_its_band_holds_the_curve(fitted: lw.Estimate) -> None:
+    curve = force_curve(fitted, "nes1")
+    assert curve.d[0] < curve.visited[0] < curve.visited[1] < curve.d[-1]
+    assert np.all(curve.lower <= curve.force) and np.all(curve.force <= curve.upper)
+    np.testing.assert_array_equal(curve.force, fitted.structure.link("nes1").force(curve.d))
+    assert curve.frame[0] < curve.force.min() and curve.force.max() < curve.frame[1]
+
+
+def test_curve_of_a_simulated_record_has_the_truth(fitted: lw.Estimate, chain: lw.Structure) -> None:
+    curve = force_curve(fitted, "nes1")
+    assert curve.true is not None and curve.samples_are_true
+    np.testing.assert_array_equal(curve.true, chain.link("nes1").force(curve.d))
+    # without noise, force less damping lies on the elastic curve but for the error of the identified damping
+    damping = fitted.coefficient("nes1.c").value - 0.02
+    speed = max(abs(end) for end in fitted.link("nes1").v_range)
+    off = np.abs(curve.sample_force - chain.link("nes1").force(curve.sample_d))
+    assert off.max() <= 1.1 * abs(damping) * speed
+
+
+def test_curve_of_a_measured_record_has_what_was_measured(measured: lw.Estimate, chain: lw.Structure) -> None:
+    curve = force_curve(measured, "nes1")
+    assert curve.true is None and not curve.samples_are_true
+    assert len(curve.sample_force) == len(curve.sample_d) > 0
+    assert force_curve(measured, "nes1", chain).true is not None
+
+
+def test_curve_without_any_force_has_no_samples(measured: lw.Estimate) -> None:
+    blind = replace(measured, moved=lambda: replace(measured.motion, leave=lambda: None))
+    assert len(force_curve(blind, "nes1").sample_d) == 0

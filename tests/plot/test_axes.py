@@ -1,0 +1,191 @@
+"""Every public picture is drawn on the Axes of the caller, says so where it cannot be, and prints names as they are."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib import rc_context, rcParams
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+import linkwise as lw
+
+Draw = Callable[..., Axes]
+PICTURES = (
+    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "map", "path", "runners_up", "study",
+)  # fmt: skip
+ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
+
+
+def rows(method: str = "ml") -> list[lw.Row]:
+    """Rows of a study: two structures at two noise levels."""
+    return [
+        lw.Row(f"bnes-{masses}", masses, level, method, 1, "converged", {"nes1": masses / level}, seconds=masses)
+        for masses in (2, 4)
+        for level in (40.0, 20.0)
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found(chain: lw.Structure) -> lw.Discovery:
+    """The paper's two-mass chain, discovered."""
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1001)
+    return lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
+
+
+@pytest.fixture(scope="module")
+def drawings(fitted: lw.Estimate, found: lw.Discovery) -> dict[str, Draw]:
+    """Each public picture with a result to draw."""
+    drive: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
+    absorbed = lw.absorb(lw.bnes_chain(2), **drive)
+    swept = lw.absorption_map(
+        lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}, **drive
+    )
+    results = {
+        "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (found,),
+        "force": (fitted, "nes1"), "graph": (found,), "histories": (fitted,), "map": (swept, "sinks_share"),
+        "path": (found,), "runners_up": (found,), "study": (rows(),),
+    }  # fmt: skip
+    assert set(results) == set(PICTURES)
+
+    def drawing(name: str) -> Draw:
+        return lambda **options: getattr(lw.plot, name)(*results[name], **options)
+
+    return {name: drawing(name) for name in results}
+
+
+def drawn(axes: Axes) -> int:
+    """How many things show data."""
+    return len(axes.lines) + len(axes.collections) + len(axes.patches)
+
+
+def test_pictures_are_all_that_is_public_beside_figures() -> None:
+    others = {name for name in lw.plot.__all__ if name.endswith("_figure")} | {"save"}
+    assert set(lw.plot.__all__) - others == set(PICTURES)
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_is_drawn_on_the_axes_of_the_caller(name: str, drawings: dict[str, Draw]) -> None:
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    assert drawings[name](ax=left) is left
+    assert drawn(left) > 0 and drawn(right) == 0
+    figure.savefig("/dev/null", format="png")
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_without_axes_makes_a_figure_of_its_own(name: str, drawings: dict[str, Draw]) -> None:
+    axes = drawings[name]()
+    assert isinstance(axes.figure, Figure) and axes in axes.figure.axes and drawn(axes) > 0
+    assert drawings[name]().figure is not axes.figure
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_anything_but_axes_is_refused(name: str, drawings: dict[str, Draw]) -> None:
+    with pytest.raises(TypeError, match=r"^ax must be a matplotlib Axes or None, got ndarray$"):
+        drawings[name](ax=Figure().subplots(1, 2))
+
+
+@pytest.mark.parametrize("name", sorted(set(PICTURES) - {"runners_up"}))
+def test_a_legend_can_be_left_out(name: str, drawings: dict[str, Draw]) -> None:
+    """A map without missing cells and a study of one method still have a legend argument."""
+    assert drawings[name](legend=False).get_legend() is None
+    if name != "map":
+        assert drawings[name]().get_legend() is not None
+
+
+def test_the_style_of_the_caller_stays(drawings: dict[str, Draw]) -> None:
+    """The look of the figures that commands write is not forced upon other people's axes."""
+    with rc_context({"font.size": 17.0, "axes.grid": False}):
+        axes = Figure().subplots()
+        drawings["force"](ax=axes)
+        assert axes.spines["top"].get_visible() and axes.xaxis.label.get_fontsize() == 17.0
+        assert not any(line.get_visible() for line in axes.get_xgridlines())
+        assert not drawings["force"]().spines["top"].get_visible()
+        assert rcParams["font.size"] == 17.0
+
+
+def test_pyplot_axes_work_and_nothing_here_imports_pyplot() -> None:
+    """In a process of its own: pyplot keeps global state."""
+    code = (
+        "import sys, linkwise as lw\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "record = lw.simulate(lw.bnes_chain(2), release={'v:m1': 1.0}, duration=0.2, rate=500.0)\n"
+        "lw.plot.histories(record)\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+        "import matplotlib; matplotlib.use('agg')\n"
+        "import matplotlib.pyplot as plt\n"
+        "figure, ax = plt.subplots()\n"
+        "assert lw.plot.histories(record, ax=ax) is ax and len(ax.lines) == 2\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+
+
+def test_table_of_homes_equals_what_type_checkers_see() -> None:
+    tree = ast.parse(Path(str(lw.plot.__file__)).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    nodes = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    seen = {(node.module, alias.name) for node in nodes for alias in node.names}
+    assert seen == {
+        (f"linkwise.plot.{home}", name) for home, names in lw.plot._HOMES.items() for name in names
+    }
+    assert sorted(lw.plot.__all__) == dir(lw.plot) == sorted(name for _, name in seen)
+
+
+def test_no_module_bears_the_name_of_a_public_function() -> None:
+    """Else the import system would bind the module in its place."""
+    modules = {path.stem for path in Path(str(lw.plot.__file__)).parent.glob("*.py")}
+    assert "style" in modules and modules & set(lw.plot.__all__) == set()
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match=r"module 'linkwise\.plot' has no attribute 'forces'"):
+        lw.plot.forces  # noqa: B018
+
+
+@pytest.mark.parametrize("name", [name for name in lw.plot.__all__ if name.endswith("_figure")])
+def test_figures_are_put_together_from_the_public_pictures(name: str) -> None:
+    """A figure of a command has no drawing code of its own: it calls pictures, and sets only what is around them."""
+    draw = getattr(lw.plot, name)
+    called = {
+        node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+        for node in ast.walk(ast.parse(inspect.getsource(draw)))
+        if isinstance(node, ast.Call) and isinstance(node.func, (ast.Name, ast.Attribute))
+    }
+    assert called & set(PICTURES)
+    assert called & {"plot", "barh", "fill_between", "axvspan", "axhspan", "pcolormesh", "stackplot"} == set()
+
+
+def test_names_with_dollar_signs_are_printed_as_they_are(fitted: lw.Estimate) -> None:
+    structure = replace(
+        fitted.structure,
+        links=tuple(
+            replace(link, name=ODD if link.name == "nes1" else link.name) for link in fitted.structure.links
+        ),
+    )
+    odd = replace(
+        fitted,
+        moved=lambda: replace(fitted.motion, structure=structure),
+        record=replace(fitted.record, simulated=None, source=f"{ODD}.csv"),
+    )
+    for figure in (lw.plot.force_figure(odd, ODD), lw.plot.histories_figure(odd.record)):
+        texts = [text for text in figure.findobj(Text) if "$" in text.get_text()]
+        assert texts
+        assert all(text.get_text().count("$") == text.get_text().count(r"\$") for text in texts)
+
+
+def test_a_method_that_begins_with_an_underscore_has_its_entry() -> None:
+    legend = lw.plot.study(rows("_mine")).get_legend()
+    assert legend is not None and [text.get_text() for text in legend.get_texts()] == ["\u200b_mine"]

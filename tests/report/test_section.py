@@ -1,0 +1,130 @@
+"""A new figure, still and interactive, is one function and one line in the page's list of sections."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+import linkwise as lw
+from linkwise.registry import Registry
+from linkwise.report import absorption_page, discovery_page, estimate_page
+from linkwise.report.section import Build, Reported, Section, figure_section, sections_of, write_figures
+
+FUNCTION = '''
+from linkwise.plot.style import sheet
+
+
+def spectrum_figure(result):
+    """What a contributor writes."""
+    with sheet() as (figure, [axes]):
+        axes.plot([1.0, 2.0], [3.0, 4.0], label=type(result).__name__)
+    return figure
+'''
+LINE = '"spectrum": figure_section("Spectrum of all", spectrum_figure, interactive=True),'
+
+
+@pytest.fixture
+def section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Build[Any]]:
+    """The section of that line, its function in a temporary module."""
+    (tmp_path / "temporary_spectrum.py").write_text(FUNCTION, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    module = import_module("temporary_spectrum")
+    entry = eval(f"{{{LINE}}}", {"figure_section": figure_section, "spectrum_figure": module.spectrum_figure})
+    yield entry["spectrum"]
+    del sys.modules["temporary_spectrum"]
+
+
+@pytest.fixture(scope="module")
+def found(chain: lw.Structure) -> lw.Discovery:
+    """The paper's two-mass chain, discovered."""
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1001)
+    return lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
+
+
+def check(
+    sections: Registry[Build[Any]],
+    section: Build[Any],
+    write: Callable[[Path], Path],
+    tmp_path: Path,
+    name: str,
+) -> None:
+    """The figure is on the page, beside it as two files, and nowhere without its line."""
+    assert not (write(tmp_path / "before") / "spectrum.svg").exists()
+    with sections.temporarily("spectrum", section):
+        folder = write(tmp_path / "answer")
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert (
+        "Spectrum of all</h2>" in page
+        and 'id="spectrum"' in page
+        and name in page
+        and page.count("plotly.js v") == 1
+    )
+    assert {"spectrum.png", "spectrum.svg"} <= {path.name for path in folder.iterdir()}
+    [listed] = folder.glob("*.json")
+    assert {"spectrum.png", "spectrum.svg"} <= set(json.loads(listed.read_text())["files"])
+
+
+def test_a_figure_of_an_estimate_is_a_function_and_a_line(
+    section: Build[Any], fitted: lw.Estimate, tmp_path: Path
+) -> None:
+    check(
+        estimate_page.SECTIONS, section, lambda folder: lw.write_result(fitted, folder), tmp_path, "Estimate"
+    )
+
+
+def test_a_figure_of_a_discovery_is_a_function_and_a_line(
+    section: Build[Any], found: lw.Discovery, tmp_path: Path
+) -> None:
+    check(
+        discovery_page.SECTIONS,
+        section,
+        lambda folder: lw.write_discovery(found, folder),
+        tmp_path,
+        "Discovery",
+    )
+
+
+def test_a_figure_of_an_absorption_is_a_function_and_a_line(section: Build[Any], tmp_path: Path) -> None:
+    absorbed = lw.absorb(lw.bnes_chain(2), duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    check(
+        absorption_page.SECTIONS,
+        section,
+        lambda folder: lw.write_absorption(absorbed, folder),
+        tmp_path,
+        "Absorption",
+    )
+
+
+def test_a_figure_of_every_link_is_a_function_and_a_line(fitted: lw.Estimate, tmp_path: Path) -> None:
+    with estimate_page.LINK_FIGURES.temporarily("again", lw.plot.force_figure):
+        folder = lw.write_result(fitted, tmp_path / "answer")
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    for link in ("nes1", "spring1"):
+        assert (folder / f"again_{link}.png").exists() and f'id="again_{link}"' in page
+
+
+def test_sections_that_have_nothing_to_say_are_left_out(fitted: lw.Estimate) -> None:
+    builders = {"empty": lambda reported: None, "full": lambda reported: Section(reported.result.method)}
+    assert sections_of(builders, Reported(fitted)) == {"full": Section("weak")}
+
+
+def test_figures_are_drawn_once_and_still_ones_are_pictures(fitted: lw.Estimate, tmp_path: Path) -> None:
+    drawn: list[str] = []
+
+    def draw(result: str) -> Figure:
+        drawn.append(result)
+        return lw.plot.force_figure(fitted, "spring1")
+
+    sections = sections_of({"force": figure_section('A <b>"force"</b>', draw)}, Reported("once"))
+    told: list[float] = []
+    shown = write_figures(sections, tmp_path, lambda report: told.append(report.fraction))
+    assert drawn == ["once"] and told == [0.0]
+    assert shown["force"].startswith('<img src="data:image/svg+xml;base64,')
+    assert 'alt="A &lt;b&gt;&#34;force&#34;&lt;/b&gt;"' in shown["force"]
