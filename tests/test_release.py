@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -36,3 +38,15 @@ def test_the_licence_is_the_same_everywhere() -> None:
     project = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["license"] == cited("license") == "BSD-3-Clause"
     assert (TOP / "LICENSE").read_text(encoding="utf-8").startswith("BSD 3-Clause License\n")
+
+
+def test_every_dependency_has_a_lowest_version() -> None:
+    """Which `make matrix` installs; the extra that names other extras of this package is none."""
+    script = TOP / ".ci" / "constraints.py"
+    written = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True).stdout
+    project = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    groups = [project["dependencies"], *project["optional-dependencies"].values()]
+    named = [each for group in groups for each in group if not each.startswith("linkwise")]
+    lines = written.splitlines()
+    assert len(lines) == len(named) > 20
+    assert all(re.fullmatch(r"[\w-]+==[\d.]+", line) for line in lines)

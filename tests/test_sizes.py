@@ -1,0 +1,64 @@
+"""The size limits of CONTRIBUTING.md hold: what grows past one wants splitting, or a name for its middle."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+
+import linkwise
+
+SOURCE = Path(linkwise.__file__).parent
+TEXTS = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")}
+LINES = {name: text.count("\n") for name, text in TEXTS.items()}
+FILE, MEDIAN, FUNCTION, PARAMETERS = 400, 200, 60, 8
+
+
+def functions(text: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Every function of a module's text, methods and inner functions among them."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines from `def` to the end, those of the docstring left out."""
+    lines = (function.end_lineno or 0) - function.lineno + 1
+    first = function.body[0]
+    if ast.get_docstring(function) is not None:
+        lines -= (first.end_lineno or 0) - first.lineno + 1
+    return lines
+
+
+def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """How many arguments a caller may name; `self` and `cls` are none."""
+    arguments = function.args
+    named = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+    return len([each for each in named if each.arg not in {"self", "cls"}])
+
+
+def too_large(text: str) -> list[str]:
+    """The functions of a module's text that are too long or take too much."""
+    return [each.name for each in functions(text) if length(each) > FUNCTION or parameters(each) > PARAMETERS]
+
+
+def test_no_file_is_too_long() -> None:
+    assert {name: lines for name, lines in LINES.items() if lines > FILE} == {}
+
+
+def test_files_are_short_as_a_rule() -> None:
+    assert median(LINES.values()) < MEDIAN
+
+
+def test_no_function_is_too_long_or_takes_too_much() -> None:
+    assert {name: too_large(text) for name, text in TEXTS.items() if too_large(text)} == {}
+
+
+def test_the_count_sees_what_it_must_refuse() -> None:
+    body = "    x = 1\n"
+    assert too_large("def f():\n" + body * 59) == []
+    assert too_large("def f():\n" + body * 60) == ["f"]
+    assert too_large('def f():\n    """Of\n\n    lines.\n    """\n' + body * 59) == []
+    assert too_large("class C:\n    def f(self, a, b, c, d, e, f, g, *, h): ...\n") == []
+    assert too_large("async def f(a, b, c, d, e, f, g, h, i): ...\n") == ["f"]
