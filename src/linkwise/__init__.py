@@ -54,10 +54,10 @@ if TYPE_CHECKING:
     from linkwise.model.law import Law
     from linkwise.model.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.model.toml_file import (
-        Known,
+        PartialStructure,
         format_structure,
         parse_structure,
-        read_known,
+        read_partial_structure,
         read_structure,
         write_structure,
     )
@@ -115,7 +115,6 @@ __all__ = [
     "Huber",
     "IdentificationError",
     "Impulse",
-    "Known",
     "Law",
     "LawError",
     "LawStep",
@@ -124,6 +123,7 @@ __all__ = [
     "Link",
     "LinkwiseError",
     "Mass",
+    "PartialStructure",
     "PhysicsInformedSindy",
     "Posterior",
     "Progress",
@@ -175,7 +175,7 @@ __all__ = [
     "parse_terms",
     "plot",
     "profile_interval",
-    "read_known",
+    "read_partial_structure",
     "read_posterior",
     "read_record",
     "read_rows",
@@ -254,10 +254,10 @@ _HOMES = {
     "sindy.regression.stlsq": ("Stlsq",),
     "model.structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
     "model.toml_file": (
-        "Known",
+        "PartialStructure",
         "format_structure",
         "parse_structure",
-        "read_known",
+        "read_partial_structure",
         "read_structure",
         "write_structure",
     ),
@@ -280,8 +280,10 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 # Old spellings of public names; they warn and are not listed by dir(). CONTRIBUTING.md says when one may go.
 _DEPRECATED = {
     "Classical": Deprecated("PhysicsInformedSindy", since="0.2.0", until="0.4.0"),
+    "Known": Deprecated("PartialStructure", since="0.2.0", until="0.4.0"),
     "Knowledge": Deprecated("Posterior", since="0.2.0", until="0.4.0"),
     "foreseen": Deprecated("check_discovery", since="0.2.0", until="0.4.0"),
+    "read_known": Deprecated("read_partial_structure", since="0.2.0", until="0.4.0"),
     "read_knowledge": Deprecated("read_posterior", since="0.2.0", until="0.4.0"),
     "truth_beside": Deprecated("align_truth", since="0.2.0", until="0.4.0"),
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from functools import singledispatch
 from math import floor, isfinite, log10
 
@@ -58,3 +60,9 @@ def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
         cells[0], cells[-1] = row[0].ljust(widths[0]), row[-1]
         lines.append(("  " + "  ".join(cells)).rstrip())
     return lines
+
+
+def near_miss(typed: str, names: Iterable[str]) -> str:
+    """'; did you mean "x"?' for the name closest to `typed`, or an empty text."""
+    near = get_close_matches(typed, list(names), n=1)
+    return f'; did you mean "{near[0]}"?' if near else ""

@@ -220,8 +220,8 @@ def test_decay_between_samples() -> None:
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"sinks": ("nes9",)}, lw.StructureError, r'there is no link "nes9".*the links are "spring1", "nes1"'),
-        ({"sinks": ("spring1", "nes1")}, lw.StructureError, r"with the sinks removed it cannot stand: nothing holds it"),
+        ({"sinks": ("nes9",)}, lw.StructureError, r'unknown link "nes9".*the links are "spring1", "nes1"'),
+        ({"sinks": ("spring1", "nes1")}, lw.StructureError, r"with the sinks removed .*: no link has it as an end"),
         ({"release": {}}, lw.SimulationError, r"nothing sets the structure in motion: give a release"),
         ({"release": {"v:m1": 0.0}}, lw.SimulationError, r"nothing sets the structure in motion"),
         ({"release": {"v:m2": 1.0}}, lw.SimulationError, r"removed nothing sets.*--without locked"),
@@ -230,8 +230,8 @@ def test_decay_between_samples() -> None:
         ({"duration": 1e5}, lw.SimulationError, r"takes 5\.\de\+07 samples; say how many a second are enough"),
         ({"settle": 1.5}, lw.SimulationError, r"between 0 and 1, which 1.5 is not"),
         ({"harvesters": {"nes1": -1.0}}, lw.StructureError, r'link "nes1": a harvester\'s damping of -1.0 N s/m'),
-        ({"harvesters": {"nes3": 1.0}}, lw.StructureError, r'there is no link "nes3"'),
-        ({"release": {"v:m7": 1.0}}, lw.SimulationError, r"there is no mass 'm7' that could be released"),
+        ({"harvesters": {"nes3": 1.0}}, lw.StructureError, r'unknown link "nes3"'),
+        ({"release": {"v:m7": 1.0}}, lw.SimulationError, r"unknown mass 'm7' in a release"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_asked(changes: dict[str, Any], error: type[Exception], message: str) -> None:
@@ -240,7 +240,7 @@ def test_what_cannot_be_asked(changes: dict[str, Any], error: type[Exception], m
 
 
 def test_structures_without_an_answer() -> None:
-    with pytest.raises(lw.StructureError, match="coefficient alpha is unknown and has no start"):
+    with pytest.raises(lw.StructureError, match="coefficient alpha is unknown and has no start value"):
         lw.absorb(lw.bnes_chain(2).unknown("nes"), duration=1.0, release=RELEASE)
     linear = structure("a: m1-ground: k*d; b: m2-m1: k*d", 1.0, 1.0, k=100.0)
     with pytest.raises(
@@ -251,7 +251,9 @@ def test_structures_without_an_answer() -> None:
     with pytest.raises(lw.StructureError, match='link "s": it holds on to the ground: locked'):
         lw.absorb(through, duration=1.0, release=RELEASE, without="locked")
     between = structure("s: m2-ground: p*d + q*d**3; b: m1-m2: p*d + q*d**3", 1.0, 0.1, p=-1.0, q=1.0)
-    with pytest.raises(lw.StructureError, match="with the sinks removed it cannot stand: nothing holds it"):
+    with pytest.raises(
+        lw.StructureError, match="with the sinks removed it cannot stand: no link has it as an end"
+    ):
         lw.absorb(between, duration=1.0, release=RELEASE, sinks=("b", "s"))
 
 

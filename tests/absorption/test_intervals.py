@@ -157,7 +157,7 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
         with pytest.raises(lw.RecordError, match=message):
             lw.read_posterior(tmp_path)
     path.write_text("first,second,covariance\nnes7.alpha,nes7.alpha,1\n")
-    with pytest.raises(lw.StructureError, match=r'there is no coefficient "nes7.alpha"'):
+    with pytest.raises(lw.StructureError, match=r'unknown coefficient "nes7.alpha"'):
         lw.read_posterior(tmp_path)
 
 

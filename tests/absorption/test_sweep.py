@@ -137,7 +137,7 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
     [
         ({}, r"goes over one parameter or two, not 0"),
         ({"nes1.alpha": [1.0], "nes1.beta": [1.0], "nes1.c": [1.0]}, r"one parameter or two, not 3"),
-        ({"nes1.gamma": [1.0]}, r'there is no coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
+        ({"nes1.gamma": [1.0]}, r'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
         (
             {"nes1.alpha": [np.nan]},
             r"nes1\.alpha: the values of a swept parameter are one row of finite numbers",

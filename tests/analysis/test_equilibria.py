@@ -178,7 +178,9 @@ def test_starts_and_laws_that_cannot_be_are_refused() -> None:
         equilibria(bnes_chain(2), start=[0.0, 0.0, 0.0])
     with pytest.raises(StructureError, match=r"a start is 2 finite displacements"):
         equilibria(bnes_chain(2), start=[0.0, math.nan])
-    with pytest.raises(StructureError, match=r'link "spring1": coefficient k is unknown and has no start'):
+    with pytest.raises(
+        StructureError, match=r'link "spring1": coefficient k is unknown and has no start value'
+    ):
         equilibria(bnes_chain(2).unknown("all"))
     pendulum = structure(link("p", "a", GROUND, "F*sin(d/s)", F=1.0, s=0.1))
     with pytest.raises(StructureError, match=r'link "p": .*give the range of d that is meant \(`reach`\)'):

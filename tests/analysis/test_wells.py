@@ -103,5 +103,7 @@ def test_a_periodic_law_asks_for_a_range() -> None:
 def test_an_empty_range_and_a_missing_value_are_refused() -> None:
     with pytest.raises(StructureError, match=r'link "s": the range of d from 1.0 to 1.0 is empty'):
         wells(link("k*d", k=1.0), 1.0, 1.0)
-    with pytest.raises(StructureError, match=r'link "nes1": coefficient alpha is unknown and has no start'):
+    with pytest.raises(
+        StructureError, match=r'link "nes1": coefficient alpha is unknown and has no start value'
+    ):
         barrier(bnes_chain(2).unknown("nes").link("nes1"))

@@ -122,10 +122,10 @@ def test_an_earlier_result_is_replaced_and_other_folders_are_left(
 @pytest.mark.parametrize(
     ("options", "code", "message"),
     [
-        ([*TRIAL, "--sink", "nes2"], 2, 'there is no link "nes2"; did you mean "nes1"?'),
+        ([*TRIAL, "--sink", "nes2"], 2, 'unknown link "nes2"; did you mean "nes1"?'),
         (["--duration", "1"], 2, "nothing sets the structure in motion: give a release, an impulse"),
         (["--duration", "1", "--release", "v:m2=1"], 2, "--without locked"),
-        (["--duration", "1", "--release", "v:m9=1"], 2, "there is no mass 'm9'"),
+        (["--duration", "1", "--release", "v:m9=1"], 2, "unknown mass 'm9'"),
         ([*TRIAL, "--harvester", "nes1"], 2, "--harvester 'nes1' is not NAME=VALUE, as in --harvester nes1=0.01"),
         ([*TRIAL, "--harvester", "nes1=0"], 2, "a harvester's damping of 0.0 N s/m cannot be"),
         ([*TRIAL, "--settle", "1"], 2, "1.0 is not in the range 0.0<x<1.0"),
@@ -190,7 +190,7 @@ def test_a_sweep_as_json(chain: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["nes1.alpha=-200:-20:2.5"], 2, "'2.5' is no whole number from 2 to 100000"),
         (["nes1.alpha=-200:20:5:log"], 2, "cannot go in equal ratios; both ends need one sign and no zero"),
         (["nes1.alpha=-200:20:5", "nes1.alpha=1:2:3"], 2, "--sweep is given twice for 'nes1.alpha'"),
-        (["nes1.gamma=1:2:3"], 2, 'there is no coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
+        (["nes1.gamma=1:2:3"], 2, 'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
         (["nes1.alpha=-9:-1:2", "nes1.beta=1:2:2", "nes1.c=1:2:2"], 2, "one parameter or two, not 3"),
     ],
 )
@@ -214,7 +214,11 @@ def test_a_map_without_a_single_run_fails_with_a_reason(
 @pytest.mark.parametrize(
     ("structure", "code", "message"),
     [
-        (lw.bnes_chain(2).unknown("nes"), 2, 'link "nes1": coefficient alpha is unknown and has no start'),
+        (
+            lw.bnes_chain(2).unknown("nes"),
+            2,
+            'link "nes1": coefficient alpha is unknown and has no start value',
+        ),
         (
             lw.bnes_chain(2, alpha=100.0),
             2,

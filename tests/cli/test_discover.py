@@ -230,7 +230,7 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
         ),
         (["--mass", "m1=1", "--mass", "m2=10 nm"], "--mass m2: '10 nm' is in nm: expected a number in kg"),
         (["--mass", "m1=1", "--mass", "m2=nan"], "--mass m2: nan is not finite."),
-        (["--mass", "m1=1", "--mass", "m2=-1"], 'mass "m2": the mass is -1.0 kg; it must be positive'),
+        (["--mass", "m1=1", "--mass", "m2=-1"], 'mass "m2": the mass must be positive, got -1.0 kg'),
         ([*MASSES, "--structure", "chain.toml"], "The masses stand in the file of --structure"),
         (["--structure", "nowhere.toml"], "nowhere.toml: there is no such file"),
         ([*MASSES, "--terms", "magic"], "--terms: the term 'magic' contains the name 'magic'"),
@@ -328,7 +328,7 @@ def test_a_truth_of_other_masses_or_without_numbers_is_refused_before_the_work(
     text = lw.format_structure(lw.bnes_chain(2)).replace('"m2"', '"sink"')
     (tmp_path / "other.toml").write_text(text)
     assert run(arguments(files, "--truth", str(tmp_path / "other.toml"))) == 2
-    assert 'other.toml: there is no mass "m2"' in capsys.readouterr().err
+    assert 'other.toml: unknown mass "m2"' in capsys.readouterr().err
     lw.write_structure(lw.bnes_chain(2).unknown("nes"), tmp_path / "other.toml")
     assert run(arguments(files, "--truth", str(tmp_path / "other.toml"))) == 2
     assert "other.toml: nes1.alpha is unknown, and the truth" in capsys.readouterr().err

@@ -103,8 +103,8 @@ def test_says_what_sensors_cannot_tell(tmp_path: Path, capsys: pytest.CaptureFix
         (["--noise", "20", "--noise-of", "x:m1=1e-4"], 2, "either --noise DB or --noise-of CHANNEL=SIGMA"),
         (["--noise-of", "x:m1=loud"], 2, "--noise-of: 'loud' is not a number"),
         (["--noise-of", "x:m1=1e-4"], 1, "x:m2 is missing"),
-        (["--noise", "20", "--unknown", "nes9"], 2, '"nes9" is no link'),
-        (["--noise", "20", "--sensors", "x:m9"], 2, "there is no mass 'm9'"),
+        (["--noise", "20", "--unknown", "nes9"], 2, '"nes9" is not a link'),
+        (["--noise", "20", "--sensors", "x:m9"], 2, "unknown mass 'm9'"),
         (["--noise", "20", "--segment", "0"], 2, "0.0 is not in the range x>0"),
     ],
 )

@@ -79,7 +79,7 @@ def test_show_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["structure", "bnes", "--dof", "3"], "a chain of 3 masses cannot be"),
+        (["structure", "bnes", "--dof", "3"], "the number of masses must be even and at least 2"),
         (["structure", "bnes"], "Missing option '--dof'. Try: linkwise structure bnes --help"),
         (["structure", "bnes", "--dof", "two"], "'two' is not a valid integer"),
         (["structure", "bnes", "--dof", "2", "--unknown", "k"], "'k' is not one of 'nes', 'all'"),
@@ -100,7 +100,7 @@ def test_wrong_usage_is_one_paragraph_and_exit_code_2(
 def test_debug_shows_the_traceback(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["structure", "bnes", "--dof", "3", "--debug"]) == 2
     err = capsys.readouterr().err
-    assert "Traceback" in err and "linkwise: a chain of 3 masses" in err
+    assert "Traceback" in err and "linkwise: the number of masses must be even" in err
 
 
 def test_a_fault_of_linkwise_says_so(

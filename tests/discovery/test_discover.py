@@ -334,7 +334,7 @@ def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.
         f"[[{part}" for part in text.split("[[")[1:] if not part.startswith("link") or '"spring1"' in part
     )
     (tmp_path / "known.toml").write_text(whole, encoding="utf-8")
-    known = lw.read_known(tmp_path / "known.toml")
+    known = lw.read_partial_structure(tmp_path / "known.toml")
     assert [link.name for link in known.links] == ["spring1"]
     found = lw.discover(four, known)
     assert terms(found.structure) == terms(lw.bnes_chain(4))

@@ -27,7 +27,7 @@ from linkwise.expression import (
     kinks,
     multiply,
     parse,
-    parse_with_places,
+    parse_with_positions,
     polynomial,
     power,
     substitute,
@@ -199,44 +199,44 @@ def test_substitution_keeps_the_canonical_form() -> None:
         ("2d", "d", "An operator is missing between '2' and 'd'.", "2*d."),
         ("(k)(d)", "(d", "An operator is missing between ')' and '('.", "star"),
         ("2(d)", "(d", "An operator is missing between '2' and '('.", "star"),
-        ("k*d +", "+", "Something is missing after '+'.", "Add what it acts on."),
-        ("*d", "*d", "Something is missing before '*'.", "Add what the operator acts on."),
-        ("k*/d", "/d", "Something is missing between '*' and '/'.", "Add what the operator acts on."),
+        ("k*d +", "+", "Something is missing after '+'.", "Add its operand."),
+        ("*d", "*d", "Something is missing before '*'.", "Add the operand."),
+        ("k*/d", "/d", "Something is missing between '*' and '/'.", "Add the operand."),
         ("max(*d, v)", "*d", "Something is missing between '(' and '*'.", "Add"),
-        ("sin()", "()", "There is nothing in this bracket.", "Put an expression into it."),
+        ("sin()", "()", "These parentheses are empty.", "Add an expression."),
         ("max(d,)", ",", "Something is missing after ','.", "Add"),
-        ("(k*(d)", "(k", "This bracket is never closed.", "Add the missing ')'."),
-        ("k*d)", ")", "This bracket was never opened.", "Remove it, or add the missing '('."),
-        ("d^3", "^", "'^' cannot stand here.", "A power is written with two stars: d**3."),
-        ("F = k*d", "=", "'=' cannot stand here.", "Write only the right-hand side"),
-        ("d.real", ".", "'.' cannot stand here.", "A name has no attributes"),
-        ("d > 0", ">", "'>' cannot stand here.", "use max, min or sign"),
-        ("k[0]*d", "[", "'[' cannot stand here.", "Use round brackets."),
-        ("k·d", "·", "'·' cannot stand here.", "star"),
-        ("d; v", ";", "';' cannot stand here.", "An expression has names, numbers, + - * / **"),
-        ("d//2", "//", "'//' is no operator here.", "A quotient is written with one stroke"),
-        ("__import__('os')", "__import__", "'__import__' is no name.", "Names begin with a letter"),
+        ("(k*(d)", "(k", "This parenthesis is never closed.", "Add the missing ')'."),
+        ("k*d)", ")", "This parenthesis was never opened.", "Remove it, or add the missing '('."),
+        ("d^3", "^", "Unexpected character '^'.", "A power is written with two stars: d**3."),
+        ("F = k*d", "=", "Unexpected character '='.", "Write only the right-hand side"),
+        ("d.real", ".", "Unexpected character '.'.", "Names have no attributes"),
+        ("d > 0", ">", "Unexpected character '>'.", "use max, min or sign"),
+        ("k[0]*d", "[", "Unexpected character '['.", "Use parentheses."),
+        ("k·d", "·", "Unexpected character '·'.", "star"),
+        ("d; v", ";", "Unexpected character ';'.", "An expression has names, numbers, + - * / **"),
+        ("d//2", "//", "'//' is not a supported operator.", "A quotient is written with one slash"),
+        ("__import__('os')", "__import__", "'__import__' is not a valid name.", "Names begin with a letter"),
         (
             "(lambda: 0)()",
             "lambda",
             "'lambda' is a reserved word.",
-            "Name it otherwise, lambda_ for instance.",
+            "Choose another name, such as lambda_.",
         ),
         ("k if d else v", "if", "An operator is missing between 'k' and 'if'.", "star"),
-        ("True", "True", "'True' is a reserved word.", "Name it otherwise"),
+        ("True", "True", "'True' is a reserved word.", "Choose another name"),
         (
             "sin*d",
             "sin",
             "'sin' is a function, not a name.",
-            "Write sin(...) or name the coefficient otherwise.",
+            "Write sin(...), or rename the coefficient.",
         ),
-        ("max(d)", "max", "'max' takes two or more arguments, not 1.", "Check its commas and brackets."),
-        ("k*sin(d, v)", "sin", "'sin' takes one argument, not 2.", "Check its commas and brackets."),
-        ("d, v", ",", "A comma stands only between the arguments of a function.", "Write one expression."),
+        ("max(d)", "max", "'max' takes two or more arguments, not 1.", "Check commas and parentheses."),
+        ("k*sin(d, v)", "sin", "'sin' takes one argument, not 2.", "Check commas and parentheses."),
+        ("d, v", ",", "A comma may only separate the arguments of a function.", "Write one expression."),
         (
             "sin((1,5)*d)",
             ",",
-            "A comma stands only between the arguments of a function.",
+            "A comma may only separate the arguments of a function.",
             "Decimals have a point",
         ),
         ("d + 1e999", "1e999", "This number is too large for double precision.", "The largest is 1.8e308."),
@@ -246,7 +246,7 @@ def test_substitution_keeps_the_canonical_form() -> None:
             "This number is too large for double precision.",
             "The largest is 1.8e308.",
         ),
-        ("007*d", "007", "This cannot be read: leading zeros", "An expression has names"),
+        ("007*d", "007", "Invalid syntax: leading zeros", "An expression has names"),
         ("é*k2*d + foo(d)", "foo", "'foo' is not a function.", "The functions"),
         ("é*k2*d + max(é)", "max", "'max' takes two", "Check"),
     ],
@@ -294,21 +294,21 @@ def test_long_is_not_deep() -> None:
 
 
 def test_too_long_a_text_is_refused() -> None:
-    with pytest.raises(LawError, match=r"has 2001 characters, more than the 2000 that are read") as caught:
+    with pytest.raises(LawError, match=r"has 2001 characters; at most 2000 are supported") as caught:
         parse("d" * 2001)
     assert caught.value.advice.startswith("Split it into several links")
 
 
 def test_what_is_no_text_is_refused() -> None:
-    with pytest.raises(LawError, match=r"must be a text\.\n  3\.0\nWrite it in quotes"):
+    with pytest.raises(LawError, match=r"must be a string\.\n  3\.0\nWrite it in quotes"):
         parse(3.0)  # type: ignore[arg-type]
 
 
 def test_places_of_sub_expressions() -> None:
-    parsed = parse_with_places("k*d - c/v")
-    assert parsed.place(Symbol("c")) == 6
-    assert parsed.place(parse("-c/v")) == 6
-    assert parsed.place(Symbol("x")) is None
+    parsed = parse_with_positions("k*d - c/v")
+    assert parsed.position(Symbol("c")) == 6
+    assert parsed.position(parse("-c/v")) == 6
+    assert parsed.position(Symbol("x")) is None
 
 
 @pytest.mark.parametrize(

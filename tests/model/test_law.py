@@ -183,16 +183,16 @@ def test_units(text: str, units: dict[str, str]) -> None:
     [
         (
             "k*d + k*v",
-            "No units of the coefficients fit: 'k*v' must be in the unit of 'k*d', here it is off by 1/s.\n"
+            "No units of the coefficients are consistent: 'k*v' must be in the unit of 'k*d', but differs by 1/s.\n"
             "  k*d + k*v\n        ^\nGive each term a coefficient of its own.",
         ),
         (
             "k*d*tanh(k*d)",
-            "No units of the coefficients fit: the force must be in N, here it is off by 1/N.\n"
+            "No units of the coefficients are consistent: the force must be in N, but differs by 1/N.\n"
             "  k*d*tanh(k*d)\n  ^\nGive each term a coefficient of its own.",
         ),
-        ("F*tanh(F*d)*d*exp(F)", "the argument of exp has no unit, here it is off by 1/m."),
-        ("F*d**(F*v)*tanh(F)", "the argument of tanh has no unit, here it is off by s/m."),
+        ("F*tanh(F*d)*d*exp(F)", "the argument of exp must have no unit, but differs by 1/m."),
+        ("F*d**(F*v)*tanh(F)", "the argument of tanh must have no unit, but differs by s/m."),
     ],
 )
 def test_units_that_cannot_be(text: str, message: str) -> None:
@@ -204,7 +204,7 @@ def test_units_that_cannot_be(text: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "place", "message"),
     [
-        ("k/d", "d", "Division by zero at rest (d = 0, v = 0); a law must be finite there."),
+        ("k/d", "d", "Division by zero at rest (d = 0, v = 0), where a law must be finite."),
         ("k*d + c*d/v", "v", "Keep the divisor away from 0, as in d/(1 + abs(d)/s)."),
         ("k*d + c/(d*v)", "d*v", "Division by zero at rest"),
         ("k*d**-2", "d**", "Division by zero at rest"),
@@ -214,9 +214,9 @@ def test_units_that_cannot_be(text: str, message: str) -> None:
         ("k*d*exp(1000)", "exp", "Check the argument of this function, and the constants."),
         ("1.7e308 + 1.7e308*exp(d)", "1.7e308 +", "No finite value at rest"),
         ("k*x", "x", "write d for x."),
-        ("k*d + sin(t)", "t)", "A law does not depend on time."),
+        ("k*d + sin(t)", "t)", "A law does not depend on time; a force that does is an excitation."),
         ("k*d + foo(v)", "foo", "'foo' is not a function."),
-        ("k*d + __import__('os').system('ls')", "__import__", "'__import__' is no name."),
+        ("k*d + __import__('os').system('ls')", "__import__", "'__import__' is not a valid name."),
     ],
 )
 def test_what_no_law_can_be(text: str, place: str, message: str) -> None:
@@ -250,8 +250,8 @@ def test_laws_with_clashing_names_do_not_add() -> None:
     with pytest.raises(LawError) as caught:
         _ = Law.parse("k*d") + Law.parse("c*v + k*d**3")
     assert str(caught.value) == (
-        "The coefficient 'k' is in N/m in 'k*d' and in N/m^3 here.\n  c*v + k*d**3\n        ^\n"
-        "Rename one of the two before adding the laws: k2, for instance."
+        "The coefficient 'k' is in N/m in 'k*d', but in N/m^3 here.\n  c*v + k*d**3\n        ^\n"
+        "Rename one of the two before adding the laws, for instance to k2."
     )
 
 

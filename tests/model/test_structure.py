@@ -69,9 +69,11 @@ def test_elongations_are_first_less_second_end(mixed: Structure) -> None:
 
 
 def test_elongations_refuse_a_missing_base_and_a_wrong_width(mixed: Structure) -> None:
-    with pytest.raises(StructureError, match=r'link "s3": it hangs on the base, whose motion is not given'):
+    with pytest.raises(
+        StructureError, match=r'link "s3": has the base as an end, but the motion of the base is not given'
+    ):
         mixed.elongations(np.zeros((4, 3)))
-    with pytest.raises(StructureError, match=r"^2 displacements were given for 3 masses$"):
+    with pytest.raises(StructureError, match=r"^expected displacements of 3 masses, got 2$"):
         mixed.elongations(np.zeros((4, 2)), np.zeros(4))
 
 
@@ -109,14 +111,14 @@ def test_changing_a_known_value_keeps_sharing() -> None:
 
 def test_with_values_refuses_what_is_not_there_and_what_contradicts(mixed: Structure) -> None:
     with pytest.raises(
-        StructureError, match=r'there is no coefficient "s1.kk"; did you mean "s1.k"\?; they are "s1.k"'
+        StructureError, match=r'unknown coefficient "s1.kk"; did you mean "s1.k"\?; choose from "s1.k"'
     ):
         mixed.with_values({"s1.kk": 1.0})
-    with pytest.raises(StructureError, match=r's2.k: it is the same as "s1.k", which is given another value'):
+    with pytest.raises(StructureError, match=r's2.k: is equal to "s1.k", for which another value is given'):
         mixed.with_values({"s1.k": 1.0, "s2.k": 2.0})
-    with pytest.raises(StructureError, match=r"s1.k: the value of a coefficient is NaN"):
+    with pytest.raises(StructureError, match=r"s1.k: the value of a coefficient must be a number, got NaN"):
         mixed.with_values({"s1.k": math.nan})
-    with pytest.raises(StructureError, match=r'mass "m3": the mass is -1.0 kg; it must be positive'):
+    with pytest.raises(StructureError, match=r'mass "m3": the mass must be positive, got -1.0 kg'):
         mixed.with_values({"m3.mass": -1.0})
 
 
@@ -139,9 +141,9 @@ def test_unknown_leaks_neither_value_nor_start_but_keeps_bounds(mixed: Structure
     freed = mixed.unknown("s1", "s3", "s4", "mass:m3")
     assert all(parameter.start is None for parameter in freed.parameters)
     assert freed.coefficient("s1.k").lower == 0.0
-    with pytest.raises(StructureError, match=r'link "s1": coefficient k is unknown and has no start'):
+    with pytest.raises(StructureError, match=r'link "s1": coefficient k is unknown and has no start value'):
         _ = freed.link("s1").values
-    with pytest.raises(StructureError, match=r'mass "m3": it is unknown and has no start'):
+    with pytest.raises(StructureError, match=r'mass "m3": is unknown and has no start value'):
         _ = freed.mass_values
 
 
@@ -157,19 +159,21 @@ def test_an_exact_link_name_is_not_taken_for_a_beginning() -> None:
 
 
 def test_unknown_refuses_a_choice_of_nothing(mixed: Structure) -> None:
-    message = r'"nes" is no link, no beginning of link names and no coefficient; the links are "s1", "s2", "s3", "s4"'
+    message = (
+        r'"nes" is not a link, a prefix of link names or a coefficient; the links are "s1", "s2", "s3", "s4"'
+    )
     with pytest.raises(StructureError, match=message):
         mixed.unknown("nes")
-    with pytest.raises(StructureError, match=r"say what is unknown"):
+    with pytest.raises(StructureError, match=r"expected at least one of"):
         mixed.unknown()
-    with pytest.raises(StructureError, match=r'there is no mass "m4".*; the masses are "m1", "m2", "m3"'):
+    with pytest.raises(StructureError, match=r'unknown mass "m4".*; the masses are "m1", "m2", "m3"'):
         mixed.unknown("mass:m4")
 
 
 def test_lookups_list_the_names_there_are(mixed: Structure) -> None:
     assert mixed.mass("m2").mass.value == 2.0
     with pytest.raises(
-        StructureError, match=r'there is no link "s44"; did you mean "s4"\?; the links are "s1", "s2"'
+        StructureError, match=r'unknown link "s44"; did you mean "s4"\?; the links are "s1", "s2"'
     ):
         mixed.link("s44")
     many = Structure(
@@ -232,20 +236,20 @@ LAW = Law.parse("k*d + c*v")
 
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "no mass at all": (lambda: Structure("", (), ()), "a structure needs at least one mass"),
-    "zero mass": (lambda: mass("a", 0.0), 'mass "a": the mass is 0.0 kg; it must be positive'),
-    "negative mass": (lambda: mass("a", -2.0), 'mass "a": the mass is -2.0 kg; it must be positive'),
+    "zero mass": (lambda: mass("a", 0.0), 'mass "a": the mass must be positive, got 0.0 kg'),
+    "negative mass": (lambda: mass("a", -2.0), 'mass "a": the mass must be positive, got -2.0 kg'),
     "mass that is NaN": (
         lambda: mass("a", math.nan),
-        "the value of a coefficient is NaN (not a number); give a number",
+        "the value of a coefficient must be a number, got NaN",
     ),
     "infinite mass": (lambda: mass("a", math.inf), "a coefficient must be a finite number, got inf"),
     "negative start of a mass": (
         lambda: Mass("a", UNKNOWN(-1.0)),
-        'mass "a": the start of the unknown mass is -1.0 kg; it must be positive',
+        'mass "a": the start of the unknown mass must be positive, got -1.0 kg',
     ),
     "mass bounded to nothing": (
         lambda: Mass("a", UNKNOWN(upper=-1.0)),
-        'mass "a": the upper bound -1.0 kg leaves no positive mass',
+        'mass "a": the upper bound must be positive, got -1.0 kg',
     ),
     "number that is true": (lambda: NUMBER(True), "the value of a coefficient must be a number, got True"),
     "number that is a word": (
@@ -262,61 +266,64 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "start outside bounds": (
         lambda: UNKNOWN(3.0, lower=0.0, upper=1.0),
-        "the bounds 0.0 to 1.0 exclude the start 3.0; widen them or move the start",
+        "the start 3.0 is outside the bounds 0.0 to 1.0; change one of them",
     ),
-    "reserved name": (lambda: mass("ground"), 'mass: a mass cannot be named "ground"'),
+    "reserved name": (lambda: mass("ground"), 'mass: "ground" is reserved as an end of links'),
     "empty name": (lambda: mass(""), "mass: a mass needs a name, got ''"),
-    "name with a bracket": (lambda: mass("m[1]"), "mass: the name 'm[1]' cannot be used"),
-    "name of a path": (lambda: spring("../s", "a", GROUND), "link: the name '../s' cannot be used"),
+    "name with a bracket": (lambda: mass("m[1]"), "mass: 'm[1]' is not a valid name"),
+    "name of a path": (lambda: spring("../s", "a", GROUND), "link: '../s' is not a valid name"),
     "two masses of a name": (
         lambda: Structure("", (A, A), (LOW,)),
-        'mass "a": the name is used 2 times; each mass needs',
+        'mass "a": the name is used 2 times; names must be unique',
     ),
     "two links of a name": (
         lambda: Structure("", (A,), (LOW, LOW)),
-        'link "low": the name is used 2 times; each link',
+        'link "low": the name is used 2 times; names must be unique',
     ),
     "mass that nothing holds": (
         lambda: Structure("", (A, B), (LOW,)),
-        'mass "b": nothing holds it: no link has it as an end; add a link or remove the mass',
+        'mass "b": no link has it as an end; add a link or remove the mass',
     ),
     "link to itself": (
         lambda: spring("low", "a", "a"),
-        'link "low": both ends are "a": a link to itself exerts no force',
+        'link "low": both ends are "a"; a link needs two different ends',
     ),
-    "ground to base": (lambda: spring("low", BASE, GROUND), 'link "low": "base" and "ground" are no masses'),
+    "ground to base": (
+        lambda: spring("low", BASE, GROUND),
+        'link "low": at least one end must be a mass, got "base" and "ground"',
+    ),
     "three ends": (
         lambda: Link("low", ("a", "b", "c"), LAW, {}),  # type: ignore[arg-type]
-        "link \"low\": `between` names two ends, got ['a', 'b', 'c']",
+        "link \"low\": `between` must name two ends, got ['a', 'b', 'c']",
     ),
     "unknown end": (
         lambda: Structure("", (A, mass("beam")), (LOW, spring("up", "baem", "a"))),
-        'link "up": "baem" is neither a mass nor "ground" nor "base"; did you mean "beam"?; the masses are "a", "beam"',
+        'link "up": unknown end "baem"; did you mean "beam"?; an end is "ground", "base" or one of the masses "a", "beam"',
     ),
     "missing coefficient": (
         lambda: Link("low", ("a", GROUND), LAW, {"k": NUMBER(1.0)}),
-        'link "low": the law k*d + c*v needs c: add c = "unknown" (or a number) to its coefficients',
+        'link "low": coefficients of the law k*d + c*v are missing: add c = "unknown" (or a number)',
     ),
     "extra coefficient": (
         lambda: spring("low", "a", GROUND, kk=NUMBER(1.0)),
-        'link "low": coefficient kk is not in the law k*d + c*v, whose coefficients are k, c; did you mean "k"?',
+        'link "low": unknown coefficient kk; the law k*d + c*v has the coefficients k, c; did you mean "k"?',
     ),
     "shared with nothing": (
         lambda: pair(NUMBER(1.0), SHARED("lwo.k")),
-        'high.k: "=lwo.k" names no coefficient of this structure; did you mean "low.k"?',
+        'high.k: "=lwo.k" refers to an unknown coefficient; did you mean "low.k"?',
     ),
     "shared in a circle": (
         lambda: pair(SHARED("high.k"), SHARED("low.k")),
-        "low.k: coefficients share each other in a circle, low.k = high.k = low.k: give one of them a number",
+        "low.k: circular sharing, low.k = high.k = low.k: give one of them a number",
     ),
-    "shared with itself": (lambda: pair(SHARED("low.k"), NUMBER(1.0)), "in a circle, low.k = low.k"),
+    "shared with itself": (lambda: pair(SHARED("low.k"), NUMBER(1.0)), "circular sharing, low.k = low.k"),
     "shared across units": (
         lambda: pair(NUMBER(1.0), SHARED("low.c")),
-        'high.k: it is in N/m and cannot equal "low.c" in N s/m',
+        'high.k: is in N/m and cannot be equal to "low.c" in N s/m',
     ),
     "full name used twice": (
         lambda: Structure("", (A,), (Link("a", ("a", GROUND), Law.parse("mass*d"), {"mass": NUMBER(1.0)}),)),
-        '"a.mass" is a mass and a coefficient of the link of that name; rename one of them',
+        '"a.mass" names both a mass and a coefficient of a link; rename the mass or the link',
     ),
 }
 

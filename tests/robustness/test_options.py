@@ -51,8 +51,8 @@ LIMIT = ["limit", "chain.toml", "--release", "v:m1=1", "--noise", "20"]
         ([*LIMIT, "--duration", "1", "--rate", "500", "--segment", "1e-9"], 1, "too short"),
         ([*LIMIT, "--duration", "nan", "--rate", "1000"], 2, "duration"),
         ([*LIMIT, "--duration", "1", "--rate", "500", "--segment", "nan"], 1, "segment"),
-        (["structure", "bnes", "--dof", "1000000000"], 2, "at most 100000 masses"),
-        (["structure", "bnes", "--dof", "1" + "0" * 400], 2, "at most 100000 masses"),
+        (["structure", "bnes", "--dof", "1000000000"], 2, "masses must be at most 100000"),
+        (["structure", "bnes", "--dof", "1" + "0" * 400], 2, "masses must be at most 100000"),
     ],
 )
 def test_option_that_cannot_be(

@@ -227,18 +227,18 @@ REFUSED = {
     "both": ({"times": [0.0, 1.0]}, "times already says when to sample; leave out duration and rate"),
     "uneven": ({"duration": None, "rate": None, "times": [0.0, 1.0, 3.0]}, "times must be evenly spaced"),
     "past": ({"duration": None, "rate": None, "times": [-1.0, 0.0, 1.0]}, "not before the start, 0"),
-    "release": ({"release": {"x:m12": 1.0}}, "'m12' that could be released; did you mean \"m2\"?; the masses are m1, m2"),
+    "release": ({"release": {"x:m12": 1.0}}, "unknown mass 'm12' in a release; did you mean \"m2\"?; the masses are m1, m2"),
     "kind": ({"release": {"a:m1": 1.0}}, "'a:m1' cannot be released: name a displacement, such as x:m1, or a velocity, v:m1"),
     "no kind": ({"release": {"m1": 1.0}}, "'m1' cannot be released"),
-    "blow": ({"impulses": [Impulse("M1", 1.0)]}, "there is no mass 'M1' that could be struck"),
+    "blow": ({"impulses": [Impulse("M1", 1.0)]}, "unknown mass 'M1' in an impulse"),
     "late": ({"impulses": [Impulse("m1", 1.0, 1.0)]}, "m1 is struck at 1 s, when the simulation has ended (1 s)"),
-    "force": ({"forces": {"x": "1"}}, "there is no mass 'x' that could be driven by a force; the masses are m1, m2"),
+    "force": ({"forces": {"x": "1"}}, "unknown mass 'x' in a force; the masses are m1, m2"),
     "short": ({"forces": {"m1": sampled(0.9)}}, "on m1 is sampled from 0 to 0.9 s, but the simulation runs from 0 to 1 s"),
     "no base": ({"base": "sin(t)"}, 'no link holds on to it: write "base" for "ground"'),
     "sensor": ({"sensors": ["q:m1"]}, "no sensor can be had: 'q:m1' is not a channel: unknown kind 'q'; choose from x"),
     "input": ({"sensors": ["force:m1"]}, "force:m1 is an input; it is in the record whenever it drives the structure"),
     "no sensor": ({"sensors": ()}, 'name at least one sensor: a kind, "x", "v" or "a"'),
-    "blind": ({"sensors": ["x:m9"]}, "there is no mass 'm9' that could be seen by a sensor"),
+    "blind": ({"sensors": ["x:m9"]}, "unknown mass 'm9' in a sensor"),
 }  # fmt: skip
 
 

@@ -27,14 +27,14 @@ class PriorOptions:
     terms: str | None
     more: tuple[Path, ...]
 
-    def masses(self) -> lw.Known | dict[str, float]:
+    def masses(self) -> lw.PartialStructure | dict[str, float]:
         """The masses by name, or what a file knows of the structure; UsageError for neither and for both."""
         if self.structure is not None and self.mass:
             raise click.UsageError(
                 "The masses stand in the file of --structure: leave --mass out, or the file."
             )
         if self.structure is not None:
-            return lw.read_known(self.structure)
+            return lw.read_partial_structure(self.structure)
         if not self.mass:
             raise click.UsageError(
                 f'Give every mass by name, as in --mass {EXAMPLE} --mass "m2=10 g" (ratios will do for forces in '

@@ -27,7 +27,7 @@ from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
-from linkwise.model.toml_file import Known
+from linkwise.model.toml_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
@@ -52,7 +52,7 @@ _UNSETTLED = "The search for the structure did not settle: this is the best stru
 
 def discover(
     record: Record | Sequence[Record],
-    masses: Mapping[str, float | str] | Structure | Known,
+    masses: Mapping[str, float | str] | Structure | PartialStructure,
     *,
     terms: str | Sequence[str] = DEFAULT,
     progress: Progress = silent,
@@ -67,8 +67,8 @@ def discover(
     record : Record or sequence of Record
         One or several records of the structure. Every mass needs a channel of its displacement (m), velocity (m/s) or
         acceleration (m/s2); only measured displacements give an answer to be trusted.
-    masses : mapping of str to float or str, Structure or Known
-        The masses by name, in kg or with a unit ("10 g"). A Structure or a Known also states links: those links and terms
+    masses : mapping of str to float or str, Structure or PartialStructure
+        The masses by name, in kg or with a unit ("10 g"). A structure also states links: those links and terms
         are part of the answer, except links whose law is 0 and terms whose coefficient is 0, which are known to be absent.
     terms : str or sequence of str
         The candidate terms, as `parse_terms` reads them.
@@ -130,7 +130,7 @@ def discover(
 
 def check_discovery(
     record: Record | Sequence[Record],
-    masses: Mapping[str, float | str] | Structure | Known,
+    masses: Mapping[str, float | str] | Structure | PartialStructure,
     *,
     terms: str | Sequence[str] = DEFAULT,
 ) -> tuple[str, ...]:
@@ -140,7 +140,7 @@ def check_discovery(
     ----------
     record : Record or sequence of Record
         As in `discover`.
-    masses : mapping of str to float or str, Structure or Known
+    masses : mapping of str to float or str, Structure or PartialStructure
         As in `discover`, in kg.
     terms : str or sequence of str
         As in `discover`.
@@ -169,13 +169,13 @@ def check_discovery(
 
 def candidates_for(
     records: Sequence[Record],
-    masses: Mapping[str, float | str] | Structure | Known,
+    masses: Mapping[str, float | str] | Structure | PartialStructure,
     terms: str | Sequence[str],
 ) -> Candidates:
     """All candidates between the masses of the records."""
     if not records:
         raise IdentificationError("discovery needs at least one record, got none")
-    if isinstance(masses, Structure | Known):
+    if isinstance(masses, Structure | PartialStructure):
         given, stated = masses.masses, masses.links
     else:
         given = tuple(

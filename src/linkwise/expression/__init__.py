@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from linkwise.expression.calculus import antiderivative, differentiate, kink_and_branch, kinks, polynomial
 from linkwise.expression.functions import FUNCTIONS, LawFunction
-from linkwise.expression.parser import parse, parse_with_places
+from linkwise.expression.parser import parse, parse_with_positions
 from linkwise.expression.program import Program
 from linkwise.expression.tree import (
     Call,
@@ -26,6 +26,6 @@ from linkwise.expression.tree import (
 
 __all__ = [
     "FUNCTIONS", "Call", "Expression", "LawFunction", "Number", "Power", "Product", "Program", "Sum", "Symbol", "add",
-    "antiderivative", "call", "differentiate", "kink_and_branch", "kinks", "multiply", "parse", "parse_with_places",
+    "antiderivative", "call", "differentiate", "kink_and_branch", "kinks", "multiply", "parse", "parse_with_positions",
     "polynomial", "power", "substitute", "symbols", "to_text", "walk",
 ]  # fmt: skip

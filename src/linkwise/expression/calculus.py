@@ -28,18 +28,20 @@ from linkwise.expression.tree import (
 
 _TINY = Number(sys.float_info.min)
 _LARGEST_EXPANSION = 64  # exponent up to which a power of a sum is multiplied out
-_LARGEST_TABLE = 1024  # products of terms in one step of it; beyond, the expression counts as no polynomial
+_LARGEST_TABLE = (
+    1024  # products of terms in one step of it; beyond that the expression is not treated as a polynomial
+)
 
 
 def differentiate(expression: Expression, name: str) -> Expression:
     """The exact partial derivative by `name`.
 
-    At a kink it is the mean of both sides: sign' = 0, abs' = sign (0 at 0), and max and min take half of each argument's
-    derivative where the two are equal.
+    At a kink it is the mean of the two one-sided derivatives: sign' = 0, abs' = sign (0 at 0), and max and min take half of
+    each argument's derivative where the two are equal.
     """
     match expression:
-        case Symbol(found):
-            return ONE if found == name else ZERO
+        case Symbol(symbol):
+            return ONE if symbol == name else ZERO
         case Sum(parts):
             return add(*(differentiate(part, name) for part in parts))
         case Product(factors):
@@ -85,7 +87,7 @@ def _applied(rule: str, arguments: tuple[Expression, ...]) -> Expression:
 
 
 def polynomial(expression: Expression, names: tuple[str, ...]) -> dict[tuple[int, ...], Expression] | None:
-    """The expression as a polynomial in `names`: exponents -> coefficient, or None where it is none.
+    """The expression as a polynomial in `names`: exponents -> coefficient, or None if it is not one.
 
     `polynomial(alpha*d + beta*d**3 + c*v, ("d", "v"))` is `{(1, 0): alpha, (3, 0): beta, (0, 1): c}`. Coefficients contain
     none of `names`; terms that cancel are absent.
@@ -113,7 +115,7 @@ def polynomial(expression: Expression, names: tuple[str, ...]) -> dict[tuple[int
             terms = polynomial(base, names)
             if terms is not None and len(terms) == 1:
                 ((key, value),) = terms.items()
-                return {tuple(exponent * each for each in key): power(value, exponent)}
+                return {tuple(exponent * degree for degree in key): power(value, exponent)}
             result = terms
             for _ in range(exponent - 1):
                 result = _times(result, terms)
@@ -127,9 +129,9 @@ def _times(
     if first is None or second is None or len(first) * len(second) > _LARGEST_TABLE:
         return None
     product: dict[tuple[int, ...], Expression] = {}
-    for one, left in first.items():
-        for two, right in second.items():
-            key = tuple(a + b for a, b in zip(one, two, strict=True))
+    for first_degrees, left in first.items():
+        for second_degrees, right in second.items():
+            key = tuple(a + b for a, b in zip(first_degrees, second_degrees, strict=True))
             product[key] = add(product.get(key, ZERO), multiply(left, right))
     return {key: value for key, value in product.items() if value != ZERO}
 

@@ -23,111 +23,113 @@ from linkwise.expression.tree import (
     power,
 )
 
-DEEPEST = 50  # levels of brackets, calls, signs and powers; far below what Python's recursion bears
-LONGEST = 2000  # characters
+MAX_DEPTH = 50  # levels of brackets, calls, signs and powers; far below the limit of Python's recursion
+MAX_LENGTH = 2000  # characters
 
 _TOKEN = re.compile(
     r"(?P<space>\s+)|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|//|[-+*/(),])"
 )
-_STRANGE = {
+_ADVICE = {
     "^": "A power is written with two stars: d**3.",
     "=": "Write only the right-hand side, the expression itself.",
-    ".": "A name has no attributes; a decimal point needs a digit beside it.",
-    "[": "Use round brackets.",
-    "]": "Use round brackets.",
-    "{": "Use round brackets.",
-    "}": "Use round brackets.",
+    ".": "Names have no attributes; a decimal point needs a digit next to it.",
+    "[": "Use parentheses.",
+    "]": "Use parentheses.",
+    "{": "Use parentheses.",
+    "}": "Use parentheses.",
     "|": "An absolute value is written abs(d).",
     "·": "A product is written with a star: k*d.",
     "×": "A product is written with a star: k*d.",
-    "−": "This is a typographic minus; use the hyphen of the keyboard.",
-    "<": "There are no comparisons; use max, min or sign to switch.",
-    ">": "There are no comparisons; use max, min or sign to switch.",
+    "−": "This is a typographic minus sign; use a hyphen.",
+    "<": "Comparisons are not supported; use max, min or sign.",
+    ">": "Comparisons are not supported; use max, min or sign.",
 }
-_ALLOWED = "An expression has names, numbers, + - * / **, round brackets and functions."
+_ALLOWED = "An expression has names, numbers, + - * / **, parentheses and functions."
 
 
 @dataclass(frozen=True)
 class Parsed:
-    """A tree and the places in the text where its sub-expressions stand, inner ones before those around them."""
+    """A tree, and the positions of its sub-expressions in the text, inner ones before those around them."""
 
     expression: Expression
-    places: tuple[tuple[Expression, int], ...]
+    positions: tuple[tuple[Expression, int], ...]
 
-    def place(self, expression: Expression) -> int | None:
-        """Where an equal sub-expression stands first, or None."""
-        return next((position for found, position in self.places if found == expression), None)
+    def position(self, expression: Expression) -> int | None:
+        """Position of the first sub-expression equal to `expression`, or None."""
+        return next((position for part, position in self.positions if part == expression), None)
 
 
 def parse(text: str, variables: tuple[str, ...] = ()) -> Expression:
-    """The tree of `text`. Every name that is no function and not `pi` is a symbol: a variable or a coefficient.
+    """The tree of `text`. Every name except `pi` and those of functions is a symbol: a variable or a coefficient.
 
-    `variables` are named in advice to the user. Raises LawError, with a caret under the place.
+    `variables` are mentioned in error messages. Raises LawError with the position of the error.
     """
-    return parse_with_places(text, variables).expression
+    return parse_with_positions(text, variables).expression
 
 
-def parse_with_places(text: str, variables: tuple[str, ...] = ()) -> Parsed:
-    """As `parse`, with the places of the sub-expressions for errors that are found later."""
+def parse_with_positions(text: str, variables: tuple[str, ...] = ()) -> Parsed:
+    """As `parse`, with the positions of the sub-expressions, for errors that are detected later."""
     if not isinstance(text, str):
-        raise LawError("An expression must be a text.", repr(text), None, 'Write it in quotes: "k*d + c*v".')
+        raise LawError(
+            "An expression must be a string.", repr(text), None, 'Write it in quotes: "k*d + c*v".'
+        )
     if not text.strip():
         raise LawError("The expression is empty.", text, None, 'Write one, for instance "k*d + c*v".')
-    if len(text) > LONGEST:
+    if len(text) > MAX_LENGTH:
         raise LawError(
-            f"The expression has {len(text)} characters, more than the {LONGEST} that are read.", text, LONGEST,
+            f"The expression has {len(text)} characters; at most {MAX_LENGTH} are supported.", text, MAX_LENGTH,
             "Split it into several links between the same two masses: their forces add.",
         )  # fmt: skip
-    _Scan(text, variables).run()
+    _TokenChecker(text, variables).run()
     line = "(" + re.sub(r"\s", " ", text) + ")"  # one line, same columns
     try:
         body = ast.parse(line, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         offset = getattr(error, "offset", None)
         reason = getattr(error, "msg", None) or "too complicated"
-        raise LawError(
-            f"This cannot be read: {reason}.", text, offset and max(offset - 2, 0), _ALLOWED
-        ) from None
-    walker = _Walker(text, line)
-    return Parsed(walker.read(body, 0), tuple(walker.places))
+        raise LawError(f"Invalid syntax: {reason}.", text, offset and max(offset - 2, 0), _ALLOWED) from None
+    builder = _TreeBuilder(text, line)
+    return Parsed(builder.read(body, 0), tuple(builder.positions))
 
 
 @cache
 def parse_rule(text: str) -> Expression:
     """The tree of a rule in the table of functions, which may contain functions that a law may not."""
     line = f"({text})"
-    return _Walker(text, line).read(ast.parse(line, mode="eval").body, 0)
+    return _TreeBuilder(text, line).read(ast.parse(line, mode="eval").body, 0)
 
 
-class _Scan:
-    """Goes over the tokens once and raises at the first that cannot stand where it stands.
+class _TokenChecker:
+    """Goes over the tokens once and raises at the first one that is out of place.
 
-    After it Python's grammar has nothing left to object to but oddities, and no warning to give.
+    What it accepts, Python's parser accepts too but for a few oddities, and without warnings.
     """
 
     def __init__(self, text: str, variables: tuple[str, ...]) -> None:
         self.text, self.variables = text, variables
-        self.open: list[tuple[int, bool]] = []  # position of each open bracket, and whether it is a call's
-        self.kind, self.token, self.position = "", "", 0  # the last token that is no space
+        self.open: list[
+            tuple[int, bool]
+        ] = []  # position of each open parenthesis, and whether it is that of a call
+        self.kind, self.token, self.position = "", "", 0  # the last token other than white space
 
     def run(self) -> None:
         position = 0
         while position < len(self.text):
-            found = _TOKEN.match(self.text, position)
-            if found is None:
+            match = _TOKEN.match(self.text, position)
+            if match is None:
                 character = self.text[position]
                 raise self.error(
-                    f"{character!r} cannot stand here.", position, _STRANGE.get(character, _ALLOWED)
+                    f"Unexpected character {character!r}.", position, _ADVICE.get(character, _ALLOWED)
                 )
-            kind, token = str(found.lastgroup), found.group()
+            kind, token = str(match.lastgroup), match.group()
             if kind != "space":
                 self.check(kind, token, position)
                 self.kind, self.token, self.position = kind, token, position
-            position = found.end()
+            position = match.end()
         if self.expects_operand:
             raise self.missing()
         if self.open:
-            raise self.error("This bracket is never closed.", self.open[-1][0], "Add the missing ')'.")
+            raise self.error("This parenthesis is never closed.", self.open[-1][0], "Add the missing ')'.")
 
     @property
     def expects_operand(self) -> bool:
@@ -138,12 +140,8 @@ class _Scan:
 
     def missing(self) -> LawError:
         if self.token == "(":
-            return self.error(
-                "There is nothing in this bracket.", self.position, "Put an expression into it."
-            )
-        return self.error(
-            f"Something is missing after {self.token!r}.", self.position, "Add what it acts on."
-        )
+            return self.error("These parentheses are empty.", self.position, "Add an expression.")
+        return self.error(f"Something is missing after {self.token!r}.", self.position, "Add its operand.")
 
     def check(self, kind: str, token: str, position: int) -> None:
         if kind in ("number", "name"):
@@ -154,11 +152,11 @@ class _Scan:
             self.check_close(token, position)
         elif token == "//":
             raise self.error(
-                "'//' is no operator here.", position, "A quotient is written with one stroke: d/g."
+                "'//' is not a supported operator.", position, "A quotient is written with one slash: d/g."
             )
         elif self.expects_operand and token not in ("+", "-"):
             before = f"between {self.token!r} and {token!r}" if self.token else f"before {token!r}"
-            raise self.error(f"Something is missing {before}.", position, "Add what the operator acts on.")
+            raise self.error(f"Something is missing {before}.", position, "Add the operand.")
 
     def check_operand(self, kind: str, token: str, position: int) -> None:
         if not self.expects_operand:
@@ -167,10 +165,12 @@ class _Scan:
                 f"A product is written with a star: {self.token}*{token}.",
             )  # fmt: skip
         if kind == "name" and token.startswith("_"):
-            raise self.error(f"{token!r} is no name.", position, "Names begin with a letter: k, alpha, c2.")
+            raise self.error(
+                f"{token!r} is not a valid name.", position, "Names begin with a letter: k, alpha, c2."
+            )
         if kind == "name" and keyword.iskeyword(token):
             raise self.error(
-                f"{token!r} is a reserved word.", position, f"Name it otherwise, {token}_ for instance."
+                f"{token!r} is a reserved word.", position, f"Choose another name, such as {token}_."
             )
 
     def check_open(self, position: int) -> None:
@@ -184,9 +184,11 @@ class _Scan:
                 "A product is written with a star.",
             )
         self.open.append((position, called))
-        if len(self.open) > DEEPEST:
+        if len(self.open) > MAX_DEPTH:
             raise self.error(
-                f"Brackets are nested deeper than {DEEPEST} levels.", position, "Multiply the inner ones out."
+                f"Parentheses are nested deeper than {MAX_DEPTH} levels.",
+                position,
+                "Multiply the inner ones out.",
             )
 
     def unknown_function(self) -> LawError:
@@ -205,24 +207,26 @@ class _Scan:
         if token == "," and not (self.open and self.open[-1][1]):
             decimal = re.search(r"\d$", self.text[:position]) and re.match(r"\d", self.text[position + 1 :])
             advice = "Decimals have a point: 1.5." if decimal else "Write one expression."
-            raise self.error("A comma stands only between the arguments of a function.", position, advice)
+            raise self.error("A comma may only separate the arguments of a function.", position, advice)
         if token == ")" and not self.open:
-            raise self.error("This bracket was never opened.", position, "Remove it, or add the missing '('.")
+            raise self.error(
+                "This parenthesis was never opened.", position, "Remove it, or add the missing '('."
+            )
         if self.expects_operand:
             raise self.missing()
         if token == ")":
             self.open.pop()
 
 
-class _Walker:
-    """Turns Python's syntax tree into ours; refuses every node that is not an expression's."""
+class _TreeBuilder:
+    """Converts Python's syntax tree to an expression tree; refuses every node that is not part of an expression."""
 
     def __init__(self, text: str, line: str) -> None:
         self.text, self.bytes = text, line.encode()
-        self.places: list[tuple[Expression, int]] = []
+        self.positions: list[tuple[Expression, int]] = []
 
     def position(self, node: ast.expr) -> int:
-        """Python counts bytes; one column is the bracket that was put around the text."""
+        """Position in the text: Python counts bytes, and one column is the parenthesis added in front."""
         return len(self.bytes[: node.col_offset].decode()) - 1
 
     def error(self, reason: str, node: ast.expr, advice: str) -> LawError:
@@ -230,36 +234,36 @@ class _Walker:
 
     def read(self, node: ast.expr, depth: int) -> Expression:
         """The tree of `node`; `depth` counts calls, signs and powers above it."""
-        if depth > DEEPEST:
+        if depth > MAX_DEPTH:
             raise self.error(
-                f"The expression is nested deeper than {DEEPEST} levels.",
+                f"The expression is nested deeper than {MAX_DEPTH} levels.",
                 node,
                 "Multiply the inner levels out.",
             )
         match node:
             case ast.Constant(value=value):
-                found = self.number(value, node)
+                parsed = self.number(value, node)
             case ast.Name(id=name):
-                found = self.name(name, node)
+                parsed = self.name(name, node)
             case ast.BinOp(op=ast.Add() | ast.Sub()):
-                found = self.chain(node, depth)
+                parsed = self.chain(node, depth)
             case ast.BinOp(op=ast.Mult() | ast.Div()):
-                found = self.chain(node, depth)
+                parsed = self.chain(node, depth)
             case ast.BinOp(op=ast.Pow()):
-                found = power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))
+                parsed = power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))
             case ast.UnaryOp(op=ast.USub()):
-                found = multiply(MINUS_ONE, self.read(node.operand, depth + 1))
+                parsed = multiply(MINUS_ONE, self.read(node.operand, depth + 1))
             case ast.UnaryOp(op=ast.UAdd()):
-                found = self.read(node.operand, depth + 1)
+                parsed = self.read(node.operand, depth + 1)
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
-                found = self.function(name, arguments, node, depth)
+                parsed = self.function(name, arguments, node, depth)
             case _:
-                raise self.error("This is no part of an expression.", node, _ALLOWED)
-        self.places.append((found, self.position(node)))
-        return found
+                raise self.error("This is not part of an expression.", node, _ALLOWED)
+        self.positions.append((parsed, self.position(node)))
+        return parsed
 
     def chain(self, node: ast.BinOp, depth: int) -> Expression:
-        """A run of + and -, or of * and /, read in a loop: it is long, not deep."""
+        """A chain of + and -, or of * and /, read in a loop: it is long, not deep."""
         inverse, kinds = (ast.Sub, (ast.Add, ast.Sub)) if isinstance(node.op, ast.Add | ast.Sub) else (
             ast.Div, (ast.Mult, ast.Div))  # fmt: skip
         links: list[tuple[bool, ast.expr]] = []
@@ -273,13 +277,13 @@ class _Walker:
             item = self.read(below, depth)
             if inverted:
                 item = power(item, -1) if inverse is ast.Div else multiply(MINUS_ONE, item)
-                self.places.append((item, self.position(below)))
+                self.positions.append((item, self.position(below)))
             items.append(item)
         return multiply(*items) if inverse is ast.Div else add(*items)
 
     def number(self, value: object, node: ast.expr) -> Expression:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.error("This is no number.", node, _ALLOWED)
+            raise self.error("This is not a number.", node, _ALLOWED)
         try:
             converted = float(value)
         except OverflowError:
@@ -295,7 +299,7 @@ class _Walker:
             raise self.error(
                 f"{name!r} is a function, not a name.",
                 node,
-                f"Write {name}(...) or name the coefficient otherwise.",
+                f"Write {name}(...), or rename the coefficient.",
             )
         return Number(math.pi) if name == "pi" else Symbol(name)
 
@@ -304,6 +308,6 @@ class _Walker:
         if len(arguments) < least or (least == 1 and len(arguments) > 1):
             wanted = "one argument" if least == 1 else "two or more arguments"
             raise self.error(
-                f"{name!r} takes {wanted}, not {len(arguments)}.", node, "Check its commas and brackets."
+                f"{name!r} takes {wanted}, not {len(arguments)}.", node, "Check commas and parentheses."
             )
         return call(name, *(self.read(argument, depth + 1) for argument in arguments))

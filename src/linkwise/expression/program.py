@@ -25,10 +25,10 @@ class Program:
 
     `Program(outputs, inputs)(*arrays)` takes one array (or number) per name of `inputs`, broadcasts them against each other
     and returns a tuple of float64 arrays of the broadcast shape, one per output. The arrays are read-only and may share
-    memory with each other and with the inputs. No warning is given: where an expression is not finite, so is the result.
+    memory with each other and with the inputs. No warning is issued where a result is not finite.
 
-    `wide` names the inputs that are large arrays (all, by default): what depends on the others alone is computed first, at
-    their smaller size. `len(program)` is the number of operations. Raises ValueError for a name that is no input.
+    `wide` names the inputs that are large arrays (by default all): what depends only on the others is computed first, at
+    their smaller size. `len(program)` is the number of operations. Raises ValueError for a name that is not an input.
     """
 
     __slots__ = ("_large", "_outputs", "_slots", "_tape", "inputs")
@@ -37,9 +37,9 @@ class Program:
         self, outputs: Sequence[Expression], inputs: Sequence[str], *, wide: Sequence[str] | None = None
     ) -> None:
         self.inputs = tuple(inputs)
-        writer = _Writer(self.inputs, frozenset(inputs if wide is None else wide))
-        values = [writer.write(output) for output in outputs]
-        self._slots, self._tape, self._outputs = _allocate(writer, values)
+        numbering = _ValueNumbering(self.inputs, frozenset(inputs if wide is None else wide))
+        values = [numbering.write(output) for output in outputs]
+        self._slots, self._tape, self._outputs = _allocate(numbering, values)
         written = {to for *_, to, is_wide in self._tape if is_wide}
         self._large = tuple(dict.fromkeys(index for index in self._outputs if index in written))
 
@@ -78,8 +78,8 @@ class Program:
 _Value = str | float | tuple[Any, ...]  # an input's name, a constant, or (operation, operands)
 
 
-class _Writer:
-    """Numbers every distinct value once (value numbering), operands before results."""
+class _ValueNumbering:
+    """Gives every distinct value one number, operands before results."""
 
     def __init__(self, inputs: tuple[str, ...], wide: frozenset[str]) -> None:
         self.inputs = inputs
@@ -100,11 +100,11 @@ class _Writer:
         return self.number((operation, *operands), any(self.wide[operand] for operand in operands))
 
     def fold(self, operation: str, operands: list[int]) -> int:
-        """The operation over all operands, the narrow ones first among themselves."""
+        """The operation over all operands, the narrow ones among themselves first."""
         narrow = [operand for operand in operands if not self.wide[operand]]
         wide = [operand for operand in operands if self.wide[operand]]
-        halves = [reduce(lambda a, b: self.apply(operation, a, b), half) for half in (wide, narrow) if half]
-        return halves[0] if len(halves) == 1 else self.apply(operation, *halves)
+        parts = [reduce(lambda a, b: self.apply(operation, a, b), part) for part in (wide, narrow) if part]
+        return parts[0] if len(parts) == 1 else self.apply(operation, *parts)
 
     def write(self, expression: Expression) -> int:
         match expression:
@@ -129,7 +129,7 @@ class _Writer:
                 return self.apply("**", self.write(base), self.write(raised))
             case Call(function, arguments):
                 return self.apply(function, *(self.write(argument) for argument in arguments))
-        raise TypeError(f"no expression: {expression!r}")
+        raise TypeError(f"not an expression: {expression!r}")
 
     def integer_power(self, base: int, exponent: int) -> int:
         if exponent == 1:
@@ -173,14 +173,14 @@ class _Writer:
 
 
 def _allocate(
-    writer: _Writer, outputs: list[int]
+    numbering: _ValueNumbering, outputs: list[int]
 ) -> tuple[list[Any], list[tuple[np.ufunc, int, int, int, bool]], list[int]]:
-    """Constants, the tape and the places of the outputs, on few slots.
+    """Constants, the tape and the slots of the outputs, with few slots.
 
-    A slot is used again, by a value of its kind (wide or narrow), from the operation on that reads its value for the last
-    time: element by element that is safe. Slots of outputs keep their values.
+    A slot is reused for a value of its kind (wide or narrow) from the operation on that reads it last; elementwise, that
+    operation may write to it too. Slots of outputs are not reused.
     """
-    values, inputs = writer.values, len(writer.inputs)
+    values, inputs = numbering.values, len(numbering.inputs)
     last: dict[int, float] = {}
     for number, value in enumerate(values):
         if isinstance(value, tuple):
@@ -196,10 +196,10 @@ def _allocate(
             continue
         operation, *operands = value
         first, second = slot[operands[0]], slot[operands[1]] if len(operands) > 1 else -1
-        for each in set(operands):
-            if last[each] == number and isinstance(values[each], tuple):
-                free[writer.wide[each]].append(slot[each])
-        wide = writer.wide[number]
+        for operand in set(operands):
+            if last[operand] == number and isinstance(values[operand], tuple):
+                free[numbering.wide[operand]].append(slot[operand])
+        wide = numbering.wide[number]
         if free[wide] and last[number] != float("inf"):
             to = free[wide].pop()
         else:

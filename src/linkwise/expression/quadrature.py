@@ -1,4 +1,4 @@
-"""Integrals of compiled expressions that have no closed form."""
+"""Numerical integrals of compiled expressions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 _PANELS = (
     128  # over the whole range; with 10 nodes a panel, exact to rounding for all but the steepest integrands
 )
-_BLOCK = 65536  # panels at once, which bounds the memory
+_BLOCK = 65536  # panels evaluated at once, which bounds the memory
 _BISECTIONS = 60  # to the last bit of a double
 
 
@@ -22,20 +22,20 @@ def integral_from_zero(program: Program, upper: ArrayLike, parameters: Sequence[
     """The integral of the program's first output over its first input, from 0 to each of `upper`.
 
     The program's other outputs are the kinks of the first: their zeros become panel borders. `parameters` are its other
-    inputs; everything broadcasts. Composite Gauss-Legendre quadrature, order 20 between kinks; NaN where `upper`
+    inputs; all arrays broadcast. Composite Gauss-Legendre quadrature, order 20 between kinks; NaN where `upper`
     is not finite.
     """
-    columns = np.broadcast_arrays(*(np.asarray(each, dtype=np.float64) for each in (upper, *parameters)))
+    columns = np.broadcast_arrays(*(np.asarray(array, dtype=np.float64) for array in (upper, *parameters)))
     ends = columns[0].ravel()
     result = np.full(ends.shape, np.nan)
-    if all(np.size(each) == 1 for each in parameters):
+    if all(np.size(value) == 1 for value in parameters):
         sets, which = (
-            np.array([[float(np.ravel(each)[0]) for each in parameters]]),
+            np.array([[float(np.ravel(value)[0]) for value in parameters]]),
             np.zeros(ends.shape, dtype=np.intp),
         )
     else:
         sets, which = np.unique(
-            np.stack([each.ravel() for each in columns[1:]], axis=1), axis=0, return_inverse=True
+            np.stack([column.ravel() for column in columns[1:]], axis=1), axis=0, return_inverse=True
         )
     for index, values in enumerate(sets):
         chosen = (which.ravel() == index) & np.isfinite(ends)
@@ -59,8 +59,8 @@ def _from_zero(program: Program, upper: Floats, parameters: Floats) -> Floats:
 
 
 def _zeros(program: Program, grid: Floats, parameters: Floats) -> Floats:
-    """Where the kinks change sign on the grid, by bisection."""
-    found = [np.empty(0)]
+    """Zeros of the kinks between points of the grid, by bisection."""
+    zeros = [np.empty(0)]
     for index, values in enumerate(program(grid, *parameters)[1:], start=1):
         change = np.flatnonzero(values[:-1] * values[1:] < 0.0)
         if change.size == 0:
@@ -70,5 +70,5 @@ def _zeros(program: Program, grid: Floats, parameters: Floats) -> Floats:
             middle = 0.5 * (left + right)
             before = np.sign(program(middle, *parameters)[index]) == sign
             left, right = np.where(before, middle, left), np.where(before, right, middle)
-        found.append(right)
-    return np.concatenate(found)
+        zeros.append(right)
+    return np.concatenate(zeros)

@@ -5,11 +5,11 @@ products, fold constants, collect like terms and equal bases, and drop zeros and
 
 - a difference is a `Sum` with a `Product` that starts with a negative `Number`; the constant of a sum comes last;
 - a product starts with its `Number`, if it has one; factors `Power(b, -n)`, the divisors, come last;
-- `Power.exponent` is an `int` (neither 0 nor 1), a `float` that is no integer, or an `Expression` that is no `Number`;
+- `Power.exponent` is an `int` (neither 0 nor 1), a `float` that is not an integer, or an `Expression` other than a `Number`;
 - a function has one argument or two, as its entry in `functions.FUNCTIONS` says.
 
-Constants fold in double precision. What would fold to something that is not finite (1/0) stays as it is, so that whoever
-evaluates it meets the infinity where the user wrote it.
+Constants are folded in double precision. What is not finite (1/0) is not folded, so that its evaluation gives the infinity
+where the user wrote it.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ def substitute(expression: Expression, replacements: Mapping[str, Expression]) -
 
 
 def to_text(expression: Expression) -> str:
-    """The text that `parse` reads back as an equal tree (`log`, which only derivatives contain, excepted)."""
+    """The text that `parse` reads back as an equal tree, except `log`, which only derivatives contain."""
     match expression:
         case Number(value):
             return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
@@ -253,7 +253,7 @@ def to_text(expression: Expression) -> str:
         case Power(base, exponent):
             raised = exponent if isinstance(exponent, Expression) else Number(float(exponent))
             return f"{_atom(base)}**{to_text(raised) if isinstance(raised, Number) else _atom(raised)}"
-    raise TypeError(f"no expression: {expression!r}")
+    raise TypeError(f"not an expression: {expression!r}")
 
 
 def _product_text(factors: tuple[Expression, ...]) -> str:
@@ -281,5 +281,7 @@ def _product_text(factors: tuple[Expression, ...]) -> str:
 
 def _atom(expression: Expression) -> str:
     text = to_text(expression)
-    bare = isinstance(expression, Symbol | Call) or (isinstance(expression, Number) and expression.value >= 0)
-    return text if bare else f"({text})"
+    needs_no_parentheses = isinstance(expression, Symbol | Call) or (
+        isinstance(expression, Number) and expression.value >= 0
+    )
+    return text if needs_no_parentheses else f"({text})"

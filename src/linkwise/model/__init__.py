@@ -1,1 +1,1 @@
-"""What a structure is: laws, coefficients, links, masses, what drives it, and the file that says so."""
+"""Structures: laws, coefficients, links, masses, excitations, and the structure file."""

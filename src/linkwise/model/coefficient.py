@@ -1,7 +1,4 @@
-"""A coefficient of a law, or a mass: a number that is known, or one that is to be found.
-
-Known or unknown is data on the coefficient; whoever estimates moves what is known aside and never asks again.
-"""
+"""Coefficients of laws, and masses: known numbers, or unknowns with an optional start and bounds."""
 
 from __future__ import annotations
 
@@ -13,11 +10,32 @@ from linkwise.errors import StructureError
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient in SI units.
+    """A coefficient of a law, or a mass, in SI units; use the constructors `number`, `unknown` and `shared`.
 
-    `value` is the number when `known`, else the start of its search (None: no start). `lower` and `upper` bound an unknown.
-    `same_as` ("nes1.alpha") makes it equal to another coefficient; inside a `Structure` the other fields then repeat those of
-    the one it follows. Raises StructureError for a value that is no finite number and for bounds that exclude it.
+    Parameters
+    ----------
+    value : float or None
+        The number if `known`, else the start value of the search; None for no start value.
+    known : bool
+        Whether the coefficient is known.
+    lower, upper : float, optional
+        Bounds of an unknown.
+    same_as : str, optional
+        Full name of another coefficient, such as ``"nes1.alpha"``, that this one is equal to. In a `Structure` the other
+        fields repeat those of that coefficient.
+
+    Raises
+    ------
+    StructureError
+        If the value is not a finite number, or the bounds exclude it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.Coefficient.number(30000.0).known
+    True
+    >>> lw.Coefficient.unknown(0.02, lower=0.0).lower
+    0.0
     """
 
     value: float | None
@@ -35,12 +53,12 @@ class Coefficient:
     def unknown(
         start: float | None = None, *, lower: float = -math.inf, upper: float = math.inf
     ) -> Coefficient:
-        """A coefficient to be identified, from `start` and within the bounds where they are given."""
+        """A coefficient to be identified, with an optional start value and bounds."""
         return Coefficient(start, known=False, lower=lower, upper=upper)
 
     @staticmethod
     def shared(same_as: str) -> Coefficient:
-        """The coefficient named `same_as`, "link.coefficient", used a second time."""
+        """A coefficient equal to that named `same_as`, "link.coefficient"."""
         return Coefficient(None, known=False, same_as=same_as)
 
     def __post_init__(self) -> None:
@@ -62,15 +80,15 @@ class Coefficient:
         if self.value is not None and not self.lower <= self.value <= self.upper:
             what = "value" if self.known else "start"
             raise StructureError(
-                f"the bounds {self.lower!r} to {self.upper!r} exclude the {what} {self.value!r}; widen them or move the {what}"
+                f"the {what} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
             )
 
     def following(self, leader: Coefficient) -> Coefficient:
-        """This shared coefficient with the fields of the one that it follows."""
+        """This shared coefficient with the fields of its leader, the coefficient it is equal to."""
         return Coefficient(leader.value, leader.known, leader.lower, leader.upper, same_as=self.same_as)
 
     def freed(self) -> Coefficient:
-        """The same coefficient as an unknown without value or start; bounds and sharing stay."""
+        """This coefficient as an unknown without value or start; bounds and sharing are kept."""
         return Coefficient(None, known=False, lower=self.lower, upper=self.upper, same_as=self.same_as)
 
 
@@ -87,5 +105,5 @@ def _number(given: object, field: str) -> float:
             f"the {field} of a coefficient must be a finite number, got one too large"
         ) from None
     if math.isnan(number):
-        raise StructureError(f"the {field} of a coefficient is NaN (not a number); give a number")
+        raise StructureError(f"the {field} of a coefficient must be a number, got NaN")
     return number

@@ -1,6 +1,6 @@
-"""What drives a structure: a release, impulses, forces on masses, the motion of the base.
+"""Excitations: initial conditions, impulses, forces on masses, and the motion of the base.
 
-A force or a base motion is a `TimeFunction` (an expression of t) or `Sampled` (a record of it, interpolated by a spline).
+A force or a base motion is a `TimeFunction` (an expression of t) or `Sampled` (samples, interpolated by a spline).
 """
 
 from __future__ import annotations
@@ -17,43 +17,57 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import LawError, SimulationError
-from linkwise.expression import Expression, Program, differentiate, parse_with_places, symbols
+from linkwise.expression import Expression, Program, differentiate, parse_with_positions, symbols
 from linkwise.expression.tree import Symbol
 
 ORDERS = (0, 1, 3, 5, 7)
-_UPSAMPLING = 4  # samples put into one interval before the spline where the signal is taken as band-limited
-_HALF_WIDTH = 32  # of the windowed sinc, in samples to each side
-_KAISER = 10.0  # shape of its window: 100 dB of stop band
+_UPSAMPLING = 4  # factor by which band-limited samples are refined before the spline
+_HALF_WIDTH = 32  # of the windowed sinc, in samples
+_KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
 
 
 @dataclass(frozen=True)
 class TimeFunction:
-    """A function of time as text in `t` (s), such as "2*sin(30*t)*exp(-t)"; in N for a force, in m for the base.
+    """An input given by an expression of time.
 
-    Raises LawError, with a caret under the place, for text that cannot be read and for any name but t.
+    Parameters
+    ----------
+    text : str
+        An expression of ``t`` in s, such as ``"2*sin(30*t)*exp(-t)"``, in N for a force and in m for the base.
+
+    Raises
+    ------
+    LawError
+        If the expression is invalid or contains a name other than ``t``.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> float(lw.TimeFunction("2*sin(30*t)").value(0.0))
+    0.0
     """
 
     text: str
     expression: Expression = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        parsed = parse_with_places(self.text, ("t",))
+        parsed = parse_with_positions(self.text, ("t",))
         others = [name for name in symbols(parsed.expression) if name != "t"]
         if others:
             raise LawError(
-                f"{others[0]!r} is not known to a function of time.",
+                f"Unknown name {others[0]!r} in a function of time.",
                 self.text,
-                parsed.place(Symbol(others[0])),
-                "Write numbers for everything but the time t, in s.",
+                parsed.position(Symbol(others[0])),
+                "The only variable is the time t, in s.",
             )
         object.__setattr__(self, "expression", parsed.expression)
 
     def value(self, time: ArrayLike) -> Floats:
-        """The function at `time` in s, in the shape of `time`."""
+        """Values at `time` in s, in the shape of `time`."""
         return _program(self.expression)(time)[0]
 
     def derivative(self, time: ArrayLike) -> Floats:
-        """Its derivative by time."""
+        """Time derivative at `time` in s, in the shape of `time`."""
         return _program(differentiate(self.expression, "t"))(time)[0]
 
 
@@ -71,12 +85,36 @@ class PiecewisePolynomial(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Samples `values` (N,) at `start` + k/`rate`, interpolated by a spline of the stated `order`.
+    """An input given by samples, interpolated by a spline.
 
-    `order` 5 (default) has four continuous derivatives and an error of the sixth order in the sampling interval; 7, 3, 1 are
-    splines too, 0 holds each sample until the next. With `band_limited` the samples are taken as those of a signal without
-    content above half the rate: a windowed sinc first puts three samples into every interval, then the spline goes through
-    all of them. Raises SimulationError for samples that are no finite numbers, too few of them, or another order.
+    Parameters
+    ----------
+    start : float
+        Time of the first sample in s.
+    rate : float
+        Sampling rate in Hz.
+    values : array of shape (N,)
+        Samples in N for a force and in m for the base.
+    order : {5, 7, 3, 1, 0}, optional
+        Order of the spline. 5 has four continuous derivatives and an error of the sixth order in the sampling interval; 0
+        holds each sample until the next.
+    band_limited : bool, optional
+        Whether the signal has no content above half the sampling rate. A windowed sinc then adds three samples to each
+        interval before the spline is fitted.
+
+    Raises
+    ------
+    SimulationError
+        If samples are not finite numbers or too few, or the order is another one.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> time = np.arange(200) / 100.0
+    >>> force = lw.Sampled(0.0, 100.0, np.sin(20.0 * time))
+    >>> bool(abs(force.value(0.505) - np.sin(20.0 * 0.505)) < 1e-6)
+    True
     """
 
     start: float
@@ -96,28 +134,27 @@ class Sampled:
         object.__setattr__(self, "rate", float(self.rate))
         if self.order not in ORDERS:
             raise SimulationError(
-                f"a spline of order {self.order!r} cannot be had; the orders are {', '.join(map(str, ORDERS))}"
+                f"unknown spline order {self.order!r}; choose from {', '.join(map(str, ORDERS))}"
             )
         if not (np.isfinite(self.start) and np.isfinite(self.rate) and self.rate > 0.0):
             raise SimulationError(
-                f"an input cannot start at {self.start!r} s and be sampled at {self.rate!r} Hz; the start is a "
-                "number and the rate a number above 0"
+                f"the start of an input must be finite and its rate positive, got {self.start!r} s and {self.rate!r} Hz"
             )
         if values.ndim != 1 or values.size < max(self.order + 1, 2):
             raise SimulationError(
-                f"an input of shape {values.shape} cannot be interpolated by a spline of order {self.order}: it needs "
-                f"one row of at least {max(self.order + 1, 2)} samples; a lower order needs fewer"
+                f"a spline of order {self.order} needs a one-dimensional array of at least {max(self.order + 1, 2)} samples, "
+                f"got shape {values.shape}; a lower order needs fewer"
             )
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise SimulationError(
                 f"sample {bad[0]} of an input, at {self.start + bad[0] / self.rate:g} s, is {values[bad[0]]}; "
-                "inputs drive the motion and may not have gaps: fill them first"
+                "inputs must not have gaps: fill them first"
             )
 
     @property
     def end(self) -> float:
-        """The time of the last sample in s."""
+        """Time of the last sample in s."""
         return self.start + (self.values.size - 1) / self.rate
 
     @cached_property
@@ -130,8 +167,10 @@ class Sampled:
             return scipy.interpolate.PPoly(values[None, :-1], time)
         spline = scipy.interpolate.make_interp_spline(time, values, k=self.order)
         pieces = scipy.interpolate.PPoly.from_spline(scipy.interpolate.BSpline(spline.t, spline.c, spline.k))
-        real = np.diff(pieces.x) > 0.0  # knots at the ends stand many times
-        return scipy.interpolate.PPoly(pieces.c[:, real], np.append(pieces.x[:-1][real], pieces.x[-1]))
+        nonempty = np.diff(pieces.x) > 0.0  # knots at the ends are repeated
+        return scipy.interpolate.PPoly(
+            pieces.c[:, nonempty], np.append(pieces.x[:-1][nonempty], pieces.x[-1])
+        )
 
     @cached_property
     def pieces(self) -> PiecewisePolynomial:
@@ -139,15 +178,15 @@ class Sampled:
         return PiecewisePolynomial(self._spline.x, np.ascontiguousarray(self._spline.c[::-1].T))
 
     def value(self, time: ArrayLike) -> Floats:
-        """The interpolant at `time` in s; SimulationError outside of the samples."""
+        """Interpolant at `time` in s, in its shape. Raises SimulationError outside the samples."""
         return self._evaluated(self._spline, time)
 
     def derivative(self, time: ArrayLike) -> Floats:
-        """Its derivative by time; SimulationError outside of the samples."""
+        """Time derivative at `time` in s, in its shape. Raises SimulationError outside the samples."""
         return self._evaluated(self._spline.derivative(), time)
 
     def integral(self, time: ArrayLike) -> Floats:
-        """Its integral from the first sample to `time`; SimulationError outside of the samples."""
+        """Integral from the first sample to `time` in s, in its shape. Raises SimulationError outside the samples."""
         return self._evaluated(self._spline.antiderivative(), time)
 
     def _evaluated(self, spline: scipy.interpolate.PPoly, time: ArrayLike) -> Floats:
@@ -156,8 +195,8 @@ class Sampled:
         outside = (time < self.start - slack) | (time > self.end + slack)
         if np.any(outside):
             raise SimulationError(
-                f"an input is sampled from {self.start:g} to {self.end:g} s and is asked for at "
-                f"{np.atleast_1d(time)[np.atleast_1d(outside)][0]:g} s; give more samples or simulate less"
+                f"an input is sampled from {self.start:g} to {self.end:g} s, but is needed at "
+                f"{np.atleast_1d(time)[np.atleast_1d(outside)][0]:g} s; give more samples or simulate a shorter time"
             )
         return np.asarray(spline(np.clip(time, self.start, self.end)), dtype=float)
 
@@ -170,20 +209,41 @@ def _upsampled(values: Floats) -> Floats:
     reach = min(_HALF_WIDTH, values.size - 1)
     before = 2.0 * values[0] - values[reach:0:-1]
     after = 2.0 * values[-1] - values[-2 : -2 - reach : -1]
-    long = np.concatenate([before, values, after])
-    finer: Floats = np.empty((values.size, _UPSAMPLING))
-    finer[:, 0] = values
+    extended = np.concatenate([before, values, after])
+    upsampled: Floats = np.empty((values.size, _UPSAMPLING))
+    upsampled[:, 0] = values
     for phase in range(1, _UPSAMPLING):
-        offset = np.arange(-reach, reach + 1) - phase / _UPSAMPLING  # of the samples from the new point
-        inside = np.clip(1.0 - (offset / (reach + 1)) ** 2, 0.0, None)
-        taps = np.sinc(offset) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
-        finer[:, phase] = np.convolve(long, taps[::-1] / taps.sum(), mode="valid")
-    return finer.ravel()[: _UPSAMPLING * (values.size - 1) + 1]
+        offset = np.arange(-reach, reach + 1) - phase / _UPSAMPLING  # from the new point to the samples
+        window = np.clip(1.0 - (offset / (reach + 1)) ** 2, 0.0, None)
+        taps = np.sinc(offset) * np.i0(_KAISER * np.sqrt(window)) / np.i0(_KAISER)
+        upsampled[:, phase] = np.convolve(extended, taps[::-1] / taps.sum(), mode="valid")
+    return upsampled.ravel()[: _UPSAMPLING * (values.size - 1) + 1]
 
 
 @dataclass(frozen=True)
 class Impulse:
-    """A blow: `momentum` in N s that `mass` takes up at `time` in s, too fast for anything to move meanwhile."""
+    """An ideal impulse on a mass: its velocity jumps, its position does not.
+
+    Parameters
+    ----------
+    mass : str
+        Name of the mass.
+    momentum : float
+        Momentum in N s.
+    time : float, optional
+        Time in s.
+
+    Raises
+    ------
+    SimulationError
+        If a number is not finite or the time is negative.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.Impulse("m1", 0.5, time=0.2)
+    Impulse(mass='m1', momentum=0.5, time=0.2)
+    """
 
     mass: str
     momentum: float
@@ -192,8 +252,8 @@ class Impulse:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.momentum) and np.isfinite(self.time) and self.time >= 0.0):
             raise SimulationError(
-                f"an impulse of {self.momentum!r} N s at {self.time!r} s cannot be; both are finite numbers and the time "
-                "is not before the start, 0",
+                f"an impulse needs a finite momentum and a time that is not negative, got {self.momentum!r} N s at "
+                f"{self.time!r} s",
                 mass=self.mass,
             )
 
@@ -203,10 +263,25 @@ InputSignal = TimeFunction | Sampled
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """All that sets a structure in motion; without anything it rests.
+    """Everything that sets a structure in motion; without arguments, nothing.
 
-    `release` holds initial displacements "x:MASS" in m and velocities "v:MASS" in m/s (0 where not named), `impulses` the
-    blows, `forces` what acts on each mass in N, `base` the displacement of the base in m.
+    Parameters
+    ----------
+    release : mapping of str to float, optional
+        Initial displacements ``"x:MASS"`` in m and velocities ``"v:MASS"`` in m/s; 0 where not given.
+    impulses : tuple of Impulse, optional
+        Impulses on masses.
+    forces : mapping of str to TimeFunction or Sampled, optional
+        Force in N on each mass.
+    base : TimeFunction or Sampled, optional
+        Displacement of the base in m.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> excitation = lw.Excitation.of(release={"v:m1": 1.0}, forces={"m1": "2*sin(30*t)"})
+    >>> excitation.forces["m1"]
+    TimeFunction(text='2*sin(30*t)')
     """
 
     release: Mapping[str, float] = field(default_factory=dict)
@@ -227,9 +302,9 @@ class Excitation:
         forces: Mapping[str, InputSignal | str | float] | None = None,
         base: InputSignal | str | float | None = None,
     ) -> Excitation:
-        """An excitation from what a user writes: a text or a number for a force or the base is a `TimeFunction`.
+        """An excitation in which forces and base motion may be texts or numbers, which become `TimeFunction`.
 
-        Raises SimulationError for what is neither that nor `Sampled`, and for a release that is no finite number.
+        Raises SimulationError for an input of another type, and for a release that is not a finite number.
         """
         return cls(
             {name: _number(name, value) for name, value in (release or {}).items()},
@@ -251,9 +326,9 @@ def _number(name: str, value: object) -> float:
     try:
         number = float(value)  # type: ignore[arg-type]  # what is no number is refused below
     except (TypeError, ValueError):
-        raise SimulationError(f"the release {name} is {value!r}, which is no number") from None
+        raise SimulationError(f"the release {name} must be a number, got {value!r}") from None
     if not np.isfinite(number):
-        raise SimulationError(f"the release {name} is {value!r}; a structure starts from finite numbers")
+        raise SimulationError(f"the release {name} must be finite, got {value!r}")
     return number
 
 
@@ -265,6 +340,6 @@ def _drive(what: str, given: object) -> InputSignal:
     if isinstance(given, int | float) and not isinstance(given, bool):
         return TimeFunction(repr(given))
     raise SimulationError(
-        f'{what} is given as {type(given).__name__}; give an expression of t, such as "sin(30*t)", or its samples, '
-        "Sampled(start, rate, values)"
+        f'{what} must be an expression of t, such as "sin(30*t)", or Sampled(start, rate, values), '
+        f"got {type(given).__name__}"
     )

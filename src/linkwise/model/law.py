@@ -1,8 +1,7 @@
-"""The force law of a link: one text that simulation sums, regression lists by columns and the likelihood differentiates.
+"""The force law of a link: one expression for simulation, regression and likelihood.
 
-A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); `pi` is the number, every other name a
-coefficient. Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1,
-METHODS section 1).
+A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); every other name is a coefficient, except `pi`.
+Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS section 1).
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from linkwise.expression import (
     differentiate,
     kinks,
     multiply,
-    parse_with_places,
+    parse_with_positions,
     substitute,
     symbols,
 )
@@ -40,13 +39,23 @@ from linkwise.expression.quadrature import integral_from_zero
 VARIABLES = ("d", "v")
 
 _MISUSED = {
-    "x": "A law knows the elongation of its link, d = x_first - x_second, and its rate v: write d for x.",
-    "t": "A law does not depend on time. A force that does is an excitation: give it to the simulation.",
+    "x": "The variables of a law are the elongation d = x_first - x_second of its link and its rate v: write d for x.",
+    "t": "A law does not depend on time; a force that does is an excitation.",
 }
 
 
 class Partials(NamedTuple):
-    """A law's force (N) and its partial derivatives, all of the shape that d, v and the coefficients broadcast to."""
+    """The force of a law and its partial derivatives, all of the broadcast shape of d, v and the coefficients.
+
+    Attributes
+    ----------
+    force : array
+        Force in N.
+    by_d, by_v : array
+        Derivatives by elongation in N/m and by rate in N s/m.
+    by_coefficient : dict of str to array
+        Derivative by each coefficient.
+    """
 
     force: Floats
     by_d: Floats
@@ -56,9 +65,27 @@ class Partials(NamedTuple):
 
 @dataclass(frozen=True)
 class Law:
-    """A parsed law. Build it with `Law.parse`; laws of equal text share everything that is compiled.
+    """The force law of a link, built with `Law.parse`. Laws of equal text share compiled code.
 
-    `coefficients` are the names other than d and v in order of appearance; all mappings follow this order.
+    Attributes
+    ----------
+    text : str
+        The law as written.
+    expression : Expression
+        The parsed law.
+    coefficients : tuple of str
+        Names of the coefficients in order of appearance, which is the order of all mappings.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
+    >>> law.coefficients
+    ('alpha', 'beta', 'c')
+    >>> law.units["beta"]
+    'N/m^3'
+    >>> float(law.force(0.5, 0.0, {"alpha": -4.0, "beta": 16.0, "c": 0.02}))
+    0.0
     """
 
     text: str
@@ -67,9 +94,22 @@ class Law:
 
     @staticmethod
     def parse(text: str) -> Law:
-        """The law that `text` says. Raises LawError with a caret under the place that cannot be.
+        """Parse a law.
 
-        Besides the syntax, a law must be finite at rest (d = v = 0, every coefficient 1).
+        Parameters
+        ----------
+        text : str
+            An expression in d, v, coefficients, numbers, ``+ - * / **`` and the functions of laws.
+
+        Returns
+        -------
+        Law
+            The law.
+
+        Raises
+        ------
+        LawError
+            If the expression is invalid, or not finite at rest (d = v = 0).
         """
         return _parse(text)
 
@@ -80,91 +120,109 @@ class Law:
         return hash(self.text)
 
     def __add__(self, other: Law) -> Law:
-        """Both laws acting together; a name that both use is one coefficient, so its unit must be the same in both."""
+        """The sum of two laws; a name in both is one coefficient, so its unit must be the same."""
         if not isinstance(other, Law):
             return NotImplemented
         shared = [name for name in self.coefficients if name in other.coefficients]
         for name in shared:
             if self.units[name] != other.units[name]:
                 raise LawError(
-                    f"The coefficient {name!r} is in {self.units[name]} in {self.text!r} and in {other.units[name]} here.",
+                    f"The coefficient {name!r} is in {self.units[name]} in {self.text!r}, but in {other.units[name]} here.",
                     other.text,
-                    parse_with_places(other.text, VARIABLES).place(Symbol(name)),
-                    f"Rename one of the two before adding the laws: {name}2, for instance.",
+                    parse_with_positions(other.text, VARIABLES).position(Symbol(name)),
+                    f"Rename one of the two before adding the laws, for instance to {name}2.",
                 )
         return _parse(f"{self.text} + {other.text}")
 
     @cached_property
     def linear(self) -> tuple[str, ...]:
-        """The coefficients in which the law is jointly linear, f = sum c_j g_j + g_0, chosen greedily from left to right."""
+        """Coefficients in which the law is jointly linear, f = sum c_j g_j + g_0, chosen greedily from left to right."""
         slopes: dict[str, set[str]] = {}
         for name in self.coefficients:
-            held = set(symbols(differentiate(self.expression, name)))
+            names = set(symbols(differentiate(self.expression, name)))
             if (
-                name not in held
+                name not in names
                 and not any(name in other for other in slopes.values())
-                and not held & set(slopes)
+                and not names & set(slopes)
             ):
-                slopes[name] = held
+                slopes[name] = names
         return tuple(slopes)
 
     @cached_property
     def nonlinear(self) -> tuple[str, ...]:
-        """The other coefficients: gaps, slopes inside tanh, exponents."""
+        """The other coefficients, such as gaps, arguments of tanh and exponents."""
         return tuple(name for name in self.coefficients if name not in self.linear)
 
     @cached_property
     def basis(self) -> Mapping[str, Expression]:
-        """For each linear coefficient the expression it multiplies, in d, v and the nonlinear coefficients."""
+        """For each linear coefficient, the expression it multiplies, in d, v and the nonlinear coefficients."""
         return {name: differentiate(self.expression, name) for name in self.linear}
 
     @cached_property
     def remainder(self) -> Expression:
-        """What is left of the law when every linear coefficient is 0."""
+        """The law with every linear coefficient set to 0."""
         return substitute(self.expression, dict.fromkeys(self.linear, Number(0.0)))
 
     @cached_property
     def units(self) -> Mapping[str, str]:
-        """The SI unit of each coefficient as text: d in m, v in m/s, the law in N; "?" where any unit would do.
+        """SI unit of each coefficient, such as ``"N/m"``; ``"?"`` where any unit is consistent.
 
-        Raises LawError where no units make the law a force, as in `k*d + k*v`.
+        Raises LawError if no units of the coefficients make the law a force, as in ``k*d + k*v``.
         """
         try:
-            found = infer(self.expression, {"d": METRE, "v": METRE_PER_SECOND}, NEWTON)
+            dimensions = infer(self.expression, {"d": METRE, "v": METRE_PER_SECOND}, NEWTON)
         except UnitConflict as error:
-            place = parse_with_places(self.text, VARIABLES).place(error.place)
+            place = parse_with_positions(self.text, VARIABLES).position(error.part)
             advice = "Give each term a coefficient of its own."
             raise LawError(error.reason, self.text, place, advice) from None
-        return {name: "?" if dimension is None else str(dimension) for name, dimension in found.items()}
+        return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions.items()}
 
     @cached_property
     def elastic(self) -> Expression:
-        """The law at v = 0: the part that stores energy."""
+        """The law at v = 0, the part that stores energy."""
         return substitute(self.expression, {"v": Number(0.0)})
 
     @cached_property
     def kinks(self) -> tuple[Expression, ...]:
-        """Expressions in d and v at whose zeros the force is not smooth, each once."""
+        """Expressions in d and v at whose zeros the force is not smooth, without repetition."""
         return tuple(kink for kink in kinks(self.expression) if set(symbols(kink)) & set(VARIABLES))
 
     def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
-        """The force in N at elongation d (m) and rate v (m/s), broadcast with the coefficients; read-only.
+        """Force in N at elongation `d` in m and rate `v` in m/s.
 
-        Raises LawError where `values` lacks a coefficient; further names in it are ignored.
+        Parameters
+        ----------
+        d, v : array
+            Elongation in m and rate in m/s.
+        values : mapping of str to array
+            Value of each coefficient; further names are ignored.
+
+        Returns
+        -------
+        array
+            Force in N, of the broadcast shape of d, v and the coefficients; read-only.
+
+        Raises
+        ------
+        LawError
+            If a coefficient has no value.
         """
         return _force_program(self.expression, self.coefficients)(d, v, *self._ordered(values))[0][()]
 
     def partials(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Partials:
-        """The force and its exact derivatives by d, v and every coefficient, as `force`; at a kink the mean of both sides."""
+        """Force and exact derivatives by d, v and every coefficient; arguments and errors as of `force`.
+
+        At a kink the derivative is the mean of the two one-sided derivatives.
+        """
         outputs = _partials_program(self.expression, self.coefficients)(d, v, *self._ordered(values))
         force, by_d, by_v, *others = outputs
         return Partials(force, by_d, by_v, dict(zip(self.coefficients, others, strict=True)))
 
     def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
-        """The energy (J) stored at elongation d (m): the integral of the force at v = 0 from 0 to d.
+        """Energy in J stored at elongation `d` in m: the integral of the force at v = 0 from 0 to d.
 
-        In closed form where one is known; else, and where that form is not finite, by Gauss-Legendre quadrature between the
-        law's kinks.
+        In closed form if there is one and it is finite; otherwise by Gauss-Legendre quadrature between the kinks of the law.
+        Arguments and errors are those of `force`.
         """
         ordered = self._ordered(values)
         closed, quadrature = _potential_programs(self.elastic, self.coefficients)
@@ -177,7 +235,7 @@ class Law:
     def _ordered(self, values: Mapping[str, ArrayLike]) -> list[ArrayLike]:
         missing = [name for name in self.coefficients if name not in values]
         if missing:
-            place = parse_with_places(self.text, VARIABLES).place(Symbol(missing[0]))
+            place = parse_with_positions(self.text, VARIABLES).position(Symbol(missing[0]))
             given = ", ".join(values) or "none"
             raise LawError(
                 f"The coefficient {missing[0]!r} has no value.",
@@ -190,30 +248,32 @@ class Law:
 
 @lru_cache(maxsize=1024)
 def _parse(text: str) -> Law:
-    parsed = parse_with_places(text, VARIABLES)
+    parsed = parse_with_positions(text, VARIABLES)
     expression = parsed.expression
     for name, advice in _MISUSED.items():
-        place = parsed.place(Symbol(name))
+        place = parsed.position(Symbol(name))
         if place is not None:
-            raise LawError(f"{name!r} is not known to a law.", text, place, advice)
+            raise LawError(f"Unknown variable {name!r} in a law.", text, place, advice)
     _check_rest(text, parsed)
     return Law(text, expression, tuple(name for name in symbols(expression) if name not in VARIABLES))
 
 
 def _check_rest(text: str, parsed: Parsed) -> None:
-    """Refuse a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others, all different."""
-    names = dict.fromkeys(name for part, _ in parsed.places for name in symbols(part))  # of folded parts too
+    """Raise LawError for a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others."""
+    names = dict.fromkeys(
+        name for part, _ in parsed.positions for name in symbols(part)
+    )  # of folded parts too
     ones = dict.fromkeys(names, 1.0)
     others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)}
     if any(np.isfinite(_at_rest(parsed.expression, values)) for values in (ones, others)):
         return
     expression, position = next(
-        place for place in parsed.places if not np.isfinite(_at_rest(place[0], others))
+        place for place in parsed.positions if not np.isfinite(_at_rest(place[0], others))
     )
     reason, advice = "No finite value", "Check the argument of this function, and the constants."
     if isinstance(expression, Power):
         reason, advice = "Division by zero", "Keep the divisor away from 0, as in d/(1 + abs(d)/s)."
-    raise LawError(f"{reason} at rest (d = 0, v = 0); a law must be finite there.", text, position, advice)
+    raise LawError(f"{reason} at rest (d = 0, v = 0), where a law must be finite.", text, position, advice)
 
 
 def _at_rest(expression: Expression, values: Mapping[str, float]) -> float:
@@ -235,10 +295,10 @@ def _partials_program(expression: Expression, coefficients: tuple[str, ...]) -> 
 
 @lru_cache(maxsize=1024)
 def _potential_programs(elastic: Expression, coefficients: tuple[str, ...]) -> tuple[Program | None, Program]:
-    """The closed form, if there is one, and what a quadrature needs: the force at v = 0 and its kinks."""
+    """The closed form, if there is one, and the program for quadrature: the force at v = 0 and its kinks."""
     names = ("d", *coefficients)
-    turns = [kink for kink in kinks(elastic) if "d" in symbols(kink)]
-    quadrature = Program([elastic, *turns], names, wide=("d",))
+    elastic_kinks = [kink for kink in kinks(elastic) if "d" in symbols(kink)]
+    quadrature = Program([elastic, *elastic_kinks], names, wide=("d",))
     primitive = antiderivative(elastic, "d")
     if primitive is None:
         return None, quadrature

@@ -1,14 +1,13 @@
 """Masses and the links between them.
 
 A link joins two masses, or a mass and the ground or the moving base. Its elongation is d = x_first - x_second; its law is the
-force in N on the first end, sign reversed (METHODS section 1): m_first x'' = -f(d, d') + ...
+force in N on the first end with reversed sign (METHODS section 1): m_first x'' = -f(d, d') + ...
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cached_property
 from types import MappingProxyType
 
@@ -19,18 +18,38 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
+from linkwise.text import near_miss
 
 GROUND = "ground"
 """The end of a link that is fixed in space."""
 BASE = "base"
 """The end of a link that moves with a recorded or stated base motion."""
 
-_FORBIDDEN = set("[]:=/\\")  # they have a meaning in channel headers, on the command line or in file names
+_FORBIDDEN = set("[]:=/\\")  # reserved in channel names, file names and name=value pairs
 
 
 @dataclass(frozen=True)
 class Mass:
-    """A rigid body that moves along x. `mass` in kg is positive; an unknown one is bounded below by 0."""
+    """A rigid body that moves along one axis.
+
+    Parameters
+    ----------
+    name : str
+        Name of the mass.
+    mass : Coefficient
+        Mass in kg, positive; an unknown mass is bounded below by 0.
+
+    Raises
+    ------
+    StructureError
+        If the name is reserved or invalid, or the mass is not positive.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.Mass("m1", lw.Coefficient.number(0.5)).mass.value
+    0.5
+    """
 
     name: str
     mass: Coefficient
@@ -39,16 +58,16 @@ class Mass:
         _check_name(self.name, "mass")
         if self.name in (GROUND, BASE):
             raise StructureError(
-                f'a mass cannot be named "{self.name}", the name of what links hold on to; choose another',
+                f'"{self.name}" is reserved as an end of links; choose another name',
                 "mass",
             )
         value = self.mass.value
         if value is not None and not value > 0.0:
             what = "mass" if self.mass.known else "start of the unknown mass"
-            raise StructureError(f"the {what} is {value!r} kg; it must be positive", f'mass "{self.name}"')
+            raise StructureError(f"the {what} must be positive, got {value!r} kg", f'mass "{self.name}"')
         if not self.mass.upper > 0.0:
             raise StructureError(
-                f"the upper bound {self.mass.upper!r} kg leaves no positive mass", f'mass "{self.name}"'
+                f"the upper bound must be positive, got {self.mass.upper!r} kg", f'mass "{self.name}"'
             )
 
 
@@ -56,8 +75,30 @@ class Mass:
 class Link:
     """A force law between two ends.
 
-    `between` names the first and the second end: masses, "ground" or "base". `coefficients` holds one Coefficient for each
-    name in the law, in the law's order. Raises StructureError for a coefficient too many or too few and for a link to itself.
+    Parameters
+    ----------
+    name : str
+        Name of the link.
+    between : tuple of two str
+        First and second end: names of masses, ``"ground"`` or ``"base"``. The elongation is d = x_first - x_second.
+    law : Law
+        Force in N on the first end, with reversed sign.
+    coefficients : mapping of str to Coefficient
+        One coefficient for each name in the law.
+
+    Raises
+    ------
+    StructureError
+        If coefficients are missing or unknown to the law, or the ends are equal or no masses.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> law = lw.Law.parse("k*d + c*v")
+    >>> k, c = lw.Coefficient.number(100.0), lw.Coefficient.number(0.5)
+    >>> link = lw.Link("spring", ("m1", "ground"), law, {"k": k, "c": c})
+    >>> float(link.force(0.01, 0.0))
+    1.0
     """
 
     name: str
@@ -70,14 +111,12 @@ class Link:
         where = f'link "{self.name}"'
         object.__setattr__(self, "between", tuple(self.between))
         if len(self.between) != 2:
-            raise StructureError(f"`between` names two ends, got {list(self.between)}", where)
+            raise StructureError(f"`between` must name two ends, got {list(self.between)}", where)
         if self.between[0] == self.between[1]:
-            raise StructureError(
-                f'both ends are "{self.between[0]}": a link to itself exerts no force', where
-            )
+            raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
         if set(self.between) <= {GROUND, BASE}:
             raise StructureError(
-                f'"{self.between[0]}" and "{self.between[1]}" are no masses: nothing would move', where
+                f'at least one end must be a mass, got "{self.between[0]}" and "{self.between[1]}"', where
             )
         self._check_coefficients(where)
         ordered = {name: self.coefficients[name] for name in self.law.coefficients}
@@ -91,57 +130,51 @@ class Link:
         if missing:
             lines = ", ".join(f'{name} = "unknown"' for name in missing)
             raise StructureError(
-                f"the law {self.law.text} needs {_list(missing)}: add {lines} (or a number) to its coefficients",
+                f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)",
                 where,
             )
         extra = [name for name in self.coefficients if name not in self.law.coefficients]
         if extra:
             raise StructureError(
-                f"coefficient {_list(extra)} is not in the law {self.law.text}, whose coefficients are "
+                f"unknown coefficient {_list(extra)}; the law {self.law.text} has the coefficients "
                 f"{_list(self.law.coefficients)}{near_miss(extra[0], self.law.coefficients)}",
                 where,
             )
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """The number of each coefficient, the start where it is unknown. Raises StructureError where there is neither."""
+        """Value of each coefficient, or the start value of an unknown. Raises StructureError if there is neither."""
         values = {}
         for name, coefficient in self.coefficients.items():
             if coefficient.value is None:
                 raise StructureError(
-                    f"coefficient {name} is unknown and has no start; give it a number, or identify it first",
+                    f"coefficient {name} is unknown and has no start value; give it a number, or identify it first",
                     f'link "{self.name}"',
                 )
             values[name] = coefficient.value
         return values
 
     def force(self, d: ArrayLike, v: ArrayLike = 0.0) -> Floats:
-        """Force in N at elongation `d` in m and its rate `v` in m/s (shapes broadcast)."""
+        """Force in N at elongation `d` in m and rate `v` in m/s, of their broadcast shape."""
         return _full(self.law.force(d, v, self.values), d, v)
 
     def stiffness(self, d: ArrayLike) -> Floats:
-        """Slope of the force by d in N/m at rest (v = 0), in the shape of `d`."""
+        """Derivative of the force by d in N/m at rest (v = 0), in the shape of `d`."""
         return self.tangent(d)[0]
 
     def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Slopes of the force by d in N/m and by v in N s/m, each in the broadcast shape of `d` and `v`."""
+        """Derivatives of the force by d in N/m and by v in N s/m, each of the broadcast shape of `d` and `v`."""
         partials = self.law.partials(d, v, self.values)
         return _full(partials.by_d, d, v), _full(partials.by_v, d, v)
 
     def potential(self, d: ArrayLike) -> Floats:
-        """Energy in J stored in the elastic part f(d, 0) of the law, zero at d = 0, in the shape of `d`."""
+        """Energy in J stored at elongation `d` in m by the law at v = 0, zero at d = 0, in the shape of `d`."""
         return _full(self.law.potential(d, self.values), d, 0.0)
 
 
 def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> Floats:
-    """`values` in the broadcast shape of `d` and `v`: a constant term gives a number where an array is asked for."""
+    """`values` in the broadcast shape of `d` and `v`: a constant law gives a single number."""
     return np.array(np.broadcast_to(values, np.broadcast_shapes(np.shape(d), np.shape(v))), dtype=float)
-
-
-def near_miss(typed: str, names: Iterable[str]) -> str:
-    """'; did you mean "x"?' for the name nearest to `typed`, or nothing."""
-    near = get_close_matches(typed, list(names), n=1)
-    return f'; did you mean "{near[0]}"?' if near else ""
 
 
 def _list(names: Iterable[str]) -> str:
@@ -153,6 +186,6 @@ def _check_name(name: object, kind: str) -> None:
         raise StructureError(f"a {kind} needs a name, got {name!r}", kind)
     if name != name.strip() or not name.isprintable() or _FORBIDDEN & set(name):
         raise StructureError(
-            f"the name {name!r} cannot be used: no blanks at its ends, no control characters and none of [ ] : = / \\",
+            f"{name!r} is not a valid name: leading or trailing spaces, control characters and [ ] : = / \\ are not allowed",
             kind,
         )

@@ -1,6 +1,7 @@
-"""Which coefficients are one and the same, and which of them are free to be found.
+"""The coefficients of a structure by full name: which of them are shared, and which are free parameters.
 
-Every coefficient has a full name: "nes1.alpha" for a link's, "m1.mass" for a mass. A shared one follows another by that name.
+Every coefficient has a full name: "nes1.alpha" for that of a link, "m1.mass" for a mass. A shared coefficient refers to its
+leader, the coefficient that it is equal to.
 """
 
 from __future__ import annotations
@@ -11,15 +12,16 @@ from dataclasses import dataclass
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
-from linkwise.model.link import Link, Mass, near_miss
+from linkwise.model.link import Link, Mass
+from linkwise.text import near_miss
 
 KILOGRAM = "kg"
-_UNDETERMINED = "?"  # what a law says of a coefficient whose unit does not follow from it
+_ANY_UNIT = "?"  # unit of a coefficient that its law does not determine
 
 
 @dataclass(frozen=True)
 class CoefficientSlot:
-    """The place of one coefficient: `index` is that of its link, or -1 - i for mass i; `key` its name there."""
+    """A coefficient in its place: link `index`, or -1 - i for mass i, and its name `key` there."""
 
     index: int
     key: str
@@ -28,13 +30,33 @@ class CoefficientSlot:
 
     @property
     def unit(self) -> str:
-        """As the law tells it; kg for a mass. It is worked out only when asked for: a simulation never does."""
+        """SI unit. Inferred on access, since a simulation never needs it."""
         return KILOGRAM if self.law is None else self.law.units[self.key]
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A free unknown. `members` are the places (link index, or -1 - mass index; coefficient) that take its value."""
+    """A free parameter of a structure: an unknown coefficient and all coefficients that share its value.
+
+    Attributes
+    ----------
+    name : str
+        Full name, such as ``"nes1.alpha"`` or ``"m1.mass"``.
+    unit : str
+        SI unit; ``"?"`` where the law does not determine it.
+    start : float or None
+        Start value of its search; None without one.
+    lower, upper : float
+        Bounds.
+    members : tuple of (int, str)
+        Coefficients that take its value: index of the link, or -1 - i for mass i, and name of the coefficient there.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> [parameter.name for parameter in lw.bnes_chain(2).unknown("nes").parameters]
+    ['nes1.alpha', 'nes1.beta', 'nes1.c']
+    """
 
     name: str
     unit: str
@@ -44,66 +66,67 @@ class Parameter:
     members: tuple[tuple[int, str], ...]
 
 
-def slots(masses: Sequence[Mass], links: Sequence[Link]) -> dict[str, CoefficientSlot]:
+def coefficient_slots(masses: Sequence[Mass], links: Sequence[Link]) -> dict[str, CoefficientSlot]:
     """Every coefficient by its full name, links first, in the order of the file.
 
-    Raises StructureError where a mass and a link of one name make a full name ambiguous.
+    Raises StructureError where a mass and a link of the same name make a full name ambiguous.
     """
-    found: dict[str, CoefficientSlot] = {}
+    slots: dict[str, CoefficientSlot] = {}
     for index, link in enumerate(links):
         for key, coefficient in link.coefficients.items():
-            found[f"{link.name}.{key}"] = CoefficientSlot(index, key, link.law, coefficient)
+            slots[f"{link.name}.{key}"] = CoefficientSlot(index, key, link.law, coefficient)
     for index, mass in enumerate(masses):
         name = f"{mass.name}.mass"
-        if name in found:
+        if name in slots:
             raise StructureError(
-                f'"{name}" is a mass and a coefficient of the link of that name; rename one of them'
+                f'"{name}" names both a mass and a coefficient of a link; rename the mass or the link'
             )
-        found[name] = CoefficientSlot(-1 - index, "mass", None, mass.mass)
-    return found
+        slots[name] = CoefficientSlot(-1 - index, "mass", None, mass.mass)
+    return slots
 
 
-def leaders(places: Mapping[str, CoefficientSlot]) -> dict[str, str]:
-    """For every shared coefficient the one that it follows in the end.
+def resolve_sharing(slots: Mapping[str, CoefficientSlot]) -> dict[str, str]:
+    """For every shared coefficient its leader, followed to the end of the chain.
 
-    Raises StructureError for a leader that does not exist, a circle, and a leader of another unit.
+    Raises StructureError for a leader that does not exist, a circular chain, and a leader in another unit.
     """
-    found = {}
-    for name, slot in places.items():
+    leaders = {}
+    for name, slot in slots.items():
         if slot.coefficient.same_as is None:
             continue
-        trail = [name]
-        while (following := places[trail[-1]].coefficient.same_as) is not None:
-            if following not in places:
+        chain = [name]
+        while (leader := slots[chain[-1]].coefficient.same_as) is not None:
+            if leader not in slots:
                 raise StructureError(
-                    f'"={following}" names no coefficient of this structure{near_miss(following, places)}',
-                    trail[-1],
+                    f'"={leader}" refers to an unknown coefficient{near_miss(leader, slots)}', chain[-1]
                 )
-            if following in trail:
-                circle = " = ".join([*trail[trail.index(following) :], following])
-                raise StructureError(
-                    f"coefficients share each other in a circle, {circle}: give one of them a number", name
-                )
-            trail.append(following)
-        _check_units(name, slot.unit, trail[-1], places[trail[-1]].unit)
-        found[name] = trail[-1]
-    return found
+            if leader in chain:
+                circle = " = ".join([*chain[chain.index(leader) :], leader])
+                raise StructureError(f"circular sharing, {circle}: give one of them a number", name)
+            chain.append(leader)
+        _check_units(name, slot.unit, chain[-1], slots[chain[-1]].unit)
+        leaders[name] = chain[-1]
+    return leaders
 
 
-def parameters(places: Mapping[str, CoefficientSlot], follows: Mapping[str, str]) -> tuple[Parameter, ...]:
-    """The free unknowns in the order of `places`, each with all the places that follow it."""
+def free_parameters(
+    slots: Mapping[str, CoefficientSlot], leaders: Mapping[str, str]
+) -> tuple[Parameter, ...]:
+    """The free parameters in the order of `slots`, each with all coefficients that share it."""
     members: dict[str, list[tuple[int, str]]] = {
         name: [(slot.index, slot.key)]
-        for name, slot in places.items()
+        for name, slot in slots.items()
         if slot.coefficient.same_as is None and not slot.coefficient.known
     }
-    units = {name: places[name].unit for name in members}
-    for name, leader in follows.items():
+    units = {name: slots[name].unit for name in members}
+    for name, leader in leaders.items():
         if leader in members:
-            members[leader].append((places[name].index, places[name].key))
-            if units[leader] == _UNDETERMINED:
-                units[leader] = places[name].unit
-    return tuple(_parameter(name, units[name], places[name], tuple(sites)) for name, sites in members.items())
+            members[leader].append((slots[name].index, slots[name].key))
+            if units[leader] == _ANY_UNIT:
+                units[leader] = slots[name].unit
+    return tuple(
+        _parameter(name, units[name], slots[name], tuple(sharing)) for name, sharing in members.items()
+    )
 
 
 def _parameter(
@@ -115,7 +138,7 @@ def _parameter(
 
 
 def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:
-    if unit != leader_unit and _UNDETERMINED not in (unit, leader_unit):
+    if unit != leader_unit and _ANY_UNIT not in (unit, leader_unit):
         raise StructureError(
-            f'it is in {unit or "1"} and cannot equal "{leader}" in {leader_unit or "1"}', name
+            f'is in {unit or "1"} and cannot be equal to "{leader}" in {leader_unit or "1"}', name
         )

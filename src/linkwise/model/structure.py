@@ -1,4 +1,4 @@
-"""The structure: masses, links, and the incidence that carries sign and action = reaction for everybody.
+"""The structure: masses, links, and the incidence matrix, the only place of signs and of action = reaction.
 
     d = B'x + e x_base,   M x'' = -B f(d, d') + w(t)        (METHODS section 1)
 
@@ -19,17 +19,50 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.link import BASE, GROUND, Link, Mass, near_miss
-from linkwise.model.parameters import CoefficientSlot, Parameter, leaders, parameters, slots
+from linkwise.model.link import BASE, GROUND, Link, Mass
+from linkwise.model.parameters import (
+    CoefficientSlot,
+    Parameter,
+    coefficient_slots,
+    free_parameters,
+    resolve_sharing,
+)
+from linkwise.text import near_miss
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Masses joined by links, validated when built; every change returns a new structure.
+    """Masses joined by links; immutable, every change returns a new structure.
 
-    Raises StructureError for duplicate names, an end that is no mass, a mass that nothing holds, and bad sharing.
+    Parameters
+    ----------
+    name : str
+        Title of the structure.
+    masses : tuple of Mass
+        The n masses, in the order of all arrays.
+    links : tuple of Link
+        The L links, in the order of all arrays.
+
+    Raises
+    ------
+    StructureError
+        If a name is used twice, an end of a link is not a mass, a mass has no link, or a shared coefficient does not exist.
+
+    See Also
+    --------
+    read_structure : Read a structure from a TOML file.
+    bnes_chain : A chain of bistable sinks.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> k, c = lw.Coefficient.number(400.0), lw.Coefficient.unknown()
+    >>> spring = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d + c*v"), {"k": k, "c": c})
+    >>> structure = lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (spring,))
+    >>> [parameter.name for parameter in structure.parameters]
+    ['spring.c']
     """
 
     name: str
@@ -44,62 +77,63 @@ class Structure:
         _check_unique(self.mass_names, "mass")
         _check_unique(tuple(link.name for link in self.links), "link")
         self._check_ends()
-        places = self._slots
-        follows = leaders(places)
-        if follows:
+        slots = self._slots
+        leaders = resolve_sharing(slots)
+        if leaders:
             resolved = {
-                name: places[name].coefficient.following(places[leader].coefficient)
-                for name, leader in follows.items()
+                name: slots[name].coefficient.following(slots[leader].coefficient)
+                for name, leader in leaders.items()
             }
-            masses, links = _replaced(self.masses, self.links, places, resolved)
+            masses, links = _replaced(self.masses, self.links, slots, resolved)
             object.__setattr__(self, "masses", masses)
             object.__setattr__(self, "links", links)
-            del self.__dict__["_slots"]  # it was read off the coefficients before they followed their leaders
+            del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
     def _check_ends(self) -> None:
         names = set(self.mass_names)
-        held: set[str] = set()
+        linked: set[str] = set()
         for link in self.links:
             for end in link.between:
                 if end not in names and end not in (GROUND, BASE):
                     raise StructureError(
-                        f'"{end}" is neither a mass nor "ground" nor "base"'
-                        f"{near_miss(end, [*self.mass_names, GROUND, BASE])}; the masses are {_quoted(self.mass_names)}",
+                        f'unknown end "{end}"'
+                        f'{near_miss(end, [*self.mass_names, GROUND, BASE])}; an end is "ground", "base" or one of the masses '
+                        f"{_quoted(self.mass_names)}",
                         f'link "{link.name}"',
                     )
-            held.update(link.between)
-        loose = [name for name in self.mass_names if name not in held]
+            linked.update(link.between)
+        loose = [name for name in self.mass_names if name not in linked]
         if loose:
             raise StructureError(
-                "nothing holds it: no link has it as an end; add a link or remove the mass",
+                "no link has it as an end; add a link or remove the mass",
                 f"mass {_quoted(loose)}",
             )
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
-        return slots(self.masses, self.links)
+        return coefficient_slots(self.masses, self.links)
 
     @cached_property
     def _leaders(self) -> dict[str, str]:
-        return leaders(self._slots)
+        return resolve_sharing(self._slots)
 
     @property
     def size(self) -> int:
-        """The number of masses, n."""
+        """Number of masses, n."""
         return len(self.masses)
 
     @cached_property
     def mass_names(self) -> tuple[str, ...]:
-        """The names of the masses, in the order of all arrays."""
+        """Names of the masses, in the order of all arrays."""
         return tuple(mass.name for mass in self.masses)
 
     @cached_property
     def mass_values(self) -> Floats:
-        """(n,) masses in kg, the start where one is unknown. Raises StructureError where there is neither."""
+        """Masses in kg, shape (n,); the start value of an unknown. Raises StructureError if there is neither."""
         for mass in self.masses:
             if mass.mass.value is None:
                 raise StructureError(
-                    "it is unknown and has no start; give it a number, or identify it first",
+                    "is unknown and has no start value; give it a number, or identify it first",
                     f'mass "{mass.name}"',
                 )
         values = np.array([mass.mass.value for mass in self.masses], dtype=float)
@@ -115,16 +149,16 @@ class Structure:
         return {link.name: index for index, link in enumerate(self.links)}
 
     def mass(self, name: str) -> Mass:
-        """The mass of that name; StructureError lists the names there are."""
+        """The mass named `name`. Raises StructureError if there is none."""
         return self.masses[_index(self._mass_index, name, "mass", "masses")]
 
     def link(self, name: str) -> Link:
-        """The link of that name; StructureError lists the names there are."""
+        """The link named `name`. Raises StructureError if there is none."""
         return self.links[_index(self._link_index, name, "link", "links")]
 
     @cached_property
     def incidence(self) -> scipy.sparse.csr_array:
-        """B, (n, L): +1 where a mass is the first end of a link, -1 where it is the second."""
+        """Incidence matrix B, sparse, shape (n, L): +1 where a mass is the first end of a link, -1 where it is the second."""
         rows, columns, signs = [], [], []
         for column, link in enumerate(self.links):
             for end, sign in zip(link.between, (1.0, -1.0), strict=True):
@@ -136,53 +170,96 @@ class Structure:
 
     @cached_property
     def base_incidence(self) -> Floats:
-        """e, (L,): +1 where the base is the first end of a link, -1 where it is the second, else 0."""
+        """Incidence e of the base, shape (L,): +1 where it is the first end of a link, -1 where it is the second, else 0."""
         ends = np.array([(link.between[0] == BASE) - float(link.between[1] == BASE) for link in self.links])
         ends.flags.writeable = False
         return ends
 
     def elongations(self, x: ArrayLike, base: ArrayLike | None = None) -> Floats:
-        """(N, L) elongations of the links from displacements `x` (N, n), or (L,) from (n,); rates from velocities alike.
+        """Elongations of the links, ``B'x + e x_base``; from velocities, their rates.
 
-        `base` is the motion of the base, (N,) or a number; StructureError where a link needs it and it is None.
+        Parameters
+        ----------
+        x : array of shape (N, n) or (n,)
+            Displacements of the masses in m, or velocities in m/s.
+        base : array of shape (N,) or float, optional
+            Displacement of the base in m, or its velocity in m/s; needed if a link has the base as an end.
+
+        Returns
+        -------
+        array of shape (N, L) or (L,)
+            Elongations in m, or rates in m/s.
+
+        Raises
+        ------
+        StructureError
+            If the number of displacements is not n, or the motion of the base is missing.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> lw.bnes_chain(2).elongations([0.5, 0.75])
+        array([0.5 , 0.25])
         """
         x = np.asarray(x, dtype=float)
         if x.shape[-1] != self.size:
-            raise StructureError(f"{x.shape[-1]} displacements were given for {self.size} masses")
+            raise StructureError(f"expected displacements of {self.size} masses, got {x.shape[-1]}")
         d = np.ascontiguousarray((self.incidence.T @ x.T).T)
-        held = np.flatnonzero(self.base_incidence)
-        if held.size == 0:
+        on_base = np.flatnonzero(self.base_incidence)
+        if on_base.size == 0:
             return d
         if base is None:
             raise StructureError(
-                "it hangs on the base, whose motion is not given: give it, or let the link hold on to the ground",
-                f'link "{self.links[held[0]].name}"',
+                "has the base as an end, but the motion of the base is not given",
+                f'link "{self.links[on_base[0]].name}"',
             )
-        d[..., held] += np.asarray(base, dtype=float)[..., None] * self.base_incidence[held]
+        d[..., on_base] += np.asarray(base, dtype=float)[..., None] * self.base_incidence[on_base]
         return d
 
     def coefficient(self, name: str) -> Coefficient:
-        """The coefficient "nes1.alpha", or "m1.mass"; of a shared one the coefficient that it follows."""
+        """The coefficient of a full name, such as ``"nes1.alpha"`` or ``"m1.mass"``; of a shared one its leader.
+
+        Raises StructureError if there is none.
+        """
         if name not in self._slots:
             raise StructureError(
-                f'there is no coefficient "{name}"{near_miss(name, self._slots)}; they are {_quoted(self._slots)}'
+                f'unknown coefficient "{name}"{near_miss(name, self._slots)}; choose from {_quoted(self._slots)}'
             )
         return self._slots[self._leaders.get(name, name)].coefficient
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The free unknowns: those of the links, then those of the masses, shared ones once."""
-        return parameters(self._slots, self._leaders)
+        """Free parameters: those of the links, then those of the masses; shared ones once."""
+        return free_parameters(self._slots, self._leaders)
 
     def unknown(self, *which: str) -> Structure:
-        """The structure with coefficients made unknown, values and starts dropped so that nothing leaks; bounds stay.
+        """Make coefficients unknown. Values and start values are dropped; bounds are kept.
 
-        Each of `which` is "all" (every link), a link, the beginning of link names ("nes"), "link.coefficient" (the beginning
-        of names serves there too), or "mass:NAME". A shared coefficient frees the one that it follows.
+        Parameters
+        ----------
+        *which : str
+            Each is ``"all"`` (every link), the name of a link, a prefix of link names (``"nes"``), ``"link.coefficient"``
+            (with a prefix too), or ``"mass:NAME"``. For a shared coefficient its leader is made unknown.
+
+        Returns
+        -------
+        Structure
+            The structure with unknowns.
+
+        Raises
+        ------
+        StructureError
+            If nothing is given, or a name does not exist.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> len(lw.bnes_chain(4).unknown("nes", "spring1.k").parameters)
+        7
         """
         if not which:
             raise StructureError(
-                'say what is unknown: "all", a link, the beginning of link names, or "mass:NAME"'
+                'expected at least one of "all", a link, a prefix of link names, or "mass:NAME"'
             )
         chosen = {name for selector in which for name in self._chosen(selector)}
         freed = {
@@ -192,24 +269,45 @@ class Structure:
         return self._with(freed)
 
     def with_values(self, values: Mapping[str, float]) -> Structure:
-        """The structure with these values, by full name ("nes1.alpha", "m1.mass"), known from now on.
+        """Set coefficients to known values.
 
-        What follows a changed coefficient changes with it. Where an unknown is filled in, the result is an answer: every
-        shared coefficient that has a value becomes a plain number. StructureError for a name that is not there.
+        Coefficients that share a changed one change with it. If an unknown is set, every shared coefficient that has a value
+        becomes a plain number.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Value in SI units by full name, such as ``"nes1.alpha"`` or ``"m1.mass"``.
+
+        Returns
+        -------
+        Structure
+            The structure with the values.
+
+        Raises
+        ------
+        StructureError
+            If a name does not exist, or coefficients that share a value are given different ones.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> lw.bnes_chain(2).with_values({"nes1.alpha": -50.0}).coefficient("nes1.alpha").value
+        -50.0
         """
         changes: dict[str, Coefficient] = {}
-        answered = False
+        identified = False
         for name, value in values.items():
-            answered = answered or not self.coefficient(name).known
+            identified = identified or not self.coefficient(name).known
             leader = self._leaders.get(name, name)
             try:
                 change = Coefficient.number(value)
             except StructureError as error:
                 raise StructureError(error.message, name) from None
             if changes.setdefault(leader, change) != change:
-                raise StructureError(f'it is the same as "{leader}", which is given another value', name)
+                raise StructureError(f'is equal to "{leader}", for which another value is given', name)
         changed = self._with(changes)
-        return changed._without_sharing() if answered else changed
+        return changed._without_sharing() if identified else changed
 
     def _without_sharing(self) -> Structure:
         plain = {
@@ -224,27 +322,27 @@ class Structure:
         return Structure(self.name, masses, links)
 
     def _chosen(self, selector: str) -> list[str]:
-        """The full names that one argument of `unknown` chooses; StructureError if none."""
+        """Full names that one argument of `unknown` selects. Raises StructureError if there are none."""
         if selector.startswith("mass:"):
             return [f"{self.mass(selector.removeprefix('mass:')).name}.mass"]
         if selector == "all":
             return [name for name, slot in self._slots.items() if slot.index >= 0]
-        links = _beginning(self._link_index, selector)
+        links = _matching(self._link_index, selector)
         if links:
             return [f"{name}.{key}" for name in links for key in self.link(name).coefficients]
         head, _, key = selector.rpartition(".")
-        chosen = [f"{name}.{key}" for name in (_beginning(self._link_index, head) if head else ())]
+        chosen = [f"{name}.{key}" for name in (_matching(self._link_index, head) if head else ())]
         chosen = [name for name in chosen if name in self._slots]
         if not chosen:
             raise StructureError(
-                f'"{selector}" is no link, no beginning of link names and no coefficient'
+                f'"{selector}" is not a link, a prefix of link names or a coefficient'
                 f"{near_miss(selector, [*self._link_index, *self._slots])}; the links are {_quoted(self._link_index)}"
             )
         return chosen
 
     @cached_property
     def shape_key(self) -> Hashable:
-        """Equal for structures of one topology and the same laws, whatever their values: they share compiled code."""
+        """Equal for structures of the same topology and laws, whatever their values; they share compiled code."""
         ends = {**self._mass_index, GROUND: -1, BASE: -2}
         return self.size, tuple(
             (ends[link.between[0]], ends[link.between[1]], link.law.expression) for link in self.links
@@ -254,14 +352,14 @@ class Structure:
 def _replaced(
     masses: tuple[Mass, ...],
     links: tuple[Link, ...],
-    places: Mapping[str, CoefficientSlot],
+    slots: Mapping[str, CoefficientSlot],
     changes: Mapping[str, Coefficient],
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
-    """Masses and links with some coefficients, by full name, exchanged."""
+    """Masses and links with some coefficients, given by full name, replaced."""
     new_masses, new_links = list(masses), list(links)
     by_link: dict[int, dict[str, Coefficient]] = {}
     for name, coefficient in changes.items():
-        slot = places[name]
+        slot = slots[name]
         if slot.index < 0:
             new_masses[-1 - slot.index] = replace(masses[-1 - slot.index], mass=coefficient)
         else:
@@ -271,31 +369,31 @@ def _replaced(
     return tuple(new_masses), tuple(new_links)
 
 
-def _beginning(names: Iterable[str], typed: str) -> list[str]:
-    """The name `typed` alone if it is there, else all names that begin with it."""
+def _matching(names: Iterable[str], typed: str) -> list[str]:
+    """`typed` alone if it is one of the names, else all names that begin with it."""
     names = list(names)
     return [typed] if typed in names else [name for name in names if typed and name.startswith(typed)]
 
 
 def _check_unique(names: tuple[str, ...], kind: str) -> None:
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        count = names.count(twice[0])
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        count = names.count(repeated[0])
         raise StructureError(
-            f"the name is used {count} times; each {kind} needs its own", f'{kind} "{twice[0]}"'
+            f"the name is used {count} times; names must be unique", f'{kind} "{repeated[0]}"'
         )
 
 
 def _index(indices: Mapping[str, int], name: str, kind: str, kinds: str) -> int:
     if name not in indices:
         raise StructureError(
-            f'there is no {kind} "{name}"{near_miss(name, indices)}; the {kinds} are {_quoted(indices)}'
+            f'unknown {kind} "{name}"{near_miss(name, indices)}; the {kinds} are {_quoted(indices)}'
         )
     return indices[name]
 
 
 def _quoted(names: Iterable[str]) -> str:
-    """The names in quotes, the middle left out when there are many."""
+    """The names in quotes; of a long list the middle is left out."""
     listed = [f'"{name}"' for name in names]
     shown = listed if len(listed) <= 12 else [*listed[:10], "...", listed[-1]]
     return ", ".join(shown) if shown else "none"

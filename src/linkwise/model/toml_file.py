@@ -1,14 +1,13 @@
-"""Structures as TOML files, in and out; reading what was written gives the same structure, to the last bit.
+"""Structures as TOML files; a structure that is written and read back is the same to the last bit.
 
 A coefficient (or a mass) is a number, a string with a unit ("30 kN/m"), "unknown", a table of `start`, `lower`, `upper` for an
-unknown one, or "=link.coefficient" for one that is shared.
+unknown with start value and bounds, or "=link.coefficient" for a shared one.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import tomllib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,110 +18,232 @@ import msgspec
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
-from linkwise.model.link import Link, Mass, near_miss
+from linkwise.model.link import Link, Mass
 from linkwise.model.parameters import KILOGRAM
 from linkwise.model.structure import Structure
+from linkwise.text import near_miss
+from linkwise.toml_tables import decode, parse_toml, read_toml_text
 from linkwise.units import to_si
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
 
 
-class _Start(msgspec.Struct, forbid_unknown_fields=True):
-    """An unknown with start and bounds, in SI or as text with a unit."""
+class _UnknownTable(msgspec.Struct, forbid_unknown_fields=True):
+    """An unknown with start value and bounds, in SI units or as text with a unit."""
 
     start: float | str | None = None
     lower: float | str | None = None
     upper: float | str | None = None
 
 
-class _Mass(msgspec.Struct, forbid_unknown_fields=True):
+class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     mass: float | str | dict[str, Any]
 
 
-class _Link(msgspec.Struct, forbid_unknown_fields=True):
+class _LinkTable(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     between: list[str]
     law: str
     coefficients: dict[str, Any] = {}
 
 
-class _Document(msgspec.Struct, forbid_unknown_fields=True):
-    mass: list[_Mass]
-    link: list[_Link]
+class _StructureTable(msgspec.Struct, forbid_unknown_fields=True):
+    mass: list[_MassTable]
+    link: list[_LinkTable]
     name: str = ""
 
 
-class _Known(_Document, forbid_unknown_fields=True):
-    link: list[_Link] = []
+class _PartialTable(msgspec.Struct, forbid_unknown_fields=True):
+    mass: list[_MassTable]
+    link: list[_LinkTable] = []
+    name: str = ""
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known of a structure: its masses, and some of its links, which need not hold them all."""
+class PartialStructure:
+    """The known part of a structure that is to be discovered; a mass need not have a link.
+
+    Attributes
+    ----------
+    masses : tuple of Mass
+        The masses.
+    links : tuple of Link
+        The links that are known to be there.
+
+    See Also
+    --------
+    read_partial_structure : Read it from a file.
+    discover : Discover the rest.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.PartialStructure((lw.Mass("m1", lw.Coefficient.number(1.0)),), ()).masses[0].name
+    'm1'
+    """
 
     masses: tuple[Mass, ...]
     links: tuple[Link, ...]
 
 
 def read_structure(path: str | Path) -> Structure:
-    """The structure in a TOML file. Raises StructureError with file, and line or key, for whatever is wrong in it."""
-    return parse_structure(_text(path), str(path))
+    """Read a structure from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Structure
+        The structure in SI units.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read or is not valid; the error names the file and the line or key.
+
+    See Also
+    --------
+    write_structure : Write a structure to a file.
+    parse_structure : Read a structure from a text.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "chain.toml"
+    ...     lw.write_structure(lw.bnes_chain(2), path)
+    ...     lw.read_structure(path) == lw.bnes_chain(2)
+    True
+    """
+    return parse_structure(read_toml_text(path, StructureError), str(path))
 
 
-def read_known(path: str | Path) -> Known:
-    """What a TOML file states of a structure that is to be discovered: as `read_structure`, but links may be missing."""
-    document = _document(_text(path), _Known, str(path))
-    return Known(*_parts(document, str(path)))
+def read_partial_structure(path: str | Path) -> PartialStructure:
+    """Read the known part of a structure that is to be discovered from a TOML file.
 
+    Parameters
+    ----------
+    path : str or Path
+        A structure file in which links may be missing.
 
-def _text(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise StructureError("there is no such file", str(path)) from None
-    except UnicodeDecodeError as error:
-        raise StructureError(
-            f"it is not UTF-8 text (byte {error.start}); save it as UTF-8", str(path)
-        ) from None
-    except OSError as error:
-        raise StructureError(f"it cannot be read: {error.strerror}", str(path)) from None
+    Returns
+    -------
+    PartialStructure
+        Its masses and links.
+
+    Raises
+    ------
+    StructureError
+        As of `read_structure`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "masses.toml"
+    ...     _ = path.write_text('mass = [{ name = "m1", mass = "10 g" }]')
+    ...     lw.read_partial_structure(path).masses[0].mass.value
+    0.01
+    """
+    source = str(path)
+    table = decode(
+        parse_toml(read_toml_text(path, StructureError), source, StructureError),
+        _PartialTable,
+        source,
+        "",
+        StructureError,
+    )
+    return PartialStructure(*_masses_and_links(table, source))
 
 
 def write_structure(structure: Structure, path: str | Path) -> None:
-    """Write `structure` as TOML; `read_structure` gives it back equal."""
+    """Write a structure to a TOML file, from which `read_structure` reads the same structure.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    path : str or Path
+        The file; replaced if it exists.
+
+    See Also
+    --------
+    format_structure : The text that is written.
+    """
     Path(path).write_text(format_structure(structure), encoding="utf-8", newline="\n")
 
 
 def parse_structure(text: str, source: str = "structure") -> Structure:
-    """The structure in a TOML text; `source` is what errors call it."""
-    document = _document(text, _Document, source)
-    masses, links = _parts(document, source)
+    """Read a structure from a TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The text of a structure file.
+    source : str, optional
+        Name of the text in error messages.
+
+    Returns
+    -------
+    Structure
+        The structure in SI units.
+
+    Raises
+    ------
+    StructureError
+        If the text is not valid; the error names the line or key.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> text = lw.format_structure(lw.bnes_chain(2))
+    >>> lw.parse_structure(text) == lw.bnes_chain(2)
+    True
+    """
+    table = decode(parse_toml(text, source, StructureError), _StructureTable, source, "", StructureError)
+    masses, links = _masses_and_links(table, source)
     try:
-        return Structure(document.name, masses, links)
+        return Structure(table.name, masses, links)
     except StructureError as error:
-        raise StructureError(error.message, _join(source, error.where)) from None
+        raise StructureError(error.message, f"{source}, {error.where}" if error.where else source) from None
 
 
-def _document(text: str, kind: type[_Document], source: str) -> Any:
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        reason, _, place = str(error).partition(" (at ")
-        where = f"{source}, {place.rstrip(')')}" if place else source
-        raise StructureError(f"this is no TOML: {reason[:1].lower()}{reason[1:]}", where) from None
-    return _decode(data, kind, source, "")
-
-
-def _parts(document: _Document, source: str) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
-    masses = tuple(_mass(entry, index, source) for index, entry in enumerate(document.mass))
-    links = tuple(_link(entry, index, source) for index, entry in enumerate(document.link))
+def _masses_and_links(
+    table: _StructureTable | _PartialTable, source: str
+) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
+    masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
+    links = tuple(_link(entry, index, source) for index, entry in enumerate(table.link))
     return masses, links
 
 
 def format_structure(structure: Structure) -> str:
-    """The TOML text of a structure."""
+    """The TOML text of a structure.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    str
+        The text of its structure file.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> print(lw.format_structure(lw.bnes_chain(2)).splitlines()[0])
+    name = "bistable chain of 2 masses"
+    """
     blocks = [f"name = {_string(structure.name)}\n"]
     for mass in structure.masses:
         blocks.append(f"[[mass]]\nname = {_string(mass.name)}\nmass = {_coefficient_text(mass.mass)}\n")
@@ -138,7 +259,7 @@ def format_structure(structure: Structure) -> str:
     return "\n".join(blocks)
 
 
-def _mass(entry: _Mass, index: int, source: str) -> Mass:
+def _mass(entry: _MassTable, index: int, source: str) -> Mass:
     path = f"mass[{index}]"
     where = f'{source}, {path} "{entry.name}"'
     coefficient = _coefficient(entry.mass, KILOGRAM, source, f"{path}.mass")
@@ -148,14 +269,14 @@ def _mass(entry: _Mass, index: int, source: str) -> Mass:
         raise StructureError(error.message, where) from None
 
 
-def _link(entry: _Link, index: int, source: str) -> Link:
+def _link(entry: _LinkTable, index: int, source: str) -> Link:
     path = f"link[{index}]"
     where = f'{source}, {path} "{entry.name}"'
     try:
         law = _law(entry.law)
         units = law.units
     except LinkwiseError as error:
-        raise StructureError(f"its law cannot be used: {error}", where) from None
+        raise StructureError(f"invalid law: {error}", where) from None
     coefficients = {
         name: _coefficient(given, units.get(name, ""), source, f"{path}.coefficients.{name}")
         for name, given in entry.coefficients.items()
@@ -168,15 +289,15 @@ def _link(entry: _Link, index: int, source: str) -> Link:
 
 @lru_cache(maxsize=256)
 def _law(text: str) -> Law:
-    """One law for all links that name it: a thousand sinks are parsed once."""
+    """The law of a text, parsed once for all links that have it."""
     return Law.parse(text)
 
 
 def _coefficient(given: object, unit: str, source: str, path: str) -> Coefficient:
-    """The coefficient that a value in the file stands for."""
+    """The coefficient for a value of the file, in SI units `unit`."""
     try:
         if isinstance(given, dict):
-            table = _decode(given, _Start, source, path)
+            table = decode(given, _UnknownTable, source, path, StructureError)
             start = None if table.start is None else _si(table.start, unit)
             lower = -math.inf if table.lower is None else _si(table.lower, unit)
             upper = math.inf if table.upper is None else _si(table.upper, unit)
@@ -198,7 +319,7 @@ def _coefficient(given: object, unit: str, source: str, path: str) -> Coefficien
 
 
 def _si(given: float | str, unit: str) -> float:
-    """A number as it is, a text converted to `unit`."""
+    """A number unchanged, a text converted to `unit`."""
     if not isinstance(given, str):
         return given
     try:
@@ -206,32 +327,6 @@ def _si(given: float | str, unit: str) -> float:
     except LinkwiseError as error:
         hint = near_miss(given.strip().lower(), ["unknown"])
         raise StructureError(f"{error}{hint}") from None
-
-
-def _decode(data: object, kind: type[Any], source: str, path: str) -> Any:
-    """`data` as `kind`; StructureError with the path of the key that does not fit."""
-    try:
-        return msgspec.convert(data, kind, strict=True)
-    except msgspec.ValidationError as error:
-        reason, _, place = str(error).partition(" - at `$")
-        place = f"{path}{place.rstrip('`')}".lstrip(".")
-        unexpected = re.search(r"unknown field `(.*)`", reason)
-        if unexpected:
-            owner = (
-                {"": _Document, "mass": _Mass, "link": _Link}.get(place.partition("[")[0], _Start)
-                if not path
-                else _Start
-            )
-            fields = owner.__struct_fields__
-            reason = f'there is no key "{unexpected[1]}"{near_miss(unexpected[1], fields)}; the keys are {", ".join(fields)}'
-        missing = re.search(r"required field `(.*)`", reason)
-        if missing:
-            reason = f"the key `{missing[1]}` is missing"
-        raise StructureError(reason[:1].lower() + reason[1:], _join(source, place)) from None
-
-
-def _join(source: str, place: str) -> str:
-    return f"{source}, {place}" if place else source
 
 
 def _coefficient_text(coefficient: Coefficient) -> str:
@@ -253,7 +348,7 @@ def _key(name: str) -> str:
 
 
 def _string(text: str) -> str:
-    """A TOML basic string: quotes, backslashes and control characters escaped, everything else as it is."""
+    """A TOML basic string: quotes, backslashes and control characters are escaped."""
     escaped = "".join(
         _ESCAPES.get(character)
         or (f"\\u{ord(character):04X}" if ord(character) < 32 or ord(character) == 127 else character)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError, SimulationError
 from linkwise.model.excitation import Excitation, Impulse, InputSignal, Sampled
-from linkwise.model.link import BASE, near_miss
+from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel import Channel
@@ -25,6 +25,7 @@ from linkwise.simulation.horizon import horizon
 from linkwise.simulation.link_forces import LinkForces
 from linkwise.simulation.run import RunLog, integrate
 from linkwise.simulation.schedule import RunSchedule
+from linkwise.text import near_miss
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
 
@@ -163,9 +164,9 @@ def check_excitation(structure: Structure, drive: Excitation, end: float) -> Non
             raise SimulationError(
                 f"{channel!r} cannot be released: name a displacement, such as x:{names[0]}, or a velocity, v:{names[0]}"
             )
-        _check_mass(mass, names, "released")
+        _check_mass(mass, names, "a release")
     for impulse in drive.impulses:
-        _check_mass(impulse.mass, names, "struck")
+        _check_mass(impulse.mass, names, "an impulse")
         if impulse.time >= end:
             raise SimulationError(
                 f"{impulse.mass} is struck at {impulse.time:g} s, when the simulation has ended ({end:g} s)",
@@ -173,7 +174,7 @@ def check_excitation(structure: Structure, drive: Excitation, end: float) -> Non
                 impulse.mass,
             )
     for mass in drive.forces:
-        _check_mass(mass, names, "driven by a force")
+        _check_mass(mass, names, "a force")
     if drive.base is not None and not structure.base_incidence.any():
         raise SimulationError(
             'a motion of the base is given, but no link holds on to it: write "base" for "ground" in `between` of the links '
@@ -198,7 +199,7 @@ def _check_mass(name: str, names: tuple[str, ...], what: str) -> None:
     if name not in names:
         shown = ", ".join(names if len(names) <= 12 else (*names[:10], "...", names[-1]))
         raise SimulationError(
-            f"there is no mass {name!r} that could be {what}{near_miss(name, names)}; the masses are {shown}",
+            f"unknown mass {name!r} in {what}{near_miss(name, names)}; the masses are {shown}",
             mass=name,
         )
 
@@ -221,7 +222,7 @@ def _channels(structure: Structure, drive: Excitation, sensors: Iterable[str]) -
             raise SimulationError(f"no sensor can be had: {error}") from None
         if channel.is_input:
             raise SimulationError(f"{name} is an input; it is in the record whenever it drives the structure")
-        _check_mass(channel.mass, structure.mass_names, "seen by a sensor")
+        _check_mass(channel.mass, structure.mass_names, "a sensor")
         found[channel] = None
     inputs = [Channel("x", BASE) if name == BASE else Channel("force", name) for name in drive.drives]
     return [*found, *inputs]

@@ -11,10 +11,10 @@ from functools import cached_property
 from typing import Any
 
 from linkwise.errors import StudyError
-from linkwise.model.link import near_miss
 from linkwise.study.method import StudyMethod
 from linkwise.study.row import Case
 from linkwise.study.subject import Subject
+from linkwise.text import near_miss
 
 
 @dataclass(frozen=True, eq=False)

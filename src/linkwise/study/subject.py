@@ -11,12 +11,13 @@ from typing import Any
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.link import BASE, near_miss
+from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.simulation.simulate import simulate
+from linkwise.text import near_miss
 
 _ALL = ("x", "v", "a")
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from linkwise.errors import IdentificationError, LinkwiseError, StudyError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
-from linkwise.model.link import near_miss
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import parse_structure, read_structure
 from linkwise.sindy.conventions import Convention
@@ -22,6 +19,8 @@ from linkwise.study.definition import Study
 from linkwise.study.method import LinkByLink, PhysicsInformedMethod, StudyMethod
 from linkwise.study.method_monomials import MonomialMethod
 from linkwise.study.subject import Subject
+from linkwise.text import near_miss
+from linkwise.toml_tables import decode, parse_toml, read_toml_text
 
 _SOURCES = ("bnes", "file", "toml")
 
@@ -113,35 +112,25 @@ def read_study(which: str | Path) -> Study:
         return parse_study(
             shipped.joinpath(f"{which}.toml").read_text(encoding="utf-8"), f"{which}.toml", Path()
         )
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, IsADirectoryError):
+    if not path.is_file():
         raise StudyError(
             f"there is no such study file{near_miss(str(which), names)}; a study is a TOML file, or one that ships with "
             f"linkwise: {', '.join(names)}",
             str(which),
-        ) from None
-    except UnicodeDecodeError as error:
-        raise StudyError(f"it is not UTF-8 text (byte {error.start}); save it as UTF-8", str(which)) from None
-    except OSError as error:
-        raise StudyError(f"it cannot be read: {error.strerror}", str(which)) from None
+        )
+    text = read_toml_text(path, StudyError)
     return parse_study(text, str(which), path.parent)
 
 
 def parse_study(text: str, source: str, folder: Path) -> Study:
     """The study in a TOML text; `source` is what errors call it, `folder` where its structures' files are."""
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        reason, _, place = str(error).partition(" (at ")
-        where = f"{source}, {place.rstrip(')')}" if place else source
-        raise StudyError(f"this is no TOML: {reason[:1].lower()}{reason[1:]}", where) from None
+    data = parse_toml(text, source, StudyError)
     return build_study(data, source, folder)
 
 
 def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
     """The study that the tables of a study file stand for; relative paths are from `folder`."""
-    document: _Document = _decode(data, _Document, source, "")
+    document: _Document = decode(data, _Document, source, "", StudyError)
     subjects = tuple(
         _subject(one, f"structure[{i}]", source, folder) for i, one in enumerate(document.structure)
     )
@@ -218,38 +207,7 @@ def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
         got = "nothing" if kind is None else repr(kind)
         raise StudyError(f"expected one of {', '.join(_KINDS)}; got {got}{hint}", f"{source}, {path}.kind")
     try:
-        method: StudyMethod = _decode(entry, _KINDS[kind], source, path).build()
+        method: StudyMethod = decode(entry, _KINDS[kind], source, path, StudyError).build()
     except IdentificationError as error:
         raise StudyError(str(error), f"{source}, {path}") from None
     return method
-
-
-def _decode(data: object, kind: type[Any], source: str, path: str) -> Any:
-    """`data` as `kind`; StudyError with the path of the key that does not fit."""
-    try:
-        return msgspec.convert(data, kind, strict=True)
-    except msgspec.ValidationError as error:
-        reason, _, place = str(error).partition(" - at `$")
-        place = f"{path}{place.rstrip('`')}".lstrip(".")
-        owner = _Impulse if ".impulse[" in place else _Structure if place.startswith("structure") else kind
-        unexpected = re.search(r"unknown field `(.*)`", reason)
-        if unexpected:
-            fields = owner.__struct_fields__
-            reason = f'there is no key "{unexpected[1]}"{near_miss(unexpected[1], fields)}; the keys are {", ".join(fields)}'
-        stranger = re.search(r"[Ii]nvalid enum value '(.*)'", reason)
-        if stranger:
-            choices = get_args(get_type_hints(owner)[place.rpartition(".")[2]])
-            reason = (
-                f"expected one of {', '.join(choices)}; got {stranger[1]!r}{near_miss(stranger[1], choices)}"
-            )
-        missing = re.search(r"required field `(.*)`", reason)
-        if missing:
-            choices = get_args(get_type_hints(owner)[missing[1]])
-            told = (
-                f", one of {', '.join(choices)}"
-                if choices and all(isinstance(one, str) for one in choices)
-                else ""
-            )
-            reason = f"the key `{missing[1]}` is missing{told}"
-        where = f"{source}, {place}" if place else source
-        raise StudyError(reason[:1].lower() + reason[1:], where) from None

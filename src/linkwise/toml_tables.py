@@ -1,0 +1,84 @@
+"""TOML files decoded strictly: an error says which file, line or key is wrong, and what was expected."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+import msgspec
+
+from linkwise.errors import StructureError, StudyError
+from linkwise.text import near_miss
+
+Table = TypeVar("Table", bound=msgspec.Struct)
+FileError = type[StructureError] | type[StudyError]
+
+
+def read_toml_text(path: str | Path, error: FileError) -> str:
+    """The text of a UTF-8 file. Raises `error` with the path if it cannot be read."""
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise error("there is no such file", str(path)) from None
+    except UnicodeDecodeError as problem:
+        raise error(f"is not UTF-8 text (byte {problem.start}); save it as UTF-8", str(path)) from None
+    except OSError as problem:
+        raise error(f"cannot be read: {problem.strerror}", str(path)) from None
+
+
+def parse_toml(text: str, source: str, error: FileError) -> dict[str, Any]:
+    """The tables of a TOML text named `source`. Raises `error` with line and column if it is not valid TOML."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        reason, _, position = str(problem).partition(" (at ")
+        message = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}"
+        raise error(message, _joined(source, position.rstrip(")"))) from None
+
+
+def decode(data: object, kind: type[Table], source: str, path: str, error: FileError) -> Table:
+    """`data` of the key `path` as the msgspec Struct `kind`. Raises `error` with the path of a wrong key."""
+    _check_keys(data, kind, source, path, error)
+    try:
+        return msgspec.convert(data, kind, strict=True)
+    except msgspec.ValidationError as problem:
+        reason, _, place = str(problem).partition(" - at `$")
+        message = reason[:1].lower() + reason[1:]
+        raise error(message, _joined(source, f"{path}{place.rstrip('`')}".lstrip("."))) from None
+
+
+def _check_keys(data: object, kind: type[msgspec.Struct], source: str, path: str, error: FileError) -> None:
+    """Raise `error` for an unknown or missing key, or a value that is none of the choices, here or in tables below."""
+    if not isinstance(data, dict):
+        return
+    fields = {field.name: field for field in msgspec.structs.fields(kind)}
+    for key in data:
+        if key not in fields:
+            raise error(
+                f'unknown key "{key}"{near_miss(str(key), fields)}; the keys are {", ".join(fields)}',
+                _joined(source, path),
+            )
+    for name, field in fields.items():
+        place, value, choices = f"{path}.{name}".lstrip("."), data.get(name), get_args(field.type)
+        if get_origin(field.type) is Literal:
+            one_of = f"one of {', '.join(choices)}"
+            if name not in data and field.required:
+                raise error(f"the key `{name}` is missing, {one_of}", _joined(source, path))
+            if isinstance(value, str) and value not in choices:
+                raise error(
+                    f"expected {one_of}; got {value!r}{near_miss(value, choices)}", _joined(source, place)
+                )
+        if name not in data and field.required:
+            raise error(f"the key `{name}` is missing", _joined(source, path))
+        if get_origin(field.type) is list and isinstance(value, list) and _is_table(choices[0]):
+            for index, entry in enumerate(value):
+                _check_keys(entry, choices[0], source, f"{place}[{index}]", error)
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def _joined(source: str, place: str) -> str:
+    return f"{source}, {place}" if place else source
