@@ -258,7 +258,9 @@ def test_mat_v73(tmp_path: Path) -> None:
     )
     record = read_record(path, channels={"a:m2": "data(:,1)"})
     check(record, ("a:m2", "force:m1", "x:m1"))
-    assert record.notes == ("Columns that are not channels were ignored: data(:,2).",)
+    assert record.notes == (
+        "Columns that are not channels were ignored: data(:,2), nothing (empty), parts (a cell array).",
+    )
 
 
 def test_mat_v73_with_our_own_names(tmp_path: Path) -> None:
@@ -280,7 +282,7 @@ def test_mat_v73_with_our_own_names(tmp_path: Path) -> None:
     record = read_record(path)
     assert set(record.channels) == set(names)
     assert record.noise == {"x:m1": 0.5}
-    assert record.notes == ("One.",)
+    assert record.notes == ("One.", "Columns that are not channels were ignored: nothing (empty).")
     assert record.source == "rig"
     assert np.array_equal(record.channel("a:m2"), A)
 

@@ -98,6 +98,13 @@ def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None
 def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
     """(N,) values of a chosen column in SI units; integers without a unit stay integers, so that a note mentions them."""
     column = table.columns[choice.column]
+    if column.instead:
+        raise RecordError(
+            f"is {column.instead}, not a row of real numbers; leave the channel out",
+            file,
+            table.header_line,
+            choice.name,
+        )
     if column.values is None:
         advice = "leave the cell of a missing sample empty"
         arguments: tuple[str, ...] = ()

@@ -47,7 +47,11 @@ def choose(
 def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note on the columns that are not used."""
     used = {choice.column for choice in chosen}
-    unused = [column.header for i, column in enumerate(table.columns) if i not in used and column.header]
+    unused = [
+        f"{column.header} ({column.instead})" if column.instead else column.header
+        for i, column in enumerate(table.columns)
+        if i not in used and column.header
+    ]
     if not unused:
         return []
     return [f"Columns that are not channels were ignored: {_list(unused)}."]
@@ -152,8 +156,9 @@ def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHead
     meant = ColumnHeader(column.meaning, leaf.unit)
     if meant.channel is None:
         return None
-    known = known_masses is None or meant.channel.mass in (*known_masses, BASE)
-    return meant if known else None
+    if known_masses is None:
+        return None if column.instead else meant
+    return meant if meant.channel.mass in (*known_masses, BASE) else None
 
 
 def _nothing_recognised(table: Table, file: str) -> RecordError:

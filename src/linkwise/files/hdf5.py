@@ -7,6 +7,7 @@ read whose data sets, in any group, have such names or are mapped to them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import h5py
 import numpy as np
 
 from linkwise.errors import RecordError
-from linkwise.files.arrays import columns_of
+from linkwise.files.arrays import Unread, columns_of
 from linkwise.files.table import Table
 from linkwise.records.record import Record
 
@@ -37,23 +38,52 @@ def read_table(path: Path) -> Table:
         tree: dict[str, Any] = {}
         noise: dict[str, float] = {}
 
-        def collect(name: str, item: h5py.HLObject) -> None:
-            if isinstance(item, h5py.Dataset) and item.dtype.kind in "biufSO" and item.shape:
-                tree[f"{name}{_unit(item)}"] = item[()]
-                if "noise" in item.attrs:
-                    noise[name] = float(item.attrs["noise"])
-
-        file.visititems(collect)
+        for name, item in _items(file):
+            if isinstance(item, Unread):
+                tree[name] = item
+                continue
+            tree[f"{name}{_unit(item)}"] = None if item.shape is None else np.asarray(item[()])
+            if "noise" in item.attrs:
+                noise[name] = float(item.attrs["noise"])
         rate = file.attrs.get("rate")
-        order = [f"{name}{_unit(file[name])}" for name in file.attrs.get("channels", ()) if name in file]
+        stated = {name: file.get(name) for name in file.attrs.get("channels", ())}
+        order = [name if item is None else f"{name}{_unit(item)}" for name, item in stated.items()]
         return Table(
-            columns_of({**{name: tree[name] for name in order}, **tree}),
+            columns_of({**{name: tree.get(name, Unread("missing")) for name in order}, **tree}),
             start=float(file.attrs.get("start", 0.0)),
             rate=None if rate is None else float(rate),
             noise=noise,
             notes=tuple(str(note) for note in np.atleast_1d(file.attrs.get("notes", ()))),
             source=str(file.attrs.get("source", "")),
         )
+
+
+def _items(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset | Unread]]:
+    """All data sets with their paths, in the order of names, groups where they stand; links that lead to none as unread."""
+    pending: list[tuple[str, Any]] = [("", file)]
+    entered = set()
+    while pending:
+        path, item = pending.pop()
+        if not isinstance(item, h5py.Group):
+            yield path, item
+            continue
+        address = h5py.h5o.get_info(item.id).addr
+        if address in entered:  # a group that contains itself, or stands in two places
+            continue
+        entered.add(address)
+        prefix = f"{path}/" if path else ""
+        members = [(f"{prefix}{name}", _member(item, name)) for name in item]
+        pending += [(name, member) for name, member in reversed(members) if member is not None]
+
+
+def _member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | Unread | None:
+    """What stands under a name of a group; None for what holds no data."""
+    if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
+        return Unread("a link into another file")
+    item = group.get(name)
+    if item is None:
+        return Unread("a link to nothing")
+    return item if isinstance(item, h5py.Group | h5py.Dataset) else None
 
 
 def _unit(item: h5py.Dataset) -> str:

@@ -16,16 +16,18 @@ from typing import Any
 import h5py
 import numpy as np
 from scipy.io import loadmat, savemat
+from scipy.sparse import csc_array, issparse
 
-from linkwise.files.arrays import columns_of
+from linkwise.files.arrays import Unread, columns_of
 from linkwise.files.table import Column, Table
 from linkwise.records.channel import UNITS
 from linkwise.records.record import Record
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable
 _SPELLED = re.compile(rf"^({'|'.join(UNITS)})_(\w+)$")
+_LARGEST = 10_000_000  # numbers of a sparse matrix that is read
 _RATES = ("rate", "fs", "Fs")
-_OWN = frozenset({"channels", "variables", "noise", "notes"})
+_OWN = frozenset({"channels", "variables", "noise", "notes", "start", "rate", "source"})
 
 
 def read_table(path: Path) -> Table:
@@ -74,7 +76,21 @@ def _texts(value: Any) -> tuple[str, ...]:
 
 def _read_v5(path: Path) -> dict[str, Any]:
     content = loadmat(path, squeeze_me=True, simplify_cells=True)
-    return {name: value for name, value in content.items() if not name.startswith("__")}
+    return {name: _dense(value) for name, value in content.items() if not name.startswith("__")}
+
+
+def _dense(value: Any) -> Any:
+    """A sparse matrix as an array, in structs too; one that is too large to be a set of channels is left unread."""
+    if isinstance(value, dict):
+        return {name: _dense(member) for name, member in value.items()}
+    if not issparse(value):
+        return value
+    rows, columns = value.shape
+    return (
+        np.squeeze(value.toarray())
+        if rows * columns <= _LARGEST
+        else Unread(f"a sparse matrix of {rows} x {columns}")
+    )
 
 
 def _read_v73(path: Path) -> dict[str, Any]:
@@ -84,8 +100,12 @@ def _read_v73(path: Path) -> dict[str, Any]:
 
 def _from_hdf5(item: h5py.Group | h5py.Dataset, file: h5py.File) -> Any:
     """One MATLAB value: structs are groups, arrays are transposed, text is numbers, cells are references."""
-    if isinstance(item, h5py.Group):
+    if isinstance(item, h5py.Group) and "MATLAB_sparse" not in item.attrs:
         return {name: _from_hdf5(member, file) for name, member in item.items()}
+    if "MATLAB_sparse" in item.attrs:
+        columns = len(item["jc"]) - 1
+        parts = [item[name][()] if name in item else () for name in ("data", "ir", "jc")]
+        return _dense(csc_array(tuple(parts), shape=(int(item.attrs["MATLAB_sparse"]), columns)))
     if "MATLAB_empty" in item.attrs:
         return None
     kind = item.attrs.get("MATLAB_class", b"")

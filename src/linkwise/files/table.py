@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_SHOWN = 60  # characters of a cell that a message quotes
+
 
 @dataclass(frozen=True)
 class BadCell:
@@ -22,14 +24,16 @@ class BadCell:
 class Column:
     """One column of a file.
 
-    `values` (N,) are real numbers, NaN where missing, or None where `bad` is a cell that is not a number. `meaning` is the
-    channel that a header stands for where the format cannot spell it (`x_m1` for x:m1 in MATLAB).
+    `values` (N,) are real numbers, NaN where missing, or None where `bad` is a cell that is not a number, or `instead` says
+    what is there in place of a row of numbers. `meaning` is the channel that a header stands for where the format cannot
+    spell it (`x_m1` for x:m1 in MATLAB).
     """
 
     header: str
     values: NDArray[Any] | None
     bad: BadCell | None = None
     meaning: str = ""
+    instead: str = ""
 
     @classmethod
     def of(cls, header: str, values: NDArray[Any], meaning: str = "") -> Column:
@@ -38,7 +42,7 @@ class Column:
             values = values.astype(np.int8)
         if values.dtype.kind in "iuf":
             return cls(header, values, meaning=meaning)
-        return cls(header, None, BadCell(str(values.flat[0]) if values.size else ""), meaning)
+        return cls(header, None, BadCell(str(values.flat[0])[:_SHOWN] if values.size else ""), meaning)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,9 @@ from linkwise.files.table import Column, Table
 _TIME_RESPONSE = 1
 _EVEN = 1
 _KINDS = {8: "x", 9: "force", 11: "v", 12: "a", 13: "force"}  # ordinate_spec_data_type
+_MARK = re.compile(
+    rb"    -1(?=[\r\n]|\Z| {74})"
+)  # the line before and after each data set, as pyuff finds it
 _NONE = frozenset({"", "NONE"})
 
 
@@ -23,12 +27,28 @@ def read_table(path: Path) -> Table:
     A response whose ID line does not name a channel stands for KIND:NODE, from the quantity and node of the data set. Raises
     RecordError for a file without time responses and for responses that do not share one time axis.
     """
-    sets = pyuff.UFF(str(path)).read_sets()
+    _check_complete(path)
+    file = pyuff.UFF(str(path))
+    unreadable = [str(k + 1) for k, kind in enumerate(file.get_set_types()) if kind == 0]
+    if unreadable:
+        raise RecordError(
+            f"the type of data set {', '.join(unreadable)} cannot be read; the file is damaged", path
+        )
+    sets = file.read_sets()
     sets = [data for data in (sets if isinstance(sets, list) else [sets]) if data.get("type") == 58]
+    others = [_column(data).header for data in sets if data["func_type"] != _TIME_RESPONSE]
+    notes = (f"Data sets that are not time responses were ignored: {', '.join(others)}.",) if others else ()
     sets = [data for data in sets if data["func_type"] == _TIME_RESPONSE]
     if not sets:
         raise RecordError("contains no time response (data set 58, function type 1)", path)
     columns = tuple(_column(data) for data in sets)
+    for data, column in zip(sets, columns, strict=True):
+        if len(data["data"]) != data["num_pts"]:
+            raise RecordError(
+                f"has {len(data['data'])} samples of {data['num_pts']} that the file states; the file is damaged",
+                path,
+                channel=column.header,
+            )
     first = sets[0]
     for data, column in zip(sets, columns, strict=True):
         if data["abscissa_spacing"] != first["abscissa_spacing"] or not np.array_equal(data["x"], first["x"]):
@@ -36,8 +56,18 @@ def read_table(path: Path) -> Table:
                 f"has a different time axis than {columns[0].header}", path, channel=column.header
             )
     if first["abscissa_spacing"] != _EVEN:
-        return Table((Column("time", np.asarray(first["x"])), *columns))
-    return Table(columns, start=float(first["abscissa_min"]), rate=_rate(float(first["abscissa_inc"])))
+        return Table((Column("time", np.asarray(first["x"])), *columns), notes=notes)
+    rate = _rate(float(first["abscissa_inc"]))
+    return Table(columns, start=float(first["abscissa_min"]), rate=rate, notes=notes)
+
+
+def _check_complete(path: Path) -> None:
+    """Raise RecordError where the last data set has no end: pyuff leaves it out."""
+    content = path.read_bytes()
+    marks = [match.start() for match in _MARK.finditer(content)]
+    if len(marks) % 2:
+        line = content.count(b"\n", 0, marks[-1]) + 1
+        raise RecordError("the data set that begins here has no end; the file was cut off", path, line)
 
 
 def _column(data: dict[str, Any]) -> Column:

@@ -1,0 +1,148 @@
+"""Channels that a file holds and a reader cannot have: told, by an error or a note, and never lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import pyuff
+import scipy.sparse
+from scipy.io import savemat
+
+import linkwise as lw
+
+N = 64
+TIME = np.arange(N) / 100.0
+X, Y = np.sin(20.0 * TIME), np.cos(23.0 * TIME)
+
+
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [
+        (np.zeros((0, 0)), "empty"),
+        (np.arange(64.0).reshape(4, 4, 4), "an array of 4 x 4 x 4"),
+        (np.array([Y, Y[:9]], dtype=object), "a number"),
+        (Y + 1j * X, "a number"),
+        (scipy.sparse.csc_array((100_000, 100_000)), "a sparse matrix of 100000 x 100000"),
+    ],
+)
+def test_mat_variable_that_is_no_row_of_numbers(value: Any, what: str, tmp_path: Path) -> None:
+    savemat(tmp_path / "run.mat", {"time": TIME, "x_m1": X, "x_m2": value})
+    with pytest.raises(lw.RecordError, match=what) as error:
+        lw.read_record(tmp_path / "run.mat", known_masses=["m1", "m2"])
+    assert error.value.channel == "x:m2"
+
+
+@pytest.mark.parametrize("value", [np.zeros((0, 0)), np.arange(64.0).reshape(4, 4, 4)])
+def test_mat_variable_that_may_be_something_else_is_in_the_notes(value: Any, tmp_path: Path) -> None:
+    savemat(
+        tmp_path / "run.mat", {"time": TIME, "x_m1": X, "remainder": value, "comment": "text", "gain": 2.0}
+    )
+    record = lw.read_record(tmp_path / "run.mat")
+    (note,) = record.notes
+    assert "remainder (" in note and "comment" not in note and "gain" not in note
+
+
+def test_mat_sparse_vector_is_read(tmp_path: Path) -> None:
+    sparse = scipy.sparse.csc_array(np.where(np.arange(N) % 3 == 0, Y, 0.0)[:, None])
+    savemat(tmp_path / "run.mat", {"time": TIME, "x_m1": X, "x_m2": sparse})
+    record = lw.read_record(tmp_path / "run.mat")
+    np.testing.assert_array_equal(record.channel("x:m2"), sparse.toarray()[:, 0])
+
+
+def test_mat_v73_sparse_vector_is_read(tmp_path: Path) -> None:
+    sparse = scipy.sparse.csc_array(np.where(np.arange(N) % 3 == 0, Y, 0.0)[:, None])
+    with h5py.File(tmp_path / "run.mat", "w") as file:
+        file["time"], file["x_m1"] = TIME[None, :], X[None, :]
+        group = file.create_group("x_m2")
+        group.attrs["MATLAB_sparse"] = np.uint64(N)
+        group["data"], group["ir"], group["jc"] = sparse.data, sparse.indices, sparse.indptr
+    record = lw.read_record(tmp_path / "run.mat")
+    np.testing.assert_array_equal(record.channel("x:m2"), sparse.toarray()[:, 0])
+
+
+COMPOUND = np.array(list(zip(X, Y, strict=True)), dtype=[("a", "f8"), ("b", "f8")])
+
+
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [
+        (np.zeros(0), "is empty"),
+        (np.float64(3.0), "is a single value"),
+        (np.arange(64.0).reshape(4, 4, 4), "is an array of 4 x 4 x 4"),
+        (Y + 1j * X, "is not a number"),
+        (COMPOUND, "is not a number"),
+        (h5py.SoftLink("/nowhere"), "is a link to nothing"),
+        (h5py.ExternalLink("other.h5", "x"), "is a link into another file"),
+        (h5py.Empty("f8"), "is empty"),
+    ],
+)
+def test_hdf5_data_set_that_is_no_row_of_numbers(value: Any, what: str, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["time"], file["x:m1"], file["x:m2"] = TIME, X, value
+    with pytest.raises(lw.RecordError, match=what) as error:
+        lw.read_record(tmp_path / "run.h5")
+    assert error.value.channel == "x:m2"
+
+
+@pytest.mark.parametrize("depth", [5, 300])
+def test_hdf5_deep_groups_and_links_are_read(depth: int, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["time"], file["y"], file["x:m2"] = TIME, Y, h5py.SoftLink("/y")
+        file["g/" * depth + "x:m1"] = X
+        file["g/itself"] = file["g"]
+    record = lw.read_record(tmp_path / "run.h5")
+    np.testing.assert_array_equal(record.channel("x:m1"), X)
+    np.testing.assert_array_equal(record.channel("x:m2"), Y)
+
+
+def test_hdf5_channel_that_our_own_file_states_and_has_not(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    lw.write_record(lw.Record.from_arrays(TIME, {"x:m1": X, "x:m2": Y}), path)
+    with h5py.File(path, "a") as file:
+        del file["x:m2"]
+    with pytest.raises(lw.RecordError, match="is missing"):
+        lw.read_record(path)
+
+
+AXES = ("abscissa", "ordinate", "orddenom", "z_axis")
+
+
+def universal(path: Path, functions: tuple[int, ...] = (1, 1)) -> None:
+    """A universal file of the channels x:m1 and force:m1, as data sets of these functions (1 is a time response)."""
+    fields = ("len_unit_exp", "force_unit_exp", "temp_unit_exp", "spec_data_type")
+    rest: dict[str, object] = {f"{axis}_{field}": 0 for axis in AXES for field in fields}
+    rest |= {f"{axis}_axis_units_lab": "NONE" for axis in AXES}
+    for k, (name, values) in enumerate({"x:m1": X, "force:m1": Y}.items()):
+        data = {
+            **rest, "type": 58, "binary": 0, "id1": name, "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
+            "func_type": functions[k], "ver_num": 1, "load_case_id": 0, "rsp_ent_name": "NONE", "rsp_node": 1, "rsp_dir": 3,
+            "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0, "ord_data_type": 4, "num_pts": N, "abscissa_spacing": 1,
+            "abscissa_min": 0.0, "abscissa_inc": 0.01, "z_axis_value": 0.0, "x": TIME, "data": values,
+        }  # fmt: skip
+        pyuff.UFF(str(path)).write_sets(data, "add" if k else "overwrite")
+
+
+def test_uff_file_that_was_cut_anywhere_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "run.uff"
+    universal(path)
+    assert lw.read_record(path).channels == ("x:m1", "force:m1")
+    content = path.read_bytes()
+    for share in (0.3, 0.6, 0.8, 0.99):
+        path.write_bytes(content[: int(share * len(content))])
+        with pytest.raises(lw.RecordError, match=r"damaged|cut off|cannot be read|no time response"):
+            lw.read_record(path)
+
+
+def test_uff_data_set_of_another_type_or_function_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.uff"
+    universal(path, (1, 4))
+    assert "Data sets that are not time responses were ignored: force:m1." in lw.read_record(path).notes
+    universal(path)
+    head, _, tail = path.read_bytes().rpartition(b"    58")
+    path.write_bytes(head + b"    x8" + tail)
+    with pytest.raises(lw.RecordError, match="type of data set 2 cannot be read"):
+        lw.read_record(path)
