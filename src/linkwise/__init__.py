@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from linkwise.estimates.describing_function import Equivalent, equivalent
     from linkwise.estimates.estimate import Estimate
+    from linkwise.estimates.estimator import Estimator
     from linkwise.estimates.uncertainty import Posterior, read_posterior
     from linkwise.files import read_record, write_record
     from linkwise.identification.force_error import nmse
@@ -47,7 +48,8 @@ if TYPE_CHECKING:
     from linkwise.identification.limit_result import Limit
     from linkwise.identification.validation import FreeRun, free_run
     from linkwise.likelihood.anneal import AnnealingStep
-    from linkwise.likelihood.loss import Gaussian, Huber, Student
+    from linkwise.likelihood.estimate import MaximumLikelihood
+    from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.model.chains import bnes_chain
     from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
@@ -89,6 +91,7 @@ if TYPE_CHECKING:
     from linkwise.study.toml_file import read_study
     from linkwise.units import to_si
     from linkwise.verdict import Decision, Verdict
+    from linkwise.weak.estimate import WeakForm
 
 __version__ = "0.2.0"
 
@@ -109,6 +112,7 @@ __all__ = [
     "Equilibrium",
     "Equivalent",
     "Estimate",
+    "Estimator",
     "Excitation",
     "FreeRun",
     "Gaussian",
@@ -122,7 +126,9 @@ __all__ = [
     "Limit",
     "Link",
     "LinkwiseError",
+    "Loss",
     "Mass",
+    "MaximumLikelihood",
     "PartialStructure",
     "PhysicsInformedSindy",
     "Posterior",
@@ -144,6 +150,7 @@ __all__ = [
     "TermScore",
     "TimeFunction",
     "Verdict",
+    "WeakForm",
     "absorb",
     "absorption_intervals",
     "absorption_map",
@@ -232,6 +239,7 @@ _HOMES = {
         "StructureError",
         "StudyError",
     ),
+    "estimates.estimator": ("Estimator",),
     "estimates.estimate": ("Estimate",),
     "model.excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
     "files": ("read_record", "write_record"),
@@ -239,7 +247,8 @@ _HOMES = {
     "model.law": ("Law",),
     "sindy.library": ("link_columns", "local_equations", "monomial_equations"),
     "likelihood.anneal": ("AnnealingStep",),
-    "likelihood.loss": ("Gaussian", "Huber", "Student"),
+    "likelihood.estimate": ("MaximumLikelihood",),
+    "likelihood.loss": ("Gaussian", "Huber", "Loss", "Student"),
     "likelihood.profile": ("profile_interval",),
     "identification.limit": ("limit",),
     "identification.law_path": ("LawStep", "law_path"),
@@ -269,6 +278,7 @@ _HOMES = {
     "study.store": ("read_rows", "stored_study"),
     "study.toml_file": ("read_study",),
     "study.summary": ("StudySummary", "study_summary"),
+    "weak.estimate": ("WeakForm",),
     "units": ("to_si",),
     "identification.force_error": ("nmse",),
     "identification.validation": ("FreeRun", "free_run"),

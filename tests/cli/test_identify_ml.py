@@ -108,7 +108,7 @@ def test_a_robust_loss_is_chosen_by_name(
     identify = lw.identify
 
     def watched(*nouns: Any, **options: Any) -> lw.Estimate:
-        asked.append(options["loss"])
+        asked.append(options["method"].loss)
         return identify(*nouns, **options)
 
     monkeypatch.setattr(lw, "identify", watched)

@@ -11,6 +11,7 @@ import pytest
 from present import present
 
 import linkwise as lw
+from linkwise.identification.methods import METHODS
 from linkwise.signals.states import Method
 from linkwise.sindy import estimate as classical
 
@@ -211,10 +212,13 @@ def test_nothing_to_identify(record: lw.Record, chain: lw.Structure) -> None:
 
 
 def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Structure) -> None:
-    with pytest.raises(lw.IdentificationError, match='"strong" is no method; there are ml, weak, sindy'):
+    with pytest.raises(
+        lw.IdentificationError, match="unknown method 'strong'; choose from 'ml', 'weak', 'sindy'"
+    ):
         lw.identify(record, chain.unknown("nes"), method="strong")  # type: ignore[arg-type]
     with pytest.raises(
-        lw.IdentificationError, match=r'several records, .* are for method "ml", not for "weak"'
+        lw.IdentificationError,
+        match='several records are for method "ml", not for "weak", which takes one; got 2',
     ):
         lw.identify([record, record], chain.unknown("nes"), method="weak")
     with pytest.raises(lw.IdentificationError, match="no record to identify from"):
@@ -223,6 +227,28 @@ def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Struc
         lw.IdentificationError, match="unknown regressor 'ridge'; choose from 'stlsq', 'l1', 'least-squares'"
     ):
         lw.PhysicsInformedSindy(regressor="ridge")
+    with pytest.raises(lw.IdentificationError, match='offsets, gains are for method "ml", not for "sindy"'):
+        lw.identify(record, chain.unknown("nes"), method="sindy", offsets=["x:m1"], gains=["x:m2"])
+    with pytest.raises(
+        lw.IdentificationError,
+        match=r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object",
+    ):
+        lw.identify(record, chain.unknown("nes"), method=lw.MaximumLikelihood(), loss=lw.Huber())
+
+
+def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Structure) -> None:
+    assert {name: kind.method for name, kind in METHODS.items()} == {name: name for name in METHODS}
+    asked = chain.unknown("nes")
+    starts = {"nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.01}
+    for by_name, by_object in (
+        (lw.identify(record, asked, method="weak"), lw.identify(record, asked, method=lw.WeakForm())),
+        (
+            lw.identify(record, asked, starts=starts, loss=lw.Huber()),
+            lw.identify(record, asked, method=lw.MaximumLikelihood(starts=starts, loss=lw.Huber())),
+        ),
+    ):
+        assert np.array_equal(by_name.values, by_object.values)
+        assert np.array_equal(by_name.covariance, by_object.covariance)
 
 
 # --- the paper's method

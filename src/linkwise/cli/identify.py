@@ -11,7 +11,17 @@ import click
 import linkwise as lw
 from linkwise.atomic import check_result_folder, to_json
 from linkwise.cli.console import deliver, exit_code, progress, tell
-from linkwise.cli.options import FILE, FOLDER, RecordOptions, RegisteredChoice, grouped, record_options
+from linkwise.cli.options import (
+    FILE,
+    FOLDER,
+    RecordOptions,
+    RegisteredChoice,
+    grouped,
+    keyword_group,
+    option_name,
+    record_options,
+)
+from linkwise.identification.methods import METHODS
 from linkwise.sindy.regression import REGRESSORS
 
 _DIFFERS = (
@@ -20,58 +30,24 @@ _DIFFERS = (
 
 
 @dataclass(frozen=True)
-class EstimatorOptions:
-    """How to estimate, as typed."""
+class MethodOptions:
+    """By which method, from which records, as typed."""
 
     method: str
     more: tuple[Path, ...]
-    offset: tuple[str, ...]
-    gain: tuple[str, ...]
-    robust: str | None
     profile: bool
-    derivative: str | None
-    regressor: str | None
-
-    def check(self) -> None:
-        """UsageError for options of one method given with another."""
-        ml = {
-            "--with": self.more,
-            "--offset": self.offset,
-            "--gain": self.gain,
-            "--robust": self.robust,
-            "--profile": self.profile,
-        }
-        sindy = {"--derivative": self.derivative, "--regressor": self.regressor}
-        for method, options in (("ml", ml), ("sindy", sindy)):
-            given = [name for name, value in options.items() if value]
-            if given and self.method != method:
-                raise click.UsageError(f"{given[0]} is for --method {method}, not for {self.method}.")
-
-    def keywords(self, step: lw.Progress) -> dict[str, Any]:
-        """Keyword arguments of `linkwise.identify`; `step` moves the bar."""
-        if self.method == "ml":
-            loss = {None: None, "huber": lw.Huber, "student": lw.Student}[self.robust]
-            return {
-                "method": "ml",
-                "offsets": self.offset,
-                "gains": self.gain,
-                "loss": loss and loss(),
-                "progress": step,
-            }
-        if self.method == "sindy":
-            given: dict[str, Any] = {"derivative": self.derivative, "regressor": self.regressor}
-            return {
-                "method": lw.PhysicsInformedSindy(**{name: value for name, value in given.items() if value})
-            }
-        return {"method": self.method}
 
 
-choices = grouped(
-    EstimatorOptions,
+def _loss(context: click.Context, option: click.Parameter, name: str | None) -> lw.Loss | None:
+    return {None: None, "huber": lw.Huber(), "student": lw.Student()}[name]
+
+
+method_options = grouped(
+    MethodOptions,
     "chosen",
     click.option(
         "--method",
-        type=click.Choice(["ml", "weak", "sindy"]),
+        type=RegisteredChoice(METHODS),
         default="ml",
         show_default=True,
         help="Maximum likelihood on the raw samples; the weak form, which starts it, alone; or the paper's sparse regression.",
@@ -84,24 +60,36 @@ choices = grouped(
         type=FILE,
         help="Another record of the same structure, read as RECORD is and fitted together with it (ml). Repeatable.",
     ),
+    click.option("--profile", is_flag=True, help="Print profile-likelihood intervals too (ml)."),
+)
+
+ml_options = keyword_group(
+    "ml",
     click.option(
         "--offset",
+        "offsets",
         metavar="CHANNEL",
         multiple=True,
         help="Find a constant error of this channel too (ml). Repeatable.",
     ),
     click.option(
         "--gain",
+        "gains",
         metavar="CHANNEL",
         multiple=True,
         help="Find a constant factor of this channel too (ml). Repeatable.",
     ),
     click.option(
         "--robust",
+        "loss",
         type=click.Choice(["huber", "student"]),
+        callback=_loss,
         help="Against outliers: what a residual costs (ml).",
     ),
-    click.option("--profile", is_flag=True, help="Print profile-likelihood intervals too (ml)."),
+)
+
+sindy_options = keyword_group(
+    "sindy",
     click.option(
         "--derivative",
         type=click.Choice(["spline", "savgol", "differences"]),
@@ -118,7 +106,9 @@ choices = grouped(
 @click.command()
 @record_options
 @click.argument("structure", type=FILE)
-@choices
+@method_options
+@ml_options
+@sindy_options
 @click.option(
     "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
 )
@@ -131,7 +121,9 @@ choices = grouped(
 def identify(
     source: RecordOptions,
     structure: Path,
-    chosen: EstimatorOptions,
+    chosen: MethodOptions,
+    ml: dict[str, Any],
+    sindy: dict[str, Any],
     output: Path | None,
     truth: Path | None,
     as_json: bool,
@@ -148,7 +140,7 @@ def identify(
       linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    chosen.check()
+    estimator = _estimator(chosen, ml, sindy)
     if output is not None:
         check_result_folder(output)  # before the work, so that nobody waits for a refusal
     subject = lw.read_structure(structure)
@@ -159,7 +151,8 @@ def identify(
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,
             subject,
-            **chosen.keywords(step),
+            method=estimator,
+            progress=step,
         )
         profiles = _profiles(estimate, step) if chosen.profile else {}
     result = lw.result_of(estimate, true)
@@ -173,6 +166,18 @@ def identify(
         quiet=as_json,
     )
     return exit_code(estimate.verdicts)
+
+
+def _estimator(chosen: MethodOptions, ml: dict[str, Any], sindy: dict[str, Any]) -> lw.Estimator:
+    """The method with its options; UsageError for those of another method."""
+    general = {name: value for name, value in (("more", chosen.more), ("profile", chosen.profile)) if value}
+    options = {"ml": ml, "sindy": sindy}
+    for method, given in (("ml", {**general, **ml}), ("sindy", sindy)):
+        if given and chosen.method != method:
+            raise click.UsageError(
+                f"{option_name(next(iter(given)))} is for --method {method}, not for {chosen.method}."
+            )
+    return METHODS.lookup(chosen.method)(**options.get(chosen.method, {}))
 
 
 def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:

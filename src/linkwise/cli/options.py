@@ -115,6 +115,12 @@ def keyword_group(
     return decorate
 
 
+def option_name(parameter: str) -> str:
+    """How an option of the running command is typed, "--offset" for the parameter "offsets"."""
+    command = click.get_current_context().command
+    return next(each.opts[0] for each in command.params if each.name == parameter)
+
+
 @dataclass(frozen=True)
 class RecordOptions:
     """A record's file and how to read it: the answers to the options of `record_options`."""

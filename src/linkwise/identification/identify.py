@@ -5,66 +5,95 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
-from typing import Literal
+from typing import Any, Literal
 
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.estimate import likelihood_estimate
+from linkwise.estimates.estimator import Estimator
+from linkwise.identification.methods import METHODS
+from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
-from linkwise.sindy.estimate import PhysicsInformedSindy, sindy_estimate
-from linkwise.weak.estimate import weak_estimate
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
-_METHODS = ("ml", "weak", "sindy")
 
 
 def identify(
     record: Record | Sequence[Record],
     structure: Structure,
     *,
-    method: IdentificationMethod | PhysicsInformedSindy = "ml",
+    method: IdentificationMethod | Estimator = "ml",
     starts: Mapping[str, float] | None = None,
     offsets: Sequence[str] = (),
     gains: Sequence[str] = (),
     loss: Loss | None = None,
     progress: Progress = silent,
 ) -> Estimate:
-    """The unknown coefficients and masses of `structure` from `record`, or from several records of it together ("ml").
+    """Identify the unknown coefficients and masses of a structure.
 
-    `method` "ml" (default, METHODS section 5: maximum likelihood on the raw samples), "weak" (section 4: no signal is
-    differentiated, noise bias removed; milliseconds) or "sindy" (the paper's physics-informed SINDy;
-    `PhysicsInformedSindy(...)` in its place says how).
-    For "ml" only: `starts` of parameters by name (else the weak fit's), `offsets` and `gains` name channels with an unknown
-    constant error or factor, `loss` is Gaussian() or, against outliers, Huber() or Student(). `progress` is told
-    every step of "ml"; the others are done at once.
+    Parameters
+    ----------
+    record : Record or sequence of Record
+        The record, or several records of the same structure, which "ml" fits together.
+    structure : Structure
+        The structure; what is unknown in it is identified.
+    method : {"ml", "weak", "sindy"} or Estimator
+        Maximum likelihood on the raw samples (METHODS section 5); the weak form (section 4: no signal is differentiated,
+        noise bias removed; milliseconds); or the paper's physics-informed SINDy. `MaximumLikelihood(...)`, `WeakForm()`
+        or `PhysicsInformedSindy(...)` in place of the name says how.
+    starts, offsets, gains, loss
+        Options of "ml", as in `MaximumLikelihood`.
+    progress : Progress
+        Called with a `ProgressReport` at every step of "ml"; the others are done at once.
 
-    Raises IdentificationError where the records cannot tell an unknown at all.
+    Returns
+    -------
+    Estimate
+        The identified structure with intervals, and verdicts on what limits the trust in it.
+
+    Raises
+    ------
+    IdentificationError
+        If the records do not determine an unknown at all, nothing is unknown, or options are given that the method does not
+        have.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"))
+    >>> low, high = fit.coefficient("nes1.alpha").interval
+    >>> low < -100.0 < high
+    True
     """
+    options = {"starts": starts, "offsets": offsets, "gains": gains, "loss": loss}
+    estimator = _estimator(method, {name: value for name, value in options.items() if value})
     records = [record] if isinstance(record, Record) else list(record)
-    options = method if isinstance(method, PhysicsInformedSindy) else PhysicsInformedSindy()
-    method = "sindy" if isinstance(method, PhysicsInformedSindy) else method
-    if method not in _METHODS:
-        raise IdentificationError(f'"{method}" is no method; there are {", ".join(_METHODS)}')
     if not records:
         raise IdentificationError("there is no record to identify from")
     if not structure.parameters:
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
         )
-    if method != "ml" and (len(records) > 1 or starts or offsets or gains or loss):
-        raise IdentificationError(
-            f'several records, starts, offsets, gains and a loss are for method "ml", not for "{method}"'
-        )
     started = perf_counter()
-    if method == "ml":
-        estimate = likelihood_estimate(
-            records, structure, starts=starts, offsets=offsets, gains=gains, loss=loss, progress=progress
-        )
-    elif method == "weak":
-        estimate = weak_estimate(records[0], structure)
-    else:
-        estimate = sindy_estimate(records[0], structure, options)
+    estimate = estimator.estimate(records, structure, progress)
     return replace(estimate, seconds=perf_counter() - started)
+
+
+def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:
+    """The estimator that a user names or gives; `options` are those of "ml" that were given beside it."""
+    if isinstance(method, Estimator):
+        if options:
+            raise IdentificationError(
+                f"{', '.join(options)} were given beside {type(method).__name__}(...); give options to that object"
+            )
+        return method
+    kind = METHODS.lookup(method)
+    if not options:
+        return kind()
+    if kind is not MaximumLikelihood:
+        raise IdentificationError(f'{", ".join(options)} are for method "ml", not for "{method}"')
+    return MaximumLikelihood(**options)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
+from typing import ClassVar, final
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
+from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
@@ -20,7 +23,7 @@ from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, silent
+from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.weak.displacements import read_displacements
@@ -29,32 +32,54 @@ from linkwise.weak.estimate import weak_search
 from linkwise.weak.residual import weak_residual
 
 
-def likelihood_estimate(
-    records: Sequence[Record],
-    structure: Structure,
-    *,
-    starts: Mapping[str, float] | None = None,
-    offsets: Sequence[str] = (),
-    gains: Sequence[str] = (),
-    loss: Loss | None = None,
-    progress: Progress = silent,
-) -> Estimate:
-    """The most likely unknowns of `structure` given `records` (METHODS section 5).
+@final
+@dataclass(frozen=True, kw_only=True)
+class MaximumLikelihood(Estimator):
+    """Maximum likelihood on the raw samples (METHODS section 5): the method "ml" of `identify`.
 
-    The search starts from `starts` by name, else from the best weak fit of a record, else from the starts of the
-    structure;
-    velocities or accelerations of all masses tell a start by the forces of the links.
-    `offsets` and `gains` name channels with an unknown constant error or factor. Raises IdentificationError where
-    there is no start.
+    Takes several records together, records with gaps, and sensors of any kind.
+
+    Parameters
+    ----------
+    starts : mapping of str to float, optional
+        Where the search starts, by the name of the unknown, in SI units. By default at the weak fit, at the forces of the
+        links where velocities or accelerations of all masses tell these, or at the starts of the structure.
+    offsets : sequence of str
+        Channels with an unknown constant error, found with the rest.
+    gains : sequence of str
+        Channels with an unknown constant factor, found with the rest.
+    loss : Loss
+        What a residual costs: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method=lw.MaximumLikelihood(loss=lw.Student()))
+    >>> fit.method, fit.trusted
+    ('ml', True)
     """
-    theta, spread = _start(records, structure, dict(starts or {}))
-    options = LikelihoodOptions(offsets, gains, loss or Gaussian(), progress=progress)
-    if needs_integration(records[0], structure):
-        fit = first_good(partial(likelihood_fit, records, structure), theta, options)
-    else:
-        fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
-        fit = lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
-    return estimate_of(fit, structure, records)
+
+    method: ClassVar[str] = "ml"
+
+    starts: Mapping[str, float] | None = None
+    offsets: Sequence[str] = ()
+    gains: Sequence[str] = ()
+    loss: Loss = field(default_factory=Gaussian)
+
+    def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """The most likely unknowns; raises IdentificationError where there is no start."""
+        theta, spread = _start(records, structure, dict(self.starts or {}))
+        options = LikelihoodOptions(self.offsets, self.gains, self.loss, progress=progress)
+        if needs_integration(records[0], structure):
+            fit = first_good(partial(likelihood_fit, records, structure), theta, options)
+        else:
+            fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
+            fit = lower_of_two(
+                fit, lambda values: likelihood_fit(records, structure, values, options=options)
+            )
+        return estimate_of(fit, structure, records)
 
 
 def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Estimate:

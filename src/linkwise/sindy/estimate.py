@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar, final
 
 import numpy as np
 
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
+from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import noise_variance
 from linkwise.signals.states import Method as Derivative
@@ -20,8 +24,9 @@ from linkwise.verdict import Verdict
 _MOST = 0.1  # of the forces, root mean square: regressors with as much noise would bend a slope by its square, 1 %
 
 
+@final
 @dataclass(frozen=True)
-class PhysicsInformedSindy:
+class PhysicsInformedSindy(Estimator):
     """How the paper's method is run: `derivative` "spline", "savgol" or "differences", then `regressor`, a name in
     `REGRESSORS`: "stlsq", "l1" or "least-squares". Raises IdentificationError for another regressor.
 
@@ -36,54 +41,56 @@ class PhysicsInformedSindy:
     x2'' = -1e+08*x2**3 + 3e+08*x1*x2**2 + 1e+04*x2 - 3e+08*x1**2*x2 - 1e+04*x1 - 2*v2 + 1e+08*x1**3 + 2*v1
     """
 
+    method: ClassVar[str] = "sindy"
+
     derivative: Derivative = "spline"
     regressor: str = "stlsq"
 
     def __post_init__(self) -> None:
         REGRESSORS.lookup(self.regressor)
 
+    def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """The unknowns by sparse regression.
 
-def sindy_estimate(record: Record, structure: Structure, options: PhysicsInformedSindy) -> Estimate:
-    """The unknowns of `structure` from `record`.
-
-    Raises RecordError where derivatives cannot be formed, IdentificationError where a law is not linear in an unknown.
-    """
-    states = differentiate(record, options.derivative)
-    system = link_columns(states, structure)
-    fit = REGRESSORS.lookup(options.regressor)().fit(system)
-    values = fit.coefficients[:, 0]
-    dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
-    identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
-    order = [states.masses.index(name) for name in structure.mass_names]
-    d = identified.elongations(states.x[:, order], states.base)
-    verdict, message = _judged(float(fit.residual[0]))
-    return Estimate(
-        method="sindy",
-        fit_verdicts=(verdict,),
-        message=message,
-        seconds=0.0,
-        asked=structure,
-        parameters=structure.parameters,
-        values=values,
-        covariance=np.diag(fit.standard_error[:, 0] ** 2),
-        free=np.ones(len(values), dtype=bool),
-        intervals=False,
-        noise=_noise(record),
-        chi_square_per_sample=None,
-        samples=len(states) * len(states.masses),
-        moved=lambda: LinkMotion(
-            structure=identified,
-            time=states.time,
-            d=d,
-            v=identified.elongations(states.v[:, order], states.base_velocity),
-            visited=extremes(d),
-            leave=lambda: (
-                (system.matrix @ values - system.target[:, 0]).reshape(structure.size, len(states)).T
+        Raises RecordError where derivatives cannot be formed, IdentificationError where a law is not linear in an unknown.
+        """
+        record = self.only_record(records)
+        states = differentiate(record, self.derivative)
+        system = link_columns(states, structure)
+        fit = REGRESSORS.lookup(self.regressor)().fit(system)
+        values = fit.coefficients[:, 0]
+        dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
+        identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
+        order = [states.masses.index(name) for name in structure.mass_names]
+        d = identified.elongations(states.x[:, order], states.base)
+        verdict, message = _judged(float(fit.residual[0]))
+        return Estimate(
+            method="sindy",
+            fit_verdicts=(verdict,),
+            message=message,
+            seconds=0.0,
+            asked=structure,
+            parameters=structure.parameters,
+            values=values,
+            covariance=np.diag(fit.standard_error[:, 0] ** 2),
+            free=np.ones(len(values), dtype=bool),
+            intervals=False,
+            noise=_noise(record),
+            chi_square_per_sample=None,
+            samples=len(states) * len(states.masses),
+            moved=lambda: LinkMotion(
+                structure=identified,
+                time=states.time,
+                d=d,
+                v=identified.elongations(states.v[:, order], states.base_velocity),
+                visited=extremes(d),
+                leave=lambda: (
+                    (system.matrix @ values - system.target[:, 0]).reshape(structure.size, len(states)).T
+                ),
             ),
-        ),
-        record=record,
-        remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),
-    )
+            record=record,
+            remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),
+        )
 
 
 def _judged(unexplained: float) -> tuple[Verdict, str]:

@@ -9,8 +9,9 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from linkwise.estimates.estimator import Estimator
 from linkwise.identification.force_error import nmse
-from linkwise.identification.identify import identify
+from linkwise.identification.identify import IdentificationMethod, identify
 from linkwise.records.record import Record
 from linkwise.signals.states import Method as Derivative
 from linkwise.sindy.estimate import PhysicsInformedSindy
@@ -92,7 +93,7 @@ def _identified(
     clean: Record,
     snr_db: float,
     seed: int,
-    how: Literal["ml", "weak"] | PhysicsInformedSindy,
+    how: IdentificationMethod | Estimator,
 ) -> MethodResult:
     record = subject.seen(clean).with_noise(snr_db, seed=seed)
     estimate = identify(record, subject.unknown_structure, method=how)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar, final
 
 import numpy as np
 import scipy
@@ -11,8 +13,10 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
+from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.outliers import has_outliers
@@ -31,29 +35,49 @@ _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
 _SMALL = 1e-3  # of a standard error: a step below it changes nothing that anybody can see
 
 
-def weak_estimate(record: Record, structure: Structure) -> Estimate:
-    """The unknowns of `structure` from `record`; IdentificationError where the record cannot tell one at all."""
-    with one_blas_thread():
-        motion = read_displacements(record, structure)
-        equations, fit, settled = weak_search(record, structure, motion)
-    verdict, message = _judged(record, equations, fit) if settled else (Verdict.NOT_CONVERGED, _UNSETTLED)
-    return Estimate(
-        method="weak",
-        fit_verdicts=(verdict,),
-        message=message,
-        seconds=0.0,
-        asked=structure,
-        parameters=structure.parameters,
-        values=fit.values,
-        covariance=fit.covariance,
-        free=fit.free,
-        noise=_noise(structure, motion),
-        chi_square_per_sample=fit.excess,
-        samples=motion.samples,
-        moved=partial(_moved, structure, equations, fit.values),
-        record=record,
-        remarks=tuple(_remarks(record, structure, fit.excess)),
-    )
+@final
+@dataclass(frozen=True)
+class WeakForm(Estimator):
+    """The weak form (METHODS section 4): the method "weak" of `identify`.
+
+    No signal is differentiated, and the bias that noise in the displacements causes is removed. It takes milliseconds and one
+    record. It has no options.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> lw.identify(record, chain.unknown("nes"), method=lw.WeakForm()).method
+    'weak'
+    """
+
+    method: ClassVar[str] = "weak"
+
+    def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """The unknowns; IdentificationError where the record cannot tell one at all."""
+        record = self.only_record(records)
+        with one_blas_thread():
+            motion = read_displacements(record, structure)
+            equations, fit, settled = weak_search(record, structure, motion)
+        verdict, message = _judged(record, equations, fit) if settled else (Verdict.NOT_CONVERGED, _UNSETTLED)
+        return Estimate(
+            method="weak",
+            fit_verdicts=(verdict,),
+            message=message,
+            seconds=0.0,
+            asked=structure,
+            parameters=structure.parameters,
+            values=fit.values,
+            covariance=fit.covariance,
+            free=fit.free,
+            noise=_noise(structure, motion),
+            chi_square_per_sample=fit.excess,
+            samples=motion.samples,
+            moved=partial(_moved, structure, equations, fit.values),
+            record=record,
+            remarks=tuple(_remarks(record, structure, fit.excess)),
+        )
 
 
 def weak_search(
