@@ -72,11 +72,19 @@ html_math_renderer = "mathml"
 html_title = "linkwise"
 html_static_path = ["static"]
 html_css_files = ["linkwise.css"]
-html_sidebars = {"index": [], "first-hour": [], "methods": [], "architecture": []}
+html_sidebars = {
+    "index": [],
+    "first-hour": [],
+    "methods": [],
+    "architecture": [],
+    "CONTRIBUTING": [],
+    "CHANGELOG": [],
+}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
     "navbar_align": "left",
+    "header_links_before_dropdown": 6,
     "navbar_end": ["theme-switcher"],
     "show_prev_next": True,
     "footer_start": ["copyright"],
