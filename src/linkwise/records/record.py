@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -165,6 +166,11 @@ class Record:
             origin,
             tuple(all_notes),
         )
+
+    def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
+        given = (getattr(self, each.name) for each in fields(self) if each.name != "noise")
+        start, rate, channels, values, *rest = given
+        return type(self), (start, rate, channels, values, dict(self.noise), *rest)
 
     def __len__(self) -> int:
         return len(self.values)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
@@ -16,9 +18,10 @@ from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import noise_variance
 from linkwise.signals.states import Method as Derivative
-from linkwise.signals.states import differentiate
+from linkwise.signals.states import States, differentiate
 from linkwise.sindy.library import link_columns
 from linkwise.sindy.regression import REGRESSORS
+from linkwise.sindy.regression.linear_system import DenseSystem
 from linkwise.verdict import Verdict
 
 _MOST = 0.1  # of the forces, root mean square: regressors with as much noise would bend a slope by its square, 1 %
@@ -61,8 +64,6 @@ class PhysicsInformedSindy(Estimator):
         values = fit.coefficients[:, 0]
         dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
         identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
-        order = [states.masses.index(name) for name in structure.mass_names]
-        d = identified.elongations(states.x[:, order], states.base)
         verdict, message = _judged(float(fit.residual[0]))
         return Estimate(
             method="sindy",
@@ -78,19 +79,23 @@ class PhysicsInformedSindy(Estimator):
             noise=_noise(record),
             chi_square_per_sample=None,
             samples=len(states) * len(states.masses),
-            moved=lambda: LinkMotion(
-                structure=identified,
-                time=states.time,
-                d=d,
-                v=identified.elongations(states.v[:, order], states.base_velocity),
-                visited=extremes(d),
-                leave=lambda: (
-                    (system.matrix @ values - system.target[:, 0]).reshape(structure.size, len(states)).T
-                ),
-            ),
+            moved=partial(_moved, states, identified, partial(_residual, system, values, structure.size)),
             record=record,
             remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),
         )
+
+
+def _moved(states: States, identified: Structure, leave: Callable[[], Floats]) -> LinkMotion:
+    """The motion of the links of `identified`; `leave` as in LinkMotion."""
+    order = [states.masses.index(name) for name in identified.mass_names]
+    d = identified.elongations(states.x[:, order], states.base)
+    v = identified.elongations(states.v[:, order], states.base_velocity)
+    return LinkMotion(structure=identified, time=states.time, d=d, v=v, visited=extremes(d), leave=leave)
+
+
+def _residual(system: DenseSystem, values: Floats, size: int) -> Floats:
+    """(R, n) what `values` leave of the equations of `size` masses in N."""
+    return (system.matrix @ values - system.target[:, 0]).reshape(size, -1).T
 
 
 def _judged(unexplained: float) -> tuple[Verdict, str]:

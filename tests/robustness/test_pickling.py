@@ -1,0 +1,74 @@
+"""Results travel between processes and are copied: pickle and deepcopy give an equal one that still answers."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+CHAIN = lw.bnes_chain(2)
+RELEASE = {"v:m1": 1.0}
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    return lw.simulate(CHAIN, release=RELEASE, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+
+
+MAKERS: dict[str, Callable[[lw.Record], Any]] = {
+    "simulated record": lambda record: record,
+    "measured record": lambda record: lw.Record.from_arrays(
+        record.time, {"x:m1": record.channel("x:m1")}, noise={"x:m1": 1e-4}, notes=["A note."]
+    ),
+    "ml": lambda record: lw.identify(record, CHAIN.unknown("nes")),
+    "weak": lambda record: lw.identify(record, CHAIN.unknown("nes"), method="weak"),
+    "sindy": lambda record: lw.identify(record, CHAIN.unknown("nes"), method="sindy"),
+    "discovery": lambda record: lw.discover(record, {"m1": 1.0, "m2": 0.01}),
+    "limit": lambda record: lw.limit(CHAIN, duration=1.0, rate=500.0, noise=20.0, release=RELEASE),
+    "absorption": lambda record: lw.absorb(CHAIN, duration=1.0, release=RELEASE),
+    "free run": lambda record: lw.free_run(CHAIN, record),
+    "equilibria": lambda record: lw.equilibria(CHAIN),
+    "study": lambda record: lw.read_study("paper"),
+    "structure": lambda record: CHAIN,
+}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+@pytest.mark.parametrize("copied", [lambda it: pickle.loads(pickle.dumps(it)), copy.deepcopy, copy.copy])
+def test_a_copy_prints_itself_as_the_original(
+    name: str, copied: Callable[[Any], Any], record: lw.Record
+) -> None:
+    original = MAKERS[name](record)
+    again = copied(original)
+    assert type(again) is type(original)
+    assert str(again) == str(original) and repr(again) == repr(original)
+
+
+@pytest.mark.parametrize("method", ["ml", "weak", "sindy"])
+def test_a_copy_of_an_estimate_still_answers(
+    method: Literal["ml", "weak", "sindy"], record: lw.Record
+) -> None:
+    """What it computes when asked: forces and their bands, wells, motion of links, profiles."""
+    original = lw.identify(record, CHAIN.unknown("nes"), method=method)
+    again = pickle.loads(pickle.dumps(original))
+    d = np.linspace(-0.02, 0.02, 5)
+    for mine, its in zip(original.force_band("nes1", d), again.force_band("nes1", d), strict=True):
+        np.testing.assert_array_equal(mine, its)
+    assert again.to_dict() == original.to_dict()
+    if method == "ml":
+        assert lw.profile_interval(again, "nes1.alpha") == lw.profile_interval(original, "nes1.alpha")
+
+
+def test_a_copy_of_a_record_is_as_immutable(record: lw.Record) -> None:
+    again = pickle.loads(pickle.dumps(record))
+    np.testing.assert_array_equal(again.values, record.values)
+    assert not again.values.flags.writeable
+    with pytest.raises(TypeError):
+        again.noise["x:m1"] = 1.0
+    assert again.simulated is not None and again.simulated.noise == record.simulated.noise  # type: ignore[union-attr]
