@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
@@ -108,9 +109,7 @@ def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
     shared = lw.parse_structure(
         f'{head}name = "nes2"{tail.replace("alpha = -100.0", "alpha = " + repr("=nes1.alpha"))}'
     )
-    record = lw.simulate(lw.bnes_chain(4), release={"v:m1": 3.0}, duration=1.0, rate=1000.0).with_noise(
-        40.0, seed=1000
-    )
+    record = chain_record(4, duration=1.0).with_noise(40.0, seed=1000)
     fit = lw.identify(record, shared, method="weak")
     assert fit.trusted
     knowledge = lw.Posterior.of(fit)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
@@ -30,9 +31,7 @@ def simulated(chain: Path, *options: str) -> lw.Record:
 
 def test_release_and_noise_are_those_of_the_library(chain: Path) -> None:
     record = simulated(chain, "--release", "v:m1=1.0", "--noise", "30", "--seed", "1")
-    same = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=500.0).with_noise(
-        30.0, seed=1
-    )
+    same = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
     assert record.channels == ("x:m1", "x:m2")
     np.testing.assert_array_equal(record.values, same.values)  # a file is exact
 

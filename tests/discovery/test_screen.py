@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judged import masses
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.discovery import screen as module
@@ -20,8 +21,8 @@ from linkwise.weak.displacements import read_displacements
 ELASTIC = {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m2-m1.k3", "m4-m3.k", "m4-m3.k3"}
 
 
-def chain_record(decibel: float, seed: int) -> lw.Record:
-    clean = lw.simulate(lw.bnes_chain(4), release={"v:m1": 3.0}, duration=6.0, rate=1000.0)
+def noisy_record(decibel: float, seed: int) -> lw.Record:
+    clean = chain_record(4)
     return clean.with_noise(decibel, seed=seed)
 
 
@@ -37,14 +38,14 @@ def elastic(names: frozenset[str], pool: Candidates) -> set[str]:
 
 @pytest.mark.parametrize(("decibel", "seed"), [(40.0, 1000), (30.0, 1001), (20.0, 1002)])
 def test_every_spring_and_cubic_term_of_the_chain_stands(decibel: float, seed: int) -> None:
-    found, pool = run(chain_record(decibel, seed), lw.bnes_chain(4))
+    found, pool = run(noisy_record(decibel, seed), lw.bnes_chain(4))
     assert elastic(found.kept, pool) == ELASTIC
     assert found.tested == frozenset(pool.by_name)
 
 
 def test_where_a_spring_stands_its_damper_goes_along() -> None:
     """The weak form can hardly see dampers, so every link that stands takes one to the likelihood."""
-    found, pool = run(chain_record(20.0, 1000), lw.bnes_chain(4))
+    found, pool = run(noisy_record(20.0, 1000), lw.bnes_chain(4))
     for name in elastic(found.kept, pool):
         assert f"{name.split('.')[0]}.c" in found.kept
 
@@ -66,7 +67,7 @@ def test_a_linear_chain_shows_no_cubic_term() -> None:
 
 def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     """For many masses a first sieve looks at one equation at a time."""
-    record = chain_record(30.0, 1000)
+    record = noisy_record(30.0, 1000)
     together, pool = run(record, lw.bnes_chain(4))
     monkeypatch.setattr(module, "_TOGETHER", 2)
     found, _ = run(record, lw.bnes_chain(4))
@@ -76,7 +77,7 @@ def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_measured_displacements_stay_as_they_are() -> None:
-    record = chain_record(30.0, 1000)
+    record = noisy_record(30.0, 1000)
     assert with_displacements(record, lw.bnes_chain(4).masses) is record
 
 

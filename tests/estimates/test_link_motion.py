@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 
 
 @pytest.fixture(scope="module")
 def quiet() -> lw.Record:
-    return lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+    return chain_record(2, duration=2.0)
 
 
 def test_measured_force_is_the_true_one_even_where_the_law_is_wrong(quiet: lw.Record) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
@@ -18,7 +19,7 @@ from linkwise.likelihood.system import System
 
 @pytest.fixture(scope="module")
 def quiet() -> lw.Record:
-    return lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
+    return chain_record(2, duration=3.0)
 
 
 def scaled(record: lw.Record, name: str, gain: float) -> lw.Record:

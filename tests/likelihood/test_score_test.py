@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import THREE
+from problems import THREE, chain_record
 
 import linkwise as lw
 from linkwise.likelihood import score_test as module
@@ -126,21 +126,19 @@ def apart(found: LocalQuadratic, expected: LocalQuadratic) -> tuple[float, float
     return float(np.abs(curved).max()), float(np.abs((found.slope - expected.slope) / unit).max() / reach)
 
 
-def chain_record(seed: int, **more: Any) -> lw.Record:
-    return lw.simulate(
-        lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0, **more
-    ).with_noise(30.0, seed=seed)  # fmt: skip
+def noisy_record(seed: int, **more: Any) -> lw.Record:
+    return chain_record(2, duration=2.0, **more).with_noise(30.0, seed=seed)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def free() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
-    return lw.bnes_chain(2), [chain_record(1000)], LikelihoodOptions()
+    return lw.bnes_chain(2), [noisy_record(1000)], LikelihoodOptions()
 
 
 @pytest.fixture(scope="module")
 def calibrated() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
     """An offset and a gain in the border, and two records of different noise."""
-    record = chain_record(1001, sensors=("x", "v")).select(("x:m1", "x:m2", "v:m2"))
+    record = noisy_record(1001, sensors=("x", "v")).select(("x:m1", "x:m2", "v:m2"))
     values = record.values + np.array([0.0, 0.002, 0.0])
     values[:, 2] *= 1.1
     noisier = {name: 2.0 * sigma for name, sigma in record.noise.items()}

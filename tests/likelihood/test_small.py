@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 from scipy.integrate import solve_ivp
 from scipy.optimize import OptimizeResult, least_squares
 
@@ -21,7 +22,7 @@ START = TRUE * np.array([1.02, 0.7, 1.1, 0.9, 1.3])
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
     """0.2 s, over which the chain is not chaotic; its noise is known."""
-    clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
+    clean = chain_record(2, duration=0.2)
     noisy = clean.with_noise(40.0, seed=7)
     return replace(noisy, noise=dict(present(noisy.simulated).noise))
 
@@ -102,7 +103,7 @@ def test_the_curvature_is_the_profiles(record: lw.Record, ours: LikelihoodFit, n
 
 def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
     """Standard errors by the slow way against the scatter of the fast way over 60 noises."""
-    clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
+    clean = chain_record(2, duration=0.2)
     found = []
     for seed in range(60):
         noisy = clean.with_noise(40.0, seed=seed)

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from paper_rows import BEST, paper_rows, paper_study
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.paper import figures_2_to_5
@@ -74,7 +75,7 @@ def test_the_reference_would_tell_another_curve(shared_reference: Path) -> None:
 
 def test_past_the_horizon_a_curve_is_marked_as_one_of_many() -> None:
     figure = figures_2_to_5.figure_4()
-    record = lw.simulate(lw.bnes_chain(8), release={"v:m1": 3.0}, duration=6.0, rate=1000.0)
+    record = chain_record(8)
     horizon = present(record.simulated).horizon
     assert len(figure.axes) == 8 and "one of many" in figure.get_suptitle()
     assert f"{horizon:.2f} s" in figure.get_suptitle()

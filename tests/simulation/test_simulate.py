@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import oscillator
+from problems import chain_record, oscillator
 
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
@@ -123,7 +123,7 @@ def test_the_energy_balance_of_a_chain_closes(drive: dict[str, Any]) -> None:
 
 
 def test_the_energy_balance_would_show_an_error() -> None:
-    record = simulate(bnes_chain(4), release={"v:m1": 3.0}, duration=0.7, rate=200.0)
+    record = chain_record(4, duration=0.7, rate=200.0)
     energy = present(record.simulated).energy
     assert np.abs(energy.dissipated[:, 0]).max() > 1e-3 * energy.supplied[0]
     assert present(record[20:50].simulated).energy.kinetic == pytest.approx(energy.kinetic[20:50], abs=0.0)
@@ -131,11 +131,11 @@ def test_the_energy_balance_would_show_an_error() -> None:
 
 def test_two_masses_are_predictable_and_ten_are_not() -> None:
     """METHODS section 1: an error of 1e-4 is reached at 1.25 s; 1e-3 of the motion a little later."""
-    calm = simulate(bnes_chain(2), release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
+    calm = chain_record(2)
     assert present(calm.simulated).horizon is None
-    chaotic = simulate(bnes_chain(10), release={"v:m1": 3.0}, duration=6.0, rate=1000.0)
+    chaotic = chain_record(10)
     assert 1.2 < present(present(chaotic.simulated).horizon) < 1.8
-    wilder = simulate(bnes_chain(6), release={"v:m1": 3.0}, duration=6.0, rate=1000.0)
+    wilder = chain_record(6)
     assert 0.8 < present(present(wilder.simulated).horizon) < 1.2
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -134,7 +135,7 @@ def test_a_mass_is_asked_where_its_neighbours_were_seen() -> None:
 
 
 def test_a_record_that_is_too_short_says_how_long_it_must_be() -> None:
-    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.033, rate=RATE)
+    record = chain_record(2, duration=0.033, rate=RATE)
     with pytest.raises(
         lw.IdentificationError, match=r"too short: its 34 samples hold \d windows of \d+ samples, and 8"
     ):
@@ -142,7 +143,7 @@ def test_a_record_that_is_too_short_says_how_long_it_must_be() -> None:
 
 
 def test_a_record_that_is_too_broken_says_so() -> None:
-    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=RATE)
+    record = chain_record(2, duration=1.0, rate=RATE)
     values = record.values.copy()
     values[::10, 0] = np.nan
     with pytest.raises(lw.IdentificationError, match="too many samples are missing: no mass has 8 windows"):
@@ -164,6 +165,6 @@ def test_single_missing_samples_everywhere_leave_a_band() -> None:
 
 
 def test_a_record_without_displacements_says_what_it_holds() -> None:
-    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=RATE, sensors=("a",))
+    record = chain_record(2, duration=1.0, rate=RATE, sensors=("a",))
     with pytest.raises(lw.IdentificationError, match=r"needs displacements, and the record holds a:m1, a:m2"):
         read_displacements(record, lw.bnes_chain(2))

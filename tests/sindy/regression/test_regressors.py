@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 from linkwise.errors import IdentificationError
 from linkwise.model.chains import bnes_chain
@@ -37,9 +38,7 @@ TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
 @pytest.fixture(scope="module")
 def chain() -> StreamedSystem:
     """All cubic monomials of the paper's 2-mass chain: 6 s at 1 kHz, no noise, x, v and a measured."""
-    record = simulate(
-        bnes_chain(2), release={"v:m1": 1.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
-    )
+    record = chain_record(2, sensors=("x", "v", "a"))
     return monomial_equations(differentiate(record), 3)
 
 
@@ -150,9 +149,7 @@ def test_the_gram_matrix_gives_what_qr_gives(noise: float) -> None:
 
 def test_a_full_cubic_library_on_exact_data_gives_what_qr_gives() -> None:
     """Of four masses, 165 columns: the share of each term in its equation, relative to the largest."""
-    record = simulate(
-        bnes_chain(4), release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
-    )
+    record = chain_record(4, sensors=("x", "v", "a"))
     stored = monomial_equations(differentiate(record), 3).stored()
     scale = np.linalg.norm(stored.matrix, axis=0)
     factor, triangle = np.linalg.qr(stored.matrix / scale)

@@ -1,0 +1,45 @@
+"""Every problem by every method that gives intervals."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+from problems import PROBLEMS, Problem
+
+import linkwise as lw
+
+FARTHEST = 4.5  # standard errors: the largest of 30 normal errors is beyond once in 5000 seeds
+
+
+@pytest.mark.parametrize("method", ["ml", "weak"])
+@pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+def test_coefficients_lie_within_their_errors(problem: Problem, method: Literal["ml", "weak"]) -> None:
+    fit = lw.identify(problem.record(seed=11), problem.structure.unknown("all"), method=method)
+    assert fit.trusted, fit.explanation
+    assert len(fit.values) >= 5 and np.max(np.abs(problem.errors(fit))) < FARTHEST
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+def test_both_methods_agree_and_likelihood_is_the_sharper(problem: Problem) -> None:
+    """Their difference scatters by less than the error of the weak form, since the likelihood uses all that it uses."""
+    record, asked = problem.record(seed=12), problem.structure.unknown("all")
+    likelihood, weak = lw.identify(record, asked), lw.identify(record, asked, method="weak")
+    deviation = np.sqrt(weak.covariance.diagonal())
+    assert np.all(np.abs(likelihood.values - weak.values) < FARTHEST * deviation)
+    assert np.all(
+        np.sqrt(likelihood.covariance.diagonal()) < 1.1 * deviation
+    )  # 10 %: errors of their estimate
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+def test_a_linear_law_in_place_of_the_last_one_is_refused(problem: Problem) -> None:
+    """Beside what must be accepted, one that must not."""
+    asked = problem.structure.unknown("all")
+    last = asked.links[-1]
+    unknown = lw.Coefficient.unknown(start=1.0)
+    linear = lw.Link(last.name, last.between, lw.Law.parse("k*d + c*v"), {"k": unknown, "c": unknown})
+    wrong = lw.Structure(asked.name, asked.masses, (*asked.links[:-1], linear))
+    fit = lw.identify(problem.record(seed=13), wrong)
+    assert not fit.trusted and all(each.interval is None for each in fit.links[-1].coefficients)
