@@ -219,8 +219,8 @@ import linkwise as lw
 from linkwise.absorption import absorb
 from linkwise.cli import run
 
-answer = absorb.answer
-absorb.answer = lambda comparison, progress: (print("label:", comparison.options.label), answer(comparison, progress))[1]
+compare = absorb.compare
+absorb.compare = lambda comparison, progress: (print("label:", comparison.options.label), compare(comparison, progress))[1]
 lw.absorb(lw.bnes_chain(2), duration=0.5, release={"v:m1": 1.0}, label="by keyword")
 lw.absorb(lw.bnes_chain(2), lw.AbsorptionOptions.of(duration=0.5, release={"v:m1": 1.0}, label="by object"))
 lw.write_structure(lw.bnes_chain(2), "chain.toml")

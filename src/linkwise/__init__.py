@@ -17,9 +17,10 @@ from linkwise.deprecation import Deprecated
 if TYPE_CHECKING:
     from linkwise.absorption.absorb import absorb
     from linkwise.absorption.intervals import AbsorptionIntervals, absorption_intervals
+    from linkwise.absorption.map_result import AbsorptionMap
     from linkwise.absorption.options import AbsorptionOptions
     from linkwise.absorption.result import Absorption
-    from linkwise.absorption.sweep import AbsorptionMap, absorption_map
+    from linkwise.absorption.sweep import absorption_map
     from linkwise.analysis.equilibria import Equilibrium, equilibria
     from linkwise.analysis.modes import modes
     from linkwise.analysis.wells import barrier, wells
@@ -214,7 +215,8 @@ _HOMES = {
     "estimates.uncertainty": ("Posterior", "read_posterior"),
     "absorption.options": ("AbsorptionOptions",),
     "absorption.result": ("Absorption",),
-    "absorption.sweep": ("AbsorptionMap", "absorption_map"),
+    "absorption.map_result": ("AbsorptionMap",),
+    "absorption.sweep": ("absorption_map",),
     "report.estimate_folder": ("write_result",),
     "report.estimate_json": ("result_of",),
     "identification.limit_result": ("Limit",),

@@ -54,7 +54,7 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
         lw.absorb(lw.bnes_chain(2, c=1.0 + side * 1.96 * deviation), **TRIAL).with_sinks.share("spring1")
         for side in (-1.0, 1.0)
     ]
-    assert share.value == pytest.approx(told.found.with_sinks.share("spring1"), abs=1e-7)
+    assert share.value == pytest.approx(told.absorption.with_sinks.share("spring1"), abs=1e-7)
     # a quantile q of R draws is off by sqrt(q (1 - q) / R) / density: 0.134 deviations at 2.5 % and R = 400; three of them
     slack = 3.0 * 0.134 * (ends[1] - ends[0]) / (2.0 * 1.96)
     assert share.lower == pytest.approx(ends[0], abs=slack) and share.upper == pytest.approx(
@@ -69,8 +69,8 @@ def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> 
         chain, ("nes1.alpha",), np.array([[1.0]]), np.array([-np.inf]), np.array([np.inf])
     )
     told = lw.absorption_intervals(knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8)
-    assert told.found.with_sinks.horizon is not None
-    for work in told.found.sinks:
+    assert told.absorption.with_sinks.horizon is not None
+    for work in told.absorption.sinks:
         assert told.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
         assert told.quantity(f"share:{work.sink.link}").value == pytest.approx(work.share, rel=1e-12)
 
@@ -161,7 +161,9 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
 
 
 def test_draws_that_diverge_are_no_answer() -> None:
-    with pytest.raises(lw.LinkwiseError, match=r"the motion of \d+ of 20 draws diverges: .* measure longer"):
+    with pytest.raises(
+        lw.LinkwiseError, match=r"the motion of \d+ of 20 draws diverges: .* measure for longer"
+    ):
         lw.absorption_intervals(known([[4e12]], "nes1.beta"), **TRIAL, draws=20, sinks=["nes1"])
 
 

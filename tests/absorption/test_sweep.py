@@ -42,7 +42,7 @@ def test_two_coefficients_of_the_sink() -> None:
         lw.bnes_chain(2), {"nes1.alpha": alphas, "nes1.beta": betas}, **SHORT, release=RELEASE, workers=2,
         progress=lambda report: told.append(report.fraction),
     )  # fmt: skip
-    assert found.alive.shape == (2, 3) == found["settled"].shape and found.trusted
+    assert found.completed.shape == (2, 3) == found["settled"].shape and found.trusted
     assert told == sorted(told) and told[-1] == pytest.approx(1.0)
     for i, alpha in enumerate(alphas):
         for j, beta in enumerate(betas):
@@ -120,7 +120,7 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
     found = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.beta": [-1e6, 5e5, -5e5, 1e6]}, sinks=["nes1"], **SHORT, release=RELEASE
     )
-    assert found.alive.tolist() == [False, True, False, True] and found.to_dict()["diverged"] == 2
+    assert found.completed.tolist() == [False, True, False, True] and found.to_dict()["diverged"] == 2
     assert np.isnan(found["sinks_share"]).tolist() == [True, False, True, False]
     check(found, (3,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE))
     assert "4 runs of 0.5 s over nes1.beta" in str(found) and "2 diverged" in str(found)
@@ -135,14 +135,20 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
 @pytest.mark.parametrize(
     ("over", "message"),
     [
-        ({}, r"goes over one parameter or two, not 0"),
-        ({"nes1.alpha": [1.0], "nes1.beta": [1.0], "nes1.c": [1.0]}, r"one parameter or two, not 3"),
+        ({}, r"a sweep takes one or two parameters, got 0"),
+        (
+            {"nes1.alpha": [1.0], "nes1.beta": [1.0], "nes1.c": [1.0]},
+            r"a sweep takes one or two parameters, got 3",
+        ),
         ({"nes1.gamma": [1.0]}, r'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
         (
             {"nes1.alpha": [np.nan]},
-            r"nes1\.alpha: the values of a swept parameter are one row of finite numbers",
+            r"nes1\.alpha: the values of a swept parameter must be a row of finite numbers",
         ),
-        ({"a:m1": [1.0]}, r"a:m1: only a release can be swept beside coefficients and masses"),
+        (
+            {"a:m1": [1.0]},
+            r"a:m1: a sweep takes coefficients, masses and releases; write a release as x:MASS",
+        ),
         ({"m2.mass": [-1.0, 0.01]}, r"mass of|positive"),
     ],
 )
@@ -214,7 +220,7 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
     over = {"nes1.alpha": alphas, "nes1.beta": betas}
     with pytest.raises(
         lw.SimulationError,
-        match=r"a sweep of 10000000000 runs takes 6e\+04 GB, and 24 GB are free; take fewer values of nes1\.alpha and",
+        match=r"a sweep of 10000000000 runs needs 6e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and",
     ):
         lw.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
 

@@ -1,4 +1,4 @@
-"""Vibration absorption (paper section 4): the same structure with its sinks and without them."""
+"""Vibration absorption (paper section 4): a structure with its sinks and without them."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.simulation.schedule import RunSchedule
 from linkwise.simulation.simulate import SimulatedMotion
 
-Passages = tuple[Floats, ...]
-
 
 def absorb(
     structure: Structure,
@@ -31,100 +29,109 @@ def absorb(
     progress: Progress = silent,
     **keywords: Unpack[AbsorptionKeywords],
 ) -> Absorption:
-    """Compare what a structure does with its sinks and without them.
+    """Compare the vibration of a structure with its sinks and without them.
 
     Parameters
     ----------
     structure : Structure
-        The structure, all of its coefficients with a number.
+        The structure, every coefficient a number or a start.
     options : AbsorptionOptions, optional
-        What is asked.
+        What to simulate.
     progress : Progress
         Called with a `ProgressReport` before each of the two runs.
     **keywords
         In place of `options`: its fields `duration` (s, required), `rate` (Hz), `sinks`, `without`, `settle` and `harvesters`
-        (N s/m by link), and what drives the structure, as in `simulate`: `release`, `impulses`, `forces`, `base`.
+        (N s/m by link), and the excitation, as in `simulate`: `release`, `impulses`, `forces`, `base`.
 
     Returns
     -------
     Absorption
-        Decay and settling of the primary masses, the share of the energy that each link dissipates, and how often each
-        sink crosses from well to well.
+        Decay and settling of the primary masses, the share of the energy that each link dissipates, and the crossings of
+        each sink between its wells.
 
     Raises
     ------
     StructureError
-        If a named link does not exist, a coefficient has no number, or the structure has no sinks.
+        If a link does not exist, a coefficient is unknown and has no start, or there are no sinks.
     SimulationError
-        If nothing moves, and as `simulate` does.
+        If nothing moves without the sinks, and as `simulate`.
+
+    See Also
+    --------
+    absorption_intervals : The same for an identified structure, with intervals.
+    absorption_map : The same over a grid of parameters.
 
     Examples
     --------
     >>> import linkwise as lw
     >>> found = lw.absorb(lw.bnes_chain(2), duration=6.0, release={"v:m1": 1.0})
-    >>> found.masses[0].name, found.to_dict()["sinks"]["nes1"]["crossings"]
+    >>> found.masses[0].name, len(found.sinks[0].crossings)
     ('m1', 109)
     """
-    return answer(Comparison.of(structure, AbsorptionOptions.given(options, keywords)), progress)
+    return compare(Comparison.of(structure, AbsorptionOptions.given(options, keywords)), progress)
 
 
-def answer(trial: Comparison, progress: Progress = silent) -> Absorption:
-    """`absorb` for a question that stands."""
+def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
+    """Make both runs of a comparison."""
     progress(ProgressReport(0.0, "with sinks"))
-    potentials = Potentials.of([trial.structure])
-    one, vibration, passages = _side(trial, trial.schedule, potentials)
+    potentials = Potentials.of([comparison.structure])
+    with_sinks, vibration, crossed = _run(comparison, comparison.schedule, potentials)
     progress(ProgressReport(0.5, "without sinks"))
-    other, baseline, _ = _side(trial, trial.baseline_schedule, Potentials.of([trial.baseline.structure]))
-    level = trial.options.settle * baseline.peak
+    without, baseline, _ = _run(
+        comparison, comparison.baseline_schedule, Potentials.of([comparison.baseline.structure])
+    )
+    level = comparison.options.settle * baseline.peak
     if not np.any(baseline.runs.v):
         raise SimulationError(
-            f"with the sinks {trial.options.without} nothing moves, so there is nothing to compare with: the structure starts "
-            "at rest in equilibrium; give a release, an impulse, a force or a motion of the base that moves a primary mass"
+            f"with the sinks {comparison.options.without} nothing moves, so there is nothing to compare "
+            "with: the structure starts at rest in equilibrium; give a release, an impulse, a force or a motion of the base "
+            "that moves a primary mass"
         )
-    both = zip(_masses(vibration, level), _masses(baseline, level), strict=True)
-    masses = tuple(
-        MassChange(name, float(level[row, 0]), *pair)
-        for row, (name, pair) in enumerate(zip(trial.primaries, both, strict=True))
-    )
+    decays = zip(_decays(vibration, level), _decays(baseline, level), strict=True)
     return Absorption(
-        manner=trial.options.without,
-        settle=trial.options.settle,
-        time=trial.times,
-        masses=masses,
-        sinks=_sinks(trial, one, passages, potentials.tops(0)),
-        harvests=_harvests(trial, one),
-        absorbing=trial.absorbing,
-        with_sinks=one,
-        without=other,
+        removal=comparison.options.without,
+        settle=comparison.options.settle,
+        time=comparison.times,
+        masses=tuple(
+            MassChange(name, float(level[row, 0]), *both)
+            for row, (name, both) in enumerate(zip(comparison.primaries, decays, strict=True))
+        ),
+        sinks=_sink_results(comparison, with_sinks, crossed, potentials.tops(0)),
+        harvests=_harvests(comparison, with_sinks),
+        absorbing=comparison.absorbing,
+        with_sinks=with_sinks,
+        without=without,
     )
 
 
-def _side(
-    trial: Comparison, schedule: RunSchedule, potentials: Potentials
-) -> tuple[AbsorptionRun, Vibration, Passages]:
-    """One of the two runs."""
+def _run(
+    comparison: Comparison, schedule: RunSchedule, potentials: Potentials
+) -> tuple[AbsorptionRun, Vibration, tuple[Floats, ...]]:
+    """One of the two runs, the vibration of its primary masses, and the times in s of the crossings of each link."""
     motion = SimulatedMotion.of(schedule)
     runs = single_run(motion, potentials.tops(0))
-    columns = [schedule.structure.mass_names.index(name) for name in trial.primaries]
-    vibration = Vibration(runs, columns, rest_positions([trial.resting_structure], trial.primaries))
+    columns = [schedule.structure.mass_names.index(name) for name in comparison.primaries]
+    positions = rest_positions([comparison.resting_structure], comparison.primaries)
+    vibration = Vibration(runs, columns, positions)
     base = schedule.excitation.base
-    where = None if base is None else base.value(schedule.times)
-    side = AbsorptionRun(
+    x_base = None if base is None else base.value(schedule.times)
+    run = AbsorptionRun(
         structure=schedule.structure,
         x=motion.displacement,
         v=motion.velocity,
         envelope=vibration.decay.envelope[..., 0],
-        put_in=runs.put_in[:, 0] - potentials.floor[0],
-        stored=(potentials.kinetic(runs.v) + potentials.stored(runs.x, where))[:, 0],
-        dissipated=runs.heat[..., 0],
+        supplied=runs.supplied[:, 0] - potentials.floor[0],
+        stored=(potentials.kinetic(runs.v) + potentials.stored(runs.x, x_base))[:, 0],
+        dissipated=runs.dissipated[..., 0],
         horizon=motion.horizon,
     )
-    return side, vibration, runs.passages[0]
+    return run, vibration, runs.crossings[0]
 
 
-def _masses(vibration: Vibration, level: Floats) -> list[MassDecay]:
+def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
+    """The decay of each primary mass; `level` (P, 1) m."""
     settled = vibration.settled(level)[:, 0]
-    rates = vibration.decay.column(0).rate(level[:, 0])
+    rates = vibration.decay.of_run(0).rate(level[:, 0])
     numbers = zip(
         vibration.rest[:, 0].tolist(),
         vibration.peak[:, 0].tolist(),
@@ -132,35 +139,42 @@ def _masses(vibration: Vibration, level: Floats) -> list[MassDecay]:
         strict=True,
     )
     return [
-        MassDecay(rest, peak, rms, _known(time), _known(decay))
-        for (rest, peak, rms), time, decay in zip(numbers, settled, rates, strict=True)
+        MassDecay(rest, peak, rms, _finite(time), _finite(rate))
+        for (rest, peak, rms), time, rate in zip(numbers, settled, rates, strict=True)
     ]
 
 
-def _known(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _sinks(
-    trial: Comparison, side: AbsorptionRun, passages: Passages, tops: list[Floats]
+def _sink_results(
+    comparison: Comparison, run: AbsorptionRun, crossed: tuple[Floats, ...], tops: list[Floats]
 ) -> tuple[SinkResult, ...]:
-    names = [link.name for link in side.structure.links]
-    before_horizon = np.inf if side.horizon is None else side.horizon
-    base = trial.options.excitation.base
-    d = side.structure.elongations(side.x, None if base is None else base.value(trial.times))
-    found = []
-    for sink in trial.sinks:
+    names = [link.name for link in run.structure.links]
+    horizon = np.inf if run.horizon is None else run.horizon
+    base = comparison.options.excitation.base
+    d = run.structure.elongations(run.x, None if base is None else base.value(comparison.times))
+    results = []
+    for sink in comparison.sinks:
         number = names.index(sink.link)
-        times, heights = passages[number], tuple(tops[number].tolist())
-        share, before = side.share(sink.link), int(np.sum(times < before_horizon))
-        found.append(SinkResult(sink, heights, share, d[:, number], times, before))
-    return tuple(found)
+        results.append(
+            SinkResult(
+                sink=sink,
+                tops=tuple(tops[number].tolist()),
+                share=run.share(sink.link),
+                elongation=d[:, number],
+                crossings=crossed[number],
+                before_horizon=int(np.sum(crossed[number] < horizon)),
+            )
+        )
+    return tuple(results)
 
 
-def _harvests(trial: Comparison, side: AbsorptionRun) -> tuple[Harvest, ...]:
-    found = []
-    for link, damping in (trial.options.harvesters or {}).items():
-        share = side.share(f"{link}{SUFFIX}")
-        energy = share * side.total
-        found.append(Harvest(link, damping, energy, energy / float(trial.times[-1]), share))
-    return tuple(found)
+def _harvests(comparison: Comparison, run: AbsorptionRun) -> tuple[Harvest, ...]:
+    harvests = []
+    for link, damping in (comparison.options.harvesters or {}).items():
+        share = run.share(f"{link}{SUFFIX}")
+        energy = share * run.total
+        harvests.append(Harvest(link, damping, energy, energy / float(comparison.times[-1]), share))
+    return tuple(harvests)

@@ -1,4 +1,4 @@
-"""One question about a structure and its sinks, made ready: with them, without them, under the same excitation."""
+"""A comparison of a structure with and without its sinks under the same excitation, ready to be run."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from linkwise.model.structure import Structure
 from linkwise.simulation.schedule import RunSchedule
 from linkwise.simulation.simulate import check_excitation, output_times
 
-_PER_PERIOD = 20  # samples of the fastest mode, without a rate: cubics between them are right to 3e-5
-_FEWEST = 1000  # samples, without a rate
-_MOST = 2_000_000  # samples, without a rate
+_SAMPLES_PER_PERIOD = 20  # of the fastest mode, by default: cubics between them are right to 3e-5
+_LEAST_SAMPLES = 1000  # by default
+_MOST_SAMPLES = 2_000_000  # by default
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A `structure` with its harvesters, its `sinks`, the `baseline` structure that it is compared with, the `times` (N,) s
-    of the output, and the `options` that ask for it.
+    """A `structure` with harvesters, its `sinks`, the `baseline` without them, and the `options` of the comparison.
+
+    `times` (N,) s are those of the output.
     """
 
     structure: Structure
@@ -38,25 +39,27 @@ class Comparison:
 
     @classmethod
     def of(cls, structure: Structure, options: AbsorptionOptions) -> Comparison:
-        """Raises StructureError and SimulationError for what cannot be asked, as `absorb` says."""
-        _ = [link.values for link in structure.links], structure.mass_values  # says what has no number
+        """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
+        _ = (
+            [link.values for link in structure.links],
+            structure.mass_values,
+        )  # StructureError if one is unknown
         sinks, excitation = find_sinks(structure, options.sinks), options.excitation
         equipped = with_harvesters(structure, options.harvesters or {})
-        rate = _rate(structure, options.duration) if options.rate is None else options.rate
+        rate = _default_rate(structure, options.duration) if options.rate is None else options.rate
         times = output_times(options.duration, rate)
         check_excitation(equipped, excitation, float(times[-1]))
         if not (any(excitation.release.values()) or excitation.impulses or excitation.drives):
             raise SimulationError(
-                "nothing sets the structure in motion: give a release, an impulse, a force or a motion of the base"
+                "nothing sets the structure in motion; give a release, an impulse, a force or a motion of the base"
             )
-        return cls(
-            equipped, sinks, without_sinks(equipped, sinks, excitation, options.without), times, options
-        )
+        baseline = without_sinks(equipped, sinks, excitation, options.without)
+        return cls(equipped, sinks, baseline, times, options)
 
-    def varied(
+    def of_variant(
         self, structure: Structure, excitation: Excitation, baseline: WithoutSinks | None = None
     ) -> Comparison:
-        """The same question about another structure of this shape, harvesters included; `baseline` where it is known."""
+        """The same comparison of another structure of this shape, harvesters included; `baseline` if it is known."""
         return replace(
             self,
             structure=structure,
@@ -71,17 +74,17 @@ class Comparison:
 
     @property
     def baseline_schedule(self) -> RunSchedule:
-        """The run without them."""
+        """The run without sinks."""
         return RunSchedule(self.baseline.structure, self.baseline.excitation, self.times)
 
     @cached_property
     def primaries(self) -> tuple[str, ...]:
-        """The masses that no sink carries and that both structures have."""
+        """The masses that no sink carries, which both structures have."""
         return primary_masses(self.structure, self.sinks)
 
     @cached_property
     def absorbing(self) -> tuple[str, ...]:
-        """The links by which sinks absorb: the sinks, their harvesters, and whatever else hangs on their masses."""
+        """The links by which sinks absorb: the sinks, their harvesters, and all other links to their masses."""
         carried = {sink.mass for sink in self.sinks}
         names = {sink.link for sink in self.sinks} | {f"{sink.link}{SUFFIX}" for sink in self.sinks}
         return tuple(
@@ -90,29 +93,33 @@ class Comparison:
 
     @property
     def resting_structure(self) -> Structure:
-        """The one whose equilibria tell where the primary masses rest.
+        """The structure in whose equilibria the primary masses come to rest.
 
-        A sink on whose mass nothing else hangs exerts no force at rest, so its host rests where it would without the sink.
+        The link to a mass that has no other link exerts no force at rest, so that its host rests as it does without the sink.
         """
-        alone = all(sink.mass is not None and self._hangs_alone(sink) for sink in self.sinks)
-        return self.baseline.structure if alone else self.structure
+        leaves = all(sink.mass is not None and self._is_leaf(sink) for sink in self.sinks)
+        return self.baseline.structure if leaves else self.structure
 
-    def _hangs_alone(self, sink: Sink) -> bool:
-        joined = (set(link.between) for link in self.structure.links if sink.mass in link.between)
-        return all(ends == {sink.mass, sink.host} for ends in joined)
+    def _is_leaf(self, sink: Sink) -> bool:
+        """Whether the mass of a sink is linked to its host alone."""
+        ends = (set(link.between) for link in self.structure.links if sink.mass in link.between)
+        return all(pair == {sink.mass, sink.host} for pair in ends)
 
 
-def _rate(structure: Structure, duration: float) -> float:
-    """Samples per second that show the fastest mode: 1, 2 or 5 times a power of ten."""
+def _default_rate(structure: Structure, duration: float) -> float:
+    """Samples per second that resolve the fastest mode: 1, 2 or 5 times a power of ten."""
+    if not 0.0 < duration < np.inf:
+        return 1.0  # output_times refuses the duration
     try:
         fastest = float(np.nanmax(modes(structure).frequencies))
     except (StructureError, ValueError):
         fastest = 0.0
-    least = max(_PER_PERIOD * fastest, _FEWEST / duration)
-    if least * duration > _MOST:
+    least = max(_SAMPLES_PER_PERIOD * fastest, _LEAST_SAMPLES / duration)
+    if least * duration > _MOST_SAMPLES:
         raise SimulationError(
-            f"to show the fastest mode, {fastest:.3g} Hz, over {duration:g} s takes {least * duration:.1e} samples; say how "
-            "many a second are enough (rate, --rate): the primary masses may be slower"
+            f"resolving the fastest mode, {fastest:.3g} Hz, over {duration:g} s takes {least * duration:.1e} samples; give a "
+            "lower rate if the primary masses are slower",
+            arguments=("rate",),
         )
     power = 10.0 ** np.floor(np.log10(least))
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * (1.0 - 1e-9)))

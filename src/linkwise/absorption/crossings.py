@@ -1,7 +1,7 @@
-"""When a link passes the top between two of its wells, on the very orbit that was simulated.
+"""The times at which a link crosses the barrier between two of its wells, on the simulated orbit itself.
 
-Elongation and rate are known at the integrator's own steps, whose Taylor series reach seven times as far; the cubic between
-two steps shows every passage, and Newton's method on the dense output puts it where it is.
+Elongation and rate are known at the integrator's own steps, whose Taylor series converge over seven times their length. The
+cubic between two steps shows every crossing, and Newton's method on the dense output refines it.
 """
 
 from __future__ import annotations
@@ -14,65 +14,66 @@ from linkwise.arrays import Floats, Indices
 from linkwise.simulation.run import RunLog, RunOptions, integrate
 from linkwise.simulation.schedule import RunSchedule
 
-_NEWTON = 5  # runs after the cubic at most; two make its error of 1e-6 of a step one of rounding
-_AGREED = 1e-6  # of a step: the last move of a root that was found
-_TREMBLE = 1e-9  # of the farthest from a top: a link that near has not begun to move
-_SAME = 1e-9  # of the run: passages closer than that are one, and one so close to the start is the start
+_NEWTON_STEPS = 5  # at most; two reduce the cubic's error of 1e-6 of a step to rounding
+_CONVERGED = 1e-6  # of a step: the last Newton step of a root that was found
+_ONSET = 1e-9  # of the largest distance from a top: a link that stays nearer has not begun to move
+_DISTINCT = 1e-9  # of the run: crossings closer than this are one, and one this close to the start is none
 
 
 def crossings(schedule: RunSchedule, run: RunLog, tops: Sequence[Floats]) -> tuple[Floats, ...]:
-    """Times in s at which each link passes one of its `tops`, (K,) m a link, on the schedule that went as `run`.
+    """Times in s at which each link passes one of its `tops`, (K,) m for each link, in a run of `schedule` logged as `run`.
 
-    A link that starts on a top does not pass it by leaving it.
+    A link that starts on a top does not cross it by leaving it.
     """
-    if not any(len(each) for each in tops):
+    if not any(len(some) for some in tops):
         return tuple(np.empty(0) for _ in tops)
     steps: list[float] = []
     integrate(schedule, schedule.times[-1:], lambda first, states: None, RunOptions(repeated=run, log=steps))
     edges = np.unique(np.concatenate([[0.0], schedule.stops, steps]))
-    edges = edges[np.append(np.diff(edges) > _SAME * 1e-3 * schedule.end, True)]
-    d, rate = _motion(schedule, run, edges)
-    links, levels, times = _guesses(edges, d, rate, tops)
+    edges = edges[np.append(np.diff(edges) > _DISTINCT * 1e-3 * schedule.end, True)]
+    d, rate = _elongations(schedule, run, edges)
+    links, levels, times = _roots_of_cubics(edges, d, rate, tops)
     order = np.argsort(times, kind="stable")
     links, levels, times = links[order], levels[order], times[order]
     step = schedule.end / max(run.steps, 1)
-    move = np.full(len(times), np.inf)
-    for _ in range(_NEWTON):
-        if not np.any(np.abs(move) > _AGREED * step):
+    correction = np.full(len(times), np.inf)
+    for _ in range(_NEWTON_STEPS):
+        if not np.any(np.abs(correction) > _CONVERGED * step):
             break
-        unique, back = np.unique(times, return_inverse=True)
-        d, rate = _motion(schedule, run, unique)
+        unique, inverse = np.unique(times, return_inverse=True)
+        d, rate = _elongations(schedule, run, unique)
         with np.errstate(all="ignore"):
-            move = (d[back, links] - levels) / rate[back, links]
-        times = np.clip(np.where(np.abs(move) < step, times - move, times), 0.0, schedule.end)
-    passed = np.abs(move) <= _AGREED * step  # a cubic may bend where a motion that sets in gently does not
-    links, times = links[passed], times[passed]
+            correction = (d[inverse, links] - levels) / rate[inverse, links]
+        times = np.clip(np.where(np.abs(correction) < step, times - correction, times), 0.0, schedule.end)
+    # a cubic may have a root where a motion that sets in gently has none
+    converged = np.abs(correction) <= _CONVERGED * step
+    links, times = links[converged], times[converged]
     return tuple(distinct(times[links == number], schedule.end) for number in range(len(tops)))
 
 
-def after_onset(times: Floats, time: Floats, d: Floats, tops: Floats) -> Floats:
-    """Passages at `times` of a link with elongation `d` (N,) at samples `time` (N,), without those before it moves.
+def after_onset(crossed: Floats, time: Floats, d: Floats, tops: Floats) -> Floats:
+    """The times `crossed` without those before a link with elongation `d` (N,) m at `time` (N,) s begins to move.
 
-    A sink that rests on its top until the first wave arrives trembles there by rounding, from one side to the other.
+    Rounding moves a sink that rests on its top back and forth until the first wave arrives.
     """
-    if not (len(times) and len(tops)):
-        return times
-    away = np.abs(d[:, None] - tops).min(axis=1)
-    first = int(np.argmax(away > _TREMBLE * away.max()))
-    later: Floats = times[times >= time[max(first - 1, 0)]]
+    if not (len(crossed) and len(tops)):
+        return crossed
+    distance = np.abs(d[:, None] - tops).min(axis=1)
+    first = int(np.argmax(distance > _ONSET * distance.max()))
+    later: Floats = crossed[crossed >= time[max(first - 1, 0)]]
     return later
 
 
 def distinct(times: Floats, end: float) -> Floats:
-    """`times` in order without those at the start of a run that ends at `end`, near ones once."""
+    """`times` in order, without those at the start of a run that ends at `end`, coinciding ones once."""
     times = np.sort(times)
-    times = times[times > _SAME * end]
-    apart: Floats = times[np.append(True, np.diff(times) > _SAME * end)] if len(times) else times
+    times = times[times > _DISTINCT * end]
+    apart: Floats = times[np.append(True, np.diff(times) > _DISTINCT * end)] if len(times) else times
     return apart
 
 
-def _motion(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Floats, Floats]:
-    """(M, L) elongations and rates of all links at `times`."""
+def _elongations(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Floats, Floats]:
+    """(M, L) elongations in m and rates in m/s of all links at `times` (M,)."""
     size, base = schedule.structure.size, schedule.excitation.base
     states = np.empty((len(times), 2 * size))
 
@@ -80,37 +81,38 @@ def _motion(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Floats, 
         states[first : first + len(block)] = block
 
     integrate(schedule, times, receive, RunOptions(repeated=run))
-    where = None if base is None else base.value(times)
-    moving = None if base is None else base.derivative(times)
+    x_base = None if base is None else base.value(times)
+    v_base = None if base is None else base.derivative(times)
     structure = schedule.structure
-    return structure.elongations(states[:, :size], where), structure.elongations(states[:, size:], moving)
+    return structure.elongations(states[:, :size], x_base), structure.elongations(states[:, size:], v_base)
 
 
-def _guesses(
+def _roots_of_cubics(
     edges: Floats, d: Floats, rate: Floats, tops: Sequence[Floats]
 ) -> tuple[Indices, Floats, Floats]:
-    """Link, level and time of every root of the cubics through `d` and `rate` at the `edges`."""
+    """Link, top in m and time in s of every root of the cubics through `d` and `rate` at the `edges`."""
     links: list[int] = []
     levels: list[float] = []
     times: list[float] = []
     step = np.diff(edges)
-    for number, heights in enumerate(tops):
-        first, last = d[:-1, number], d[1:, number]
-        inner = first + step * rate[:-1, number] / 3.0, last - step * rate[1:, number] / 3.0
-        corners = np.stack([first, *inner, last])  # the cubic stays within the hull of these (Bernstein)
-        for height in heights.tolist():
-            for row in np.flatnonzero((corners.min(axis=0) <= height) & (corners.max(axis=0) >= height)):
-                for place in _roots(corners[:, row] - height):
-                    links.append(number)
-                    levels.append(height)
-                    times.append(float(edges[row] + place * step[row]))
+    for link, some in enumerate(tops):
+        first, last = d[:-1, link], d[1:, link]
+        inner = first + step * rate[:-1, link] / 3.0, last - step * rate[1:, link] / 3.0
+        bernstein = np.stack([first, *inner, last])  # the cubic lies within the hull of its coefficients
+        for top in some.tolist():
+            enclosed = (bernstein.min(axis=0) <= top) & (bernstein.max(axis=0) >= top)
+            for interval in np.flatnonzero(enclosed):
+                for root in _roots(bernstein[:, interval] - top):
+                    links.append(link)
+                    levels.append(top)
+                    times.append(float(edges[interval] + root * step[interval]))
     return np.array(links, dtype=np.intp), np.array(levels), np.array(times)
 
 
-def _roots(corners: Floats) -> Floats:
-    """Real roots in 0..1 of a cubic given by its Bernstein coefficients."""
-    b0, b1, b2, b3 = corners
+def _roots(bernstein: Floats) -> Floats:
+    """The real roots in [0, 1] of a cubic given by its Bernstein coefficients (4,)."""
+    b0, b1, b2, b3 = bernstein
     roots = np.roots([b3 - 3.0 * b2 + 3.0 * b1 - b0, 3.0 * (b2 - 2.0 * b1 + b0), 3.0 * (b1 - b0), b0])
     real = roots.real[np.abs(roots.imag) <= 1e-9]
-    found: Floats = real[(real >= 0.0) & (real <= 1.0)]
-    return found
+    inside: Floats = real[(real >= 0.0) & (real <= 1.0)]
+    return inside

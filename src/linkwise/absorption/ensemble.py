@@ -1,4 +1,4 @@
-"""What sinks come to in many structures of one shape, as one number a structure: for maps and for intervals."""
+"""Comparisons of many structures of one shape, each reduced to scalar quantities: for maps and for intervals."""
 
 from __future__ import annotations
 
@@ -25,32 +25,33 @@ from linkwise.simulation.schedule import RunSchedule
 
 T = TypeVar("T")
 
-_TASK = 8 * LANES  # runs that one thread does before it asks for more
+_TASK = 8 * LANES  # runs that a thread makes at a time
 
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """`values` (R, Q) of `quantities` in R structures, NaN where one is not there: a mass that does not settle, a run that
-    did not come to its end. `alive` (R,) tells the runs that ended; `envelopes` (N, P, R) m with sinks are kept on request, in
-    single precision for their size.
+    """The `values` (R, Q) of `quantities` in R structures; NaN for a mass that does not settle and a run that diverges.
+
+    `completed` (R,) are the runs that came to their end; `envelopes` (N, P, R) m of the primary masses with sinks are kept on
+    request, in single precision to save memory.
     """
 
     quantities: tuple[Quantity, ...]
     values: Floats
-    alive: Bools
+    completed: Bools
     envelopes: NDArray[np.float32] | None = None
 
     def column(self, name: str) -> Floats:
-        """(R,) of the quantity of that name."""
-        return self.values[:, [each.name for each in self.quantities].index(name)]
+        """The values (R,) of the quantity called `name`."""
+        return self.values[:, [quantity.name for quantity in self.quantities].index(name)]
 
 
 @dataclass(frozen=True)
-class _Crew:
-    """Who runs: so many threads, `alone` or side by side, telling `progress` what part of `activity` is done."""
+class _Runner:
+    """How runs are made: on `workers` threads, in batches or `one_by_one`, with reports on `activity`."""
 
     workers: int
-    alone: bool
+    one_by_one: bool
     progress: Progress
     activity: str
 
@@ -58,125 +59,133 @@ class _Crew:
         self,
         schedules: Sequence[RunSchedule],
         potentials: Potentials,
-        note: Callable[[Runs, Indices], None],
+        collect: Callable[[Runs, Indices], None],
     ) -> Bools:
-        """Run all schedules and `note` what the living ones did; returns which are."""
-        alive = np.zeros(len(schedules), dtype=bool)
-        every = np.arange(len(schedules))
+        """Run all schedules, `collect` the completed runs with their numbers, and return which were completed."""
+        completed = np.zeros(len(schedules), dtype=bool)
+        numbers = np.arange(len(schedules))
         stopped = Event()
 
-        def task(which: Indices) -> int:
-            for first in range(0, len(which), LANES):
+        def task(some: Indices) -> int:
+            for first in range(0, len(some), LANES):
                 if stopped.is_set():
                     break
-                group = which[first : first + LANES]
+                group = some[first : first + LANES]
                 runs, ended = batch_runs(
-                    [schedules[run] for run in group], potentials.rows(group), self.alone
+                    [schedules[run] for run in group],
+                    potentials.of_runs(group),
+                    one_by_one=self.one_by_one,
                 )
-                alive[group] = ended
+                completed[group] = ended
                 if ended.any():
-                    note(runs if ended.all() else runs.only(np.flatnonzero(ended)), group[ended])
-            return len(which)
+                    collect(runs if ended.all() else runs.of_runs(np.flatnonzero(ended)), group[ended])
+            return len(some)
 
         done = 0
         size = max(LANES, min(_TASK, -(-len(schedules) // (self.workers * LANES)) * LANES))
         pool = ThreadPoolExecutor(max(1, min(self.workers, -(-len(schedules) // LANES))))
         try:
             futures = [
-                pool.submit(task, every[first : first + size]) for first in range(0, len(schedules), size)
+                pool.submit(task, numbers[first : first + size]) for first in range(0, len(schedules), size)
             ]
             for future in as_completed(futures):
                 done += future.result()
                 self.progress(ProgressReport(done / len(schedules), self.activity))
-        finally:  # Ctrl-C waits for the runs under way and starts no others
+        finally:  # an interrupt waits for the batches under way and starts no others
             stopped.set()
             pool.shutdown(wait=True, cancel_futures=True)
-        return alive
+        return completed
 
 
 def run_ensemble(
-    trials: Sequence[Comparison],
+    comparisons: Sequence[Comparison],
     *,
     envelopes: bool = False,
-    alone: bool = False,
+    one_by_one: bool = False,
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
-    """Ask the same question of structures of one shape, on `workers` threads (default: one a processor).
+    """Make comparisons of structures of one shape on `workers` threads (default: one for each processor).
 
-    Trials may share one object for the structure without sinks; it is run once. With `alone` each is run by itself and in the
-    precision of `absorb`, so that chaos gives the same motion.
+    Comparisons may share one object for the structure without sinks, which is then run once. With `one_by_one` each run has
+    the precision of `absorb`, so that a chaotic motion is the same.
     """
     workers = workers or processors()
-    bares, which_bare = _distinct([trial.baseline for trial in trials])
-    owners = [int(np.argmax(which_bare == number)) for number in range(len(bares))]
-    structures, which_structure = _distinct([trial.resting_structure for trial in trials])
-    places = rest_positions(structures, trials[0].primaries)
-    resting = [places[number] for number in which_structure]
-    share = len(bares) / (len(bares) + len(trials))
+    baselines, baseline_of = _distinct([comparison.baseline for comparison in comparisons])
+    owners = [int(np.argmax(baseline_of == number)) for number in range(len(baselines))]
+    structures, structure_of = _distinct([comparison.resting_structure for comparison in comparisons])
+    distinct_positions = rest_positions(structures, comparisons[0].primaries)
+    positions = [distinct_positions[number] for number in structure_of]
+    share = len(baselines) / (len(baselines) + len(comparisons))
     with one_blas_thread():
-        reference = _reference(
-            [trials[run] for run in owners],
-            [resting[run] for run in owners],
-            _Crew(workers, alone, part(progress, 0.0, share), "without sinks"),
+        baseline = _baseline(
+            [comparisons[run] for run in owners],
+            [positions[run] for run in owners],
+            _Runner(workers, one_by_one, part(progress, 0.0, share), "without sinks"),
         )
         return _with_sinks(
-            trials, resting, reference.of(which_bare), envelopes,
-            _Crew(workers, alone, part(progress, share, 1.0), f"{len(trials)} runs with sinks"),
-        )  # fmt: skip
+            comparisons,
+            positions,
+            baseline.of_runs(baseline_of),
+            envelopes,
+            _Runner(workers, one_by_one, part(progress, share, 1.0), f"{len(comparisons)} runs with sinks"),
+        )
 
 
 def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:
-    """The different objects in a sequence, and for each place which of them stands there."""
-    found = {id(each): each for each in objects}
-    order = {key: number for number, key in enumerate(found)}
-    return list(found.values()), np.array([order[id(each)] for each in objects], dtype=np.intp)
+    """The distinct objects of a sequence, and the number among them of each of its members."""
+    distinct = {id(each): each for each in objects}
+    number = {key: place for place, key in enumerate(distinct)}
+    return list(distinct.values()), np.array([number[id(each)] for each in objects], dtype=np.intp)
 
 
-def _reference(
-    trials: Sequence[Comparison],
-    resting: Sequence[RestPositions],
-    crew: _Crew,
+def _baseline(
+    comparisons: Sequence[Comparison], positions: Sequence[RestPositions], runner: _Runner
 ) -> BaselineQuantities:
-    schedules = [trial.baseline_schedule for trial in trials]
+    """The vibration without sinks."""
+    schedules = [comparison.baseline_schedule for comparison in comparisons]
     potentials = Potentials.of([schedule.structure for schedule in schedules])
-    masses = len(trials[0].primaries)
-    found = np.full((4, masses, len(trials)), np.nan)
+    first = comparisons[0]
+    values = np.full((4, len(first.primaries), len(comparisons)), np.nan)
+    columns = [schedules[0].structure.mass_names.index(name) for name in first.primaries]
 
-    def note(runs: Runs, which: Indices) -> None:
-        columns = [schedules[0].structure.mass_names.index(name) for name in trials[0].primaries]
-        vibration = Vibration(runs, columns, [resting[run] for run in which])
-        level = trials[0].options.settle * vibration.peak
-        found[:, :, which] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
+    def collect(runs: Runs, numbers: Indices) -> None:
+        vibration = Vibration(runs, columns, [positions[run] for run in numbers])
+        level = first.options.settle * vibration.peak
+        values[:, :, numbers] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
 
-    crew.run(schedules, potentials, note)
-    return BaselineQuantities(*found)
+    runner.run(schedules, potentials, collect)
+    return BaselineQuantities(*values)
 
 
 def _with_sinks(
-    trials: Sequence[Comparison],
-    resting: Sequence[RestPositions],
-    reference: BaselineQuantities,
+    comparisons: Sequence[Comparison],
+    positions: Sequence[RestPositions],
+    baseline: BaselineQuantities,
     envelopes: bool,
-    crew: _Crew,
+    runner: _Runner,
 ) -> Ensemble:
-    schedules = [trial.schedule for trial in trials]
-    potentials = Potentials.of([trial.structure for trial in trials])
-    quantities = quantities_of(trials[0])
-    values = np.full((len(trials), len(quantities)), np.nan)
-    bounds = (
-        np.full((len(trials[0].times), len(trials[0].primaries), len(trials)), np.nan, np.float32)
+    """The runs with sinks, and all quantities."""
+    first = comparisons[0]
+    schedules = [comparison.schedule for comparison in comparisons]
+    potentials = Potentials.of([comparison.structure for comparison in comparisons])
+    quantities = quantities_of(first)
+    values = np.full((len(comparisons), len(quantities)), np.nan)
+    kept = (
+        np.full((len(first.times), len(first.primaries), len(comparisons)), np.nan, np.float32)
         if envelopes
         else None
     )
-    columns = [trials[0].structure.mass_names.index(name) for name in trials[0].primaries]
+    columns = [first.structure.mass_names.index(name) for name in first.primaries]
 
-    def note(runs: Runs, which: Indices) -> None:
-        vibration = Vibration(runs, columns, [resting[run] for run in which])
-        told = quantity_values(trials[0], runs, vibration, potentials.rows(which), reference.of(which))
-        values[which] = np.stack([told[each.name] for each in quantities], axis=1)
-        if bounds is not None:
-            bounds[:, :, which] = vibration.decay.envelope
+    def collect(runs: Runs, numbers: Indices) -> None:
+        vibration = Vibration(runs, columns, [positions[run] for run in numbers])
+        by_name = quantity_values(
+            first, runs, vibration, potentials.of_runs(numbers), baseline.of_runs(numbers)
+        )
+        values[numbers] = np.stack([by_name[quantity.name] for quantity in quantities], axis=1)
+        if kept is not None:
+            kept[:, :, numbers] = vibration.decay.envelope
 
-    alive = crew.run(schedules, potentials, note)
-    return Ensemble(quantities, values, alive, bounds)
+    completed = runner.run(schedules, potentials, collect)
+    return Ensemble(quantities, values, completed, kept)

@@ -1,4 +1,4 @@
-"""Harvesters: dampers put in parallel to links, whose heat is the power that could be used."""
+"""Harvesters: dampers in parallel to links, whose dissipated power could be used."""
 
 from __future__ import annotations
 
@@ -16,17 +16,16 @@ SUFFIX = "-harvester"
 
 
 def with_harvesters(structure: Structure, dampings: Mapping[str, float]) -> Structure:
-    """The structure with a damper of so many N s/m in parallel to each link that is named, as a link "NAME-harvester".
+    """The structure with a damper in N s/m in parallel to each link named in `dampings`, as a link "NAME-harvester".
 
-    Raises StructureError for a link that is not there and for a damping that is not positive.
+    Raises StructureError for a link that does not exist and for a damping that is not positive.
     """
     added = []
     for name, damping in dampings.items():
         link = structure.link(name)
         if not (np.isfinite(damping) and damping > 0.0):
             raise StructureError(
-                f"a harvester's damping of {damping!r} N s/m cannot be; it is a number above 0",
-                f'link "{name}"',
+                f"the damping of a harvester must be positive, got {damping!r} N s/m", f'link "{name}"'
             )
         added.append(
             Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": Coefficient.number(damping)})

@@ -1,4 +1,4 @@
-"""What the sinks of an identified structure do, with intervals: the same question asked of draws from what is known of it."""
+"""`absorb` of an identified structure with intervals: the same comparison for draws from its posterior."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from linkwise.absorption.absorb import answer
+from linkwise.absorption.absorb import compare
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import Ensemble, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
@@ -24,15 +24,23 @@ from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted
 
 COVERED = 0.95
-_LIVING = 0.9  # of the draws that must come to their end
+_LEAST_COMPLETED = 0.9  # of the draws
 
 
 @dataclass(frozen=True)
 class QuantityInterval:
-    """A quantity: `value` at the identified numbers, and 95 % of the draws from `lower` to `upper`.
+    """A quantity at the identified values, and its 95 % interval.
 
-    None stands where there is no value: a mass that does not settle; as the upper end, that it may not. `missing` counts the
-    draws without one.
+    Attributes
+    ----------
+    quantity : Quantity
+        What it is, and its unit.
+    value : float or None
+        At the identified values; None if it does not exist, as the settling time of a mass that does not settle.
+    lower, upper : float or None
+        Ends of the interval; `upper` is None if it may not exist.
+    missing : int
+        The number of draws without a value.
     """
 
     quantity: Quantity
@@ -44,13 +52,27 @@ class QuantityInterval:
 
 @dataclass(frozen=True, eq=False)
 class AbsorptionIntervals:
-    """`absorb` of an identified structure, `found`, with what `draws` draws of it (made with `seed`) say of its accuracy.
+    """The result of `absorption_intervals`; printed, that of `absorb` and a table of intervals.
 
-    `lower`, `upper` (N, P) m bound the envelopes of the primary masses in 95 % of the draws, sample by sample; `diverged`
-    counts draws whose motion came to no end, `closure` is the worst error of an energy balance.
+    Attributes
+    ----------
+    absorption : Absorption
+        The result at the identified values.
+    draws : int
+        The number of draws from the posterior.
+    seed : int
+        The seed that they were made with.
+    quantities : tuple of QuantityInterval
+        The quantities with intervals.
+    lower, upper : (N, P) ndarray
+        Bounds in m of the envelopes of the primary masses in 95 % of the draws, sample by sample.
+    diverged : int
+        The number of draws whose motion diverged.
+    closure : float
+        The largest error of an energy balance, as a part of the energy supplied.
     """
 
-    found: Absorption
+    absorption: Absorption
     draws: int
     seed: int
     quantities: tuple[QuantityInterval, ...]
@@ -60,13 +82,28 @@ class AbsorptionIntervals:
     closure: float
 
     def quantity(self, name: str) -> QuantityInterval:
-        """The one of that name; KeyError lists those there are."""
-        for each in self.quantities:
-            if each.quantity.name == name:
-                return each
-        raise KeyError(
-            f"{name!r} is not in this answer; there are {', '.join(q.quantity.name for q in self.quantities)}"
-        )
+        """The quantity called `name`.
+
+        Parameters
+        ----------
+        name : str
+            A name such as "rms_reduction" or "settled:m1".
+
+        Returns
+        -------
+        QuantityInterval
+            Its value and interval.
+
+        Raises
+        ------
+        KeyError
+            If there is none; the message lists all.
+        """
+        for interval in self.quantities:
+            if interval.quantity.name == name:
+                return interval
+        names = ", ".join(interval.quantity.name for interval in self.quantities)
+        raise KeyError(f"unknown quantity {name!r}; choose from {names}")
 
     @property
     def trusted(self) -> bool:
@@ -76,26 +113,26 @@ class AbsorptionIntervals:
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Whether all energy balances close."""
-        return tuple(dict.fromkeys((*self.found.verdicts, closure_verdict(self.closure))))
+        return tuple(dict.fromkeys((*self.absorption.verdicts, closure_verdict(self.closure))))
 
     def to_dict(self) -> dict[str, Any]:
-        """What `Absorption.to_dict` says, and the intervals."""
+        """The result as plain data: that of `Absorption.to_dict`, and the intervals."""
         return {
-            **self.found.to_dict(),
+            **self.absorption.to_dict(),
             "verdicts": [verdict.name for verdict in self.verdicts],
             "trusted": self.trusted,
             "draws": self.draws,
             "seed": self.seed,
             "diverged": self.diverged,
             "intervals": {
-                each.quantity.name: {
-                    "title": each.quantity.title,
-                    "unit": each.quantity.unit,
-                    "value": each.value,
-                    "interval": [each.lower, each.upper],
-                    "without_value": each.missing,
+                interval.quantity.name: {
+                    "title": interval.quantity.title,
+                    "unit": interval.quantity.unit,
+                    "value": interval.value,
+                    "interval": [interval.lower, interval.upper],
+                    "without_value": interval.missing,
                 }
-                for each in self.quantities
+                for interval in self.quantities
             },
         }
 
@@ -113,93 +150,112 @@ def absorption_intervals(
     progress: Progress = silent,
     **keywords: Unpack[AbsorptionKeywords],
 ) -> AbsorptionIntervals:
-    """Compare what an identified structure does with its sinks and without them, with 95 % intervals.
+    """Compare the vibration of an identified structure with its sinks and without them, with 95 % intervals.
+
+    The comparison of `absorb` is made for normal draws with the covariance of the estimate.
 
     Parameters
     ----------
     identified : Estimate or Posterior
-        The identified structure with its covariance.
+        What was identified.
     options : AbsorptionOptions, optional
-        What is asked.
+        What to simulate.
     draws : int
-        How many structures are drawn, normally distributed with the covariance.
+        The number of draws, at least 2.
     seed : int
         Seed of the draws.
     workers : int, optional
-        Threads; by default one a processor.
+        Number of threads; by default one for each processor.
     progress : Progress
         Called with a `ProgressReport` as runs end.
     **keywords
-        In place of `options`: its fields and what drives the structure, as in `absorb`.
+        In place of `options`: its fields and the excitation, as in `absorb`.
 
     Returns
     -------
     AbsorptionIntervals
-        The comparison at the identified values, and intervals of its quantities.
+        The result at the identified values, and intervals of all quantities.
 
     Raises
     ------
     IdentificationError
         If the estimate is not to be trusted, or its bounds leave no draws.
     LinkwiseError
-        If `draws` is less than 2, or more than a tenth of the draws diverge.
+        If there are fewer than 2 draws, or the motion of more than a tenth of them diverges.
     StructureError, SimulationError
-        As `absorb` does.
+        As `absorb`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="ml")
+    >>> found = lw.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
+    >>> share = found.quantity("sinks_share")
+    >>> share.lower < share.value < share.upper
+    True
     """
-    asked = AbsorptionOptions.given(options, keywords)
-    known = identified if isinstance(identified, Posterior) else Posterior.of(identified)
+    posterior = identified if isinstance(identified, Posterior) else Posterior.of(identified)
     if draws < 2:
-        raise LinkwiseError(f"{draws} draws tell no interval; ask for 100 or more")
-    trial = Comparison.of(known.structure, asked)
-    found = answer(trial, part(progress, 0.0, 0.1))
-    variants = Variants(with_harvesters(known.structure, asked.harvesters or {}), trial, known.names)
-    table = known.draws(draws, seed)
-    trials = [variants.at(dict(zip(known.names, row.tolist(), strict=True))) for row in table]
-    itself = run_ensemble([trial], alone=True).values[0]
-    told = run_ensemble(trials, envelopes=True, workers=workers, progress=part(progress, 0.1, 1.0))
-    living = told.alive
-    if np.mean(living) < _LIVING:
         raise LinkwiseError(
-            f"the motion of {int(np.sum(~living))} of {draws} draws diverges: what is known of the structure does not say "
-            "whether it holds; measure longer, or with less noise"
+            f"intervals need at least 2 draws, got {draws}; use 100 or more", arguments=("draws",)
         )
-    lower, upper = _bands(told)
+    comparison = Comparison.of(posterior.structure, AbsorptionOptions.given(options, keywords))
+    absorption = compare(comparison, part(progress, 0.0, 0.1))
+    equipped = with_harvesters(posterior.structure, comparison.options.harvesters or {})
+    variants = Variants.of(equipped, comparison, posterior.names)
+    drawn = [
+        variants.at(dict(zip(posterior.names, row.tolist(), strict=True)))
+        for row in posterior.draws(draws, seed)
+    ]
+    identified_values = run_ensemble([comparison], one_by_one=True).values[0]
+    ensemble = run_ensemble(drawn, envelopes=True, workers=workers, progress=part(progress, 0.1, 1.0))
+    completed = ensemble.completed
+    if np.mean(completed) < _LEAST_COMPLETED:
+        raise LinkwiseError(
+            f"the motion of {int(np.sum(~completed))} of {draws} draws diverges: the identified structure may be unstable "
+            "within its uncertainty; measure for longer, or with less noise"
+        )
+    lower, upper = _envelope_bounds(ensemble)
     return AbsorptionIntervals(
-        found=found,
+        absorption=absorption,
         draws=draws,
         seed=seed,
         quantities=tuple(
-            _likely(quantity, itself[column], told.values[living, column])
-            for column, quantity in enumerate(told.quantities)
+            _interval(quantity, identified_values[column], ensemble.values[completed, column])
+            for column, quantity in enumerate(ensemble.quantities)
             if quantity.name != "closure"
         ),
         lower=lower,
         upper=upper,
-        diverged=int(np.sum(~living)),
-        closure=float(np.nanmax(told.column("closure"))),
+        diverged=int(np.sum(~completed)),
+        closure=float(np.nanmax(ensemble.column("closure"))),
     )
 
 
-def _bands(told: Ensemble) -> tuple[Floats, Floats]:
-    assert told.envelopes is not None
+def _envelope_bounds(ensemble: Ensemble) -> tuple[Floats, Floats]:
+    assert ensemble.envelopes is not None
     tail = 100.0 * 0.5 * (1.0 - COVERED)
-    lower, upper = np.percentile(told.envelopes[..., told.alive], [tail, 100.0 - tail], axis=2)
+    completed = ensemble.envelopes[..., ensemble.completed]
+    lower, upper = np.percentile(completed, [tail, 100.0 - tail], axis=2)
     return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
 
 
-def _likely(quantity: Quantity, value: float, drawn: Floats) -> QuantityInterval:
-    """Quantiles of the draws; what never happens happens after every time."""
+def _interval(quantity: Quantity, value: float, drawn: Floats) -> QuantityInterval:
+    """The quantiles of the draws; a missing value, of what never happens, is larger than all others."""
     tail = 0.5 * (1.0 - COVERED)
     missing = int(np.sum(np.isnan(drawn)))
     ranked = np.sort(np.where(np.isnan(drawn), np.inf, drawn))
-    ends = ranked[[int(np.floor(tail * (len(ranked) - 1))), int(np.ceil((1.0 - tail) * (len(ranked) - 1)))]]
-    return QuantityInterval(quantity, _known(value), _known(ends[0]), _known(ends[1]), missing)
+    last = len(ranked) - 1
+    lower, upper = ranked[[int(np.floor(tail * last)), int(np.ceil((1.0 - tail) * last))]]
+    return QuantityInterval(quantity, _finite(value), _finite(lower), _finite(upper), missing)
 
 
-def _known(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def without_intervals(answer: Absorption | AbsorptionIntervals) -> Absorption:
-    """The comparison itself, of an answer with intervals or of one without."""
-    return answer.found if isinstance(answer, AbsorptionIntervals) else answer
+def without_intervals(result: Absorption | AbsorptionIntervals) -> Absorption:
+    """The comparison itself, of a result with intervals or of one without."""
+    return result.absorption if isinstance(result, AbsorptionIntervals) else result

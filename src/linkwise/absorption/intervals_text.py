@@ -1,4 +1,4 @@
-"""Intervals of absorption as rows of text, for print and for the page."""
+"""The result of `absorption_intervals` as rows of text, for print and for the page."""
 
 from __future__ import annotations
 
@@ -10,35 +10,37 @@ Rows = list[tuple[str, ...]]
 
 
 @as_text.register
-def intervals_text(told: AbsorptionIntervals) -> str:
-    """The intervals as text."""
-    rows: Rows = [(*row, "") for row in interval_rows(told)]
-    intervals = "\n".join([interval_headline(told), *align_columns(rows)])
-    return f"{told.found}\n\n{intervals}"
+def intervals_text(intervals: AbsorptionIntervals) -> str:
+    """The whole result as text."""
+    rows: Rows = [(*row, "") for row in interval_rows(intervals)]
+    table = "\n".join([interval_headline(intervals), *align_columns(rows)])
+    return f"{intervals.absorption}\n\n{table}"
 
 
-def interval_headline(told: AbsorptionIntervals) -> str:
+def interval_headline(intervals: AbsorptionIntervals) -> str:
     """What the intervals are, in a sentence."""
-    lost = f", of which {told.diverged} diverged" if told.diverged else ""
-    return f"95 % of {told.draws} draws of the identified structure (seed {told.seed}){lost} lie within:"
+    diverged = f", of which {intervals.diverged} diverged" if intervals.diverged else ""
+    return f"95 % of {intervals.draws} draws of the identified structure (seed {intervals.seed}){diverged} lie within:"
 
 
-def interval_rows(told: AbsorptionIntervals) -> Rows:
-    """Each quantity at the identified numbers, and its interval."""
-    rows: Rows = [("quantity", "identified", "95 % interval")]
+def interval_rows(intervals: AbsorptionIntervals) -> Rows:
+    """Each quantity at the identified values, and its interval."""
     return [
-        *rows,
-        *((each.quantity.title, _text(each, each.value), _range(each)) for each in told.quantities),
+        ("quantity", "identified", "95 % interval"),
+        *(
+            (interval.quantity.title, _text(interval, interval.value), _range(interval))
+            for interval in intervals.quantities
+        ),
     ]
 
 
-def _range(each: QuantityInterval) -> str:
-    if each.lower is None:
-        return _text(each, None)
-    return f"{_text(each, each.lower)} to {_text(each, each.upper)}"
+def _range(interval: QuantityInterval) -> str:
+    if interval.lower is None:
+        return _text(interval, None)
+    return f"{_text(interval, interval.lower)} to {_text(interval, interval.upper)}"
 
 
-def _text(each: QuantityInterval, value: float | None) -> str:
+def _text(interval: QuantityInterval, value: float | None) -> str:
     if value is None:
-        return "never" if each.quantity.name.startswith("settled") else "-"
-    return value_text(each.quantity, value)
+        return "never" if interval.quantity.name.startswith("settled") else "-"
+    return value_text(interval.quantity, value)

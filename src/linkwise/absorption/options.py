@@ -1,4 +1,4 @@
-"""What an absorption is asked: one frozen object, and the keywords that it is made of."""
+"""The options of an absorption: one frozen object, and the keywords that it is made of."""
 
 from __future__ import annotations
 
@@ -27,25 +27,26 @@ class AbsorptionKeywords(ExcitationKeywords, total=False):
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AbsorptionOptions:
-    """What `absorb`, `absorption_intervals` and `absorption_map` are asked.
+    """The options of `absorb`, `absorption_intervals` and `absorption_map`.
 
-    Those functions take the same things as keywords; an object is for asking the same of several structures.
+    Those functions take the same as keywords; an object serves for several structures.
 
     Parameters
     ----------
     duration : float
-        How long to look, in s.
+        Time to simulate, in s.
     rate : float, optional
-        Output samples per second. By default 20 or more in a period of the fastest mode.
+        Samples per second in Hz; by default at least 20 in a period of the fastest mode.
     sinks : sequence of str
-        The links that are sinks; without names, every link with more than one stable well.
+        The links that are sinks; without names, every link with more than one stable well is one.
     without : {"removed", "locked"}
-        How the structure is without its sinks: with their masses removed, as in the paper, or held where they start.
+        How the sinks are taken out for comparison: their masses and all links to these are removed, as in the paper, or
+        the sinks are locked at their initial elongation.
     settle : float
-        A mass has settled when it stays below this part of its peak without sinks until the end, and has done so for the
-        last 5 % of the run at least.
+        A mass has settled when its excursion stays below this part of its peak without sinks, for the last 5 % of the run
+        at least. Excursions are counted from the stable equilibrium where it ends.
     harvesters : mapping of str to float, optional
-        Dampers in N s/m in parallel to links, by link.
+        Dampings in N s/m of harvesters in parallel to links, by link.
     excitation : Excitation
         What sets the structure in motion.
 
@@ -54,7 +55,7 @@ class AbsorptionOptions:
     SimulationError
         If `settle` is not between 0 and 1.
     StructureError
-        If `without` is neither of its two words.
+        If `without` is neither "removed" nor "locked".
 
     Examples
     --------
@@ -75,18 +76,18 @@ class AbsorptionOptions:
     def __post_init__(self) -> None:
         if not 0.0 < self.settle < 1.0:
             raise SimulationError(
-                f"a mass settles when it stays below a part of its peak between 0 and 1, which {self.settle!r} is not"
+                f"settle is a part of the peak and must be between 0 and 1, got {self.settle!r}"
             )
         if self.without not in BASELINES:
             raise StructureError(
-                f"sinks can be compared with sinks {' or '.join(BASELINES)}, not with sinks {self.without!r}"
+                f"unknown way to take out sinks, {self.without!r}; choose from {', '.join(map(repr, BASELINES))}"
             )
 
     @classmethod
     def of(cls, **keywords: Unpack[AbsorptionKeywords]) -> AbsorptionOptions:
-        """The options from keywords, those of `Excitation.of` among them.
+        """The options from keywords, among them those of `Excitation.of`.
 
-        Raises SimulationError and StructureError for what cannot be asked, TypeError for a keyword that does not exist.
+        Raises SimulationError and StructureError for invalid options, TypeError for an unknown keyword.
         """
         names = {each.name for each in fields(cls)}
         own: dict[str, Any] = {name: value for name, value in keywords.items() if name in names}
@@ -95,7 +96,7 @@ class AbsorptionOptions:
 
     @classmethod
     def given(cls, options: AbsorptionOptions | None, keywords: AbsorptionKeywords) -> AbsorptionOptions:
-        """The options of a call that may have either; TypeError for both."""
+        """The options of a call that takes either an object or keywords; TypeError for both."""
         if options is not None and keywords:
             raise TypeError(f"got options and also {', '.join(keywords)}; give one of the two")
         return cls.of(**keywords) if options is None else options

@@ -14,8 +14,9 @@ from linkwise.model.structure import Structure
 
 @dataclass(frozen=True, eq=False)
 class Potentials:
-    """The potentials of L links in W structures of the shape of `first`: `values` (W,) of each coefficient by link, `masses`
-    (n, W) in kg, and the `barriers` of each link, (W, K) and (W,).
+    """The potentials of L links in W structures of the shape of `first`.
+
+    `values` (W,) of each coefficient by link, `masses` (n, W) kg, and the `barriers` of each link, (W, K) m and (W,) J.
     """
 
     first: Structure
@@ -25,52 +26,60 @@ class Potentials:
 
     @classmethod
     def of(cls, structures: Sequence[Structure]) -> Potentials:
-        """Those of structures of one shape."""
+        """The potentials of structures of one shape."""
         first = structures[0]
         values = tuple(
-            {name: np.array([each.links[number].values[name] for each in structures]) for name in link.coefficients}
+            {
+                name: np.array([structure.links[number].values[name] for structure in structures])
+                for name in link.coefficients
+            }
             for number, link in enumerate(first.links)
-        )  # fmt: skip
-        masses = np.stack([each.mass_values for each in structures], axis=1)
-        found = (
-            barriers(link.law, each, len(structures)) for link, each in zip(first.links, values, strict=True)
         )
-        return cls(first, values, masses, tuple(found))
+        masses = np.stack([structure.mass_values for structure in structures], axis=1)
+        return cls(
+            first,
+            values,
+            masses,
+            tuple(
+                barriers(link.law, numbers, len(structures))
+                for link, numbers in zip(first.links, values, strict=True)
+            ),
+        )
 
     @property
     def floor(self) -> Floats:
-        """(W,) J: all links in their lowest wells."""
-        return np.asarray(np.sum([each.floor for each in self.barriers], axis=0))
+        """(W,) J: the potential energy with all links in their lowest wells."""
+        return np.asarray(np.sum([link.floor for link in self.barriers], axis=0))
 
     def tops(self, run: int) -> list[Floats]:
-        """(K,) m of each link in one structure."""
-        return [each.tops[run][np.isfinite(each.tops[run])] for each in self.barriers]
+        """(K,) m: the tops of the barriers of each link in one structure."""
+        return [link.tops[run][np.isfinite(link.tops[run])] for link in self.barriers]
 
-    def rows(self, which: Indices) -> Potentials:
-        """Those of some of the structures."""
+    def of_runs(self, runs: Indices) -> Potentials:
+        """The potentials of some of the structures."""
         return Potentials(
             self.first,
-            tuple({name: value[which] for name, value in each.items()} for each in self.values),
-            self.masses[:, which],
-            tuple(Barriers(each.tops[which], each.floor[which]) for each in self.barriers),
+            tuple({name: value[runs] for name, value in values.items()} for values in self.values),
+            self.masses[:, runs],
+            tuple(Barriers(link.tops[runs], link.floor[runs]) for link in self.barriers),
         )
 
-    def stored(self, x: Floats, base: Floats | None) -> Floats:
-        """(N, W) J above the lowest wells at displacements (N, n, W); `base` (N,) in m where there is one."""
-        d = elongations(self.first, x, base)
+    def stored(self, x: Floats, x_base: Floats | None) -> Floats:
+        """(N, W) J above the lowest wells at displacements `x` (N, n, W) m; `x_base` (N,) m, None if the base rests."""
+        d = elongations(self.first, x, x_base)
         energy = np.zeros((x.shape[0], x.shape[2]))
         for number, (link, values) in enumerate(zip(self.first.links, self.values, strict=True)):
             energy += link.law.potential(d[..., number], values)
         return energy - self.floor
 
     def kinetic(self, v: Floats) -> Floats:
-        """(N, W) J at velocities (N, n, W)."""
+        """(N, W) J at velocities `v` (N, n, W) m/s."""
         return np.asarray(0.5 * np.einsum("tiw,iw->tw", v * v, self.masses))
 
 
-def elongations(structure: Structure, x: Floats, base: Floats | None) -> Floats:
-    """(N, W, L) m of all links in W runs at displacements (N, n, W); `base` (N,) in m where there is one."""
-    points, size, runs = x.shape
-    where = None if base is None else np.repeat(base, runs)
-    flat = structure.elongations(x.transpose(0, 2, 1).reshape(-1, size), where)
-    return flat.reshape(points, runs, -1)
+def elongations(structure: Structure, x: Floats, x_base: Floats | None) -> Floats:
+    """(N, W, L) m: elongations of all links in W runs at displacements `x` (N, n, W) m; `x_base` (N,) m of the base."""
+    samples, size, runs = x.shape
+    repeated = None if x_base is None else np.repeat(x_base, runs)
+    flat = structure.elongations(x.transpose(0, 2, 1).reshape(-1, size), repeated)
+    return flat.reshape(samples, runs, -1)

@@ -1,4 +1,4 @@
-"""The numbers that runs come to, one a structure: what they are called, and how they follow from motions and energies."""
+"""The scalar quantities by which sinks are judged: what they are called, and how they follow from runs and energies."""
 
 from __future__ import annotations
 
@@ -10,13 +10,25 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.runs import Runs
-from linkwise.absorption.vibration import Vibration, reduction, together
+from linkwise.absorption.vibration import Vibration, reduction, root_sum_square
 from linkwise.arrays import Floats, Indices
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number a structure: `name`, `unit` (none: a count, or a part of 1), what it is in words, and which end is best."""
+    """A scalar quantity of a comparison with and without sinks.
+
+    Attributes
+    ----------
+    name : str
+        Its name, "rms_reduction" or, of one mass, link or sink, "rms_reduction:m1".
+    unit : str
+        Its SI unit; empty for counts and for parts of 1.
+    title : str
+        Its description.
+    least_is_best : bool
+        Whether small values are good.
+    """
 
     name: str
     unit: str
@@ -26,86 +38,96 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class BaselineQuantities:
-    """What the primary masses do without sinks, (P, R)."""
+    """The vibration of the P primary masses without sinks in R runs: `peak`, `rms`, `level` m and `settled` s, (P, R)."""
 
     peak: Floats
     rms: Floats
     level: Floats
     settled: Floats
 
-    def of(self, which: Indices) -> BaselineQuantities:
-        """That of some of the runs, or of some several times."""
+    def of_runs(self, runs: Indices) -> BaselineQuantities:
+        """Some of the runs, in any order and number."""
         return BaselineQuantities(
-            *(each[:, which] for each in (self.peak, self.rms, self.level, self.settled))
+            *(values[:, runs] for values in (self.peak, self.rms, self.level, self.settled))
         )
 
 
-def quantities_of(trial: Comparison) -> tuple[Quantity, ...]:
-    """What `quantity_values` tells, in order."""
-    percent = f"{100.0 * trial.options.settle:g} %"
-    found = [
+def quantities_of(comparison: Comparison) -> tuple[Quantity, ...]:
+    """The quantities that `quantity_values` returns, in order."""
+    percent = f"{100.0 * comparison.options.settle:g} %"
+    quantities = [
         Quantity("settled", "s", f"settling time (below {percent})", True),
         Quantity("settled_without", "s", f"settling time without sinks (below {percent})", True),
         Quantity("rms_reduction", "", "RMS reduction"),
         Quantity("peak_reduction", "", "peak reduction"),
-        Quantity("sinks_share", "", "energy taken by the sinks"),
+        Quantity("sinks_share", "", "energy dissipated by the sinks"),
         Quantity("crossings", "", "well crossings"),
         Quantity("remaining", "", "energy left at the end", True),
         Quantity("closure", "", "error of the energy balance", True),
     ]
-    if len(trial.primaries) > 1:
-        for name in trial.primaries:
-            found.append(Quantity(f"settled:{name}", "s", f"settling time of {name}", True))
-            found.append(Quantity(f"rms_reduction:{name}", "", f"RMS reduction of {name}"))
-            found.append(Quantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
-    found += [
-        Quantity(f"share:{link.name}", "", f"energy taken by {link.name}", link.name not in trial.absorbing)
-        for link in trial.structure.links
+    if len(comparison.primaries) > 1:
+        for name in comparison.primaries:
+            quantities.append(Quantity(f"settled:{name}", "s", f"settling time of {name}", True))
+            quantities.append(Quantity(f"rms_reduction:{name}", "", f"RMS reduction of {name}"))
+            quantities.append(Quantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
+    quantities += [
+        Quantity(
+            f"share:{link.name}",
+            "",
+            f"energy dissipated by {link.name}",
+            link.name not in comparison.absorbing,
+        )
+        for link in comparison.structure.links
     ]
-    found += [
-        Quantity(f"crossings:{sink.link}", "", f"well crossings of {sink.link}") for sink in trial.sinks
+    quantities += [
+        Quantity(f"crossings:{sink.link}", "", f"well crossings of {sink.link}") for sink in comparison.sinks
     ]
-    found += [
+    quantities += [
         Quantity(f"power:{link}", "W", f"average power of the harvester on {link}")
-        for link in trial.options.harvesters or ()
+        for link in comparison.options.harvesters or ()
     ]
-    return tuple(found)
+    return tuple(quantities)
 
 
 def quantity_values(
-    trial: Comparison, runs: Runs, vibration: Vibration, potentials: Potentials, reference: BaselineQuantities
+    comparison: Comparison,
+    runs: Runs,
+    vibration: Vibration,
+    potentials: Potentials,
+    baseline: BaselineQuantities,
 ) -> dict[str, Floats]:
-    """(W,) of every quantity."""
-    settled = vibration.settled(reference.level)
-    base = trial.options.excitation.base
-    where = None if base is None else base.value(runs.time[-1:])
-    left = (potentials.kinetic(runs.v[-1:]) + potentials.stored(runs.x[-1:], where))[0]
-    put_in = runs.put_in - potentials.floor
-    total, heat = put_in[-1], runs.heat[-1]
-    names = [link.name for link in trial.structure.links]
-    shares = dict(zip(names, heat / total, strict=True))
+    """The values (W,) of every quantity in W runs, by name."""
+    settled = vibration.settled(baseline.level)
+    base = comparison.options.excitation.base
+    x_base = None if base is None else base.value(runs.time[-1:])
+    remaining = (potentials.kinetic(runs.v[-1:]) + potentials.stored(runs.x[-1:], x_base))[0]
+    supplied = runs.supplied - potentials.floor
+    total, dissipated = supplied[-1], runs.dissipated[-1]
+    names = [link.name for link in comparison.structure.links]
+    shares = dict(zip(names, dissipated / total, strict=True))
     crossings = {
-        sink.link: np.array([float(len(run[names.index(sink.link)])) for run in runs.passages])
-        for sink in trial.sinks
+        sink.link: np.array([float(len(run[names.index(sink.link)])) for run in runs.crossings])
+        for sink in comparison.sinks
     }
-    found = {
+    values = {
         "settled": settled.max(axis=0),
-        "settled_without": reference.settled.max(axis=0),
-        "rms_reduction": reduction(together(vibration.rms), together(reference.rms)),
-        "peak_reduction": reduction(vibration.peak.max(axis=0), reference.peak.max(axis=0)),
-        "sinks_share": np.sum([shares[name] for name in trial.absorbing], axis=0),
+        "settled_without": baseline.settled.max(axis=0),
+        "rms_reduction": reduction(root_sum_square(vibration.rms), root_sum_square(baseline.rms)),
+        "peak_reduction": reduction(vibration.peak.max(axis=0), baseline.peak.max(axis=0)),
+        "sinks_share": np.sum([shares[name] for name in comparison.absorbing], axis=0),
         "crossings": np.sum(list(crossings.values()), axis=0),
-        "remaining": left / total,
-        "closure": np.abs(total - left - heat.sum(axis=0)) / np.abs(put_in).max(axis=0),
+        "remaining": remaining / total,
+        "closure": np.abs(total - remaining - dissipated.sum(axis=0)) / np.abs(supplied).max(axis=0),
     }
-    single, peaks = reduction(vibration.rms, reference.rms), reduction(vibration.peak, reference.peak)
-    for row, name in enumerate(trial.primaries):
-        found[f"settled:{name}"] = settled[row]
-        found[f"rms_reduction:{name}"] = single[row]
-        found[f"peak_reduction:{name}"] = peaks[row]
-    found |= {f"share:{name}": share for name, share in shares.items()}
-    found |= {f"crossings:{name}": count for name, count in crossings.items()}
-    end = runs.time[-1]
-    return found | {
-        f"power:{link}": shares[f"{link}{SUFFIX}"] * total / end for link in trial.options.harvesters or ()
+    rms, peaks = reduction(vibration.rms, baseline.rms), reduction(vibration.peak, baseline.peak)
+    for row, name in enumerate(comparison.primaries):
+        values[f"settled:{name}"] = settled[row]
+        values[f"rms_reduction:{name}"] = rms[row]
+        values[f"peak_reduction:{name}"] = peaks[row]
+    values |= {f"share:{name}": share for name, share in shares.items()}
+    values |= {f"crossings:{name}": count for name, count in crossings.items()}
+    duration = runs.time[-1]
+    return values | {
+        f"power:{link}": shares[f"{link}{SUFFIX}"] * total / duration
+        for link in comparison.options.harvesters or ()
     }

@@ -1,4 +1,4 @@
-"""Where the primary masses come to rest."""
+"""The positions at which the primary masses come to rest."""
 
 from __future__ import annotations
 
@@ -16,35 +16,37 @@ from linkwise.model.structure import Structure
 
 @dataclass(frozen=True, eq=False)
 class RestPositions:
-    """The displacements (E, P) in m of the primary masses in the stable equilibria of a structure, its base at zero."""
+    """Displacements `x` (E, P) m of the primary masses in the stable equilibria of a structure, its base at zero."""
 
-    places: Floats
+    x: Floats
 
     def nearest(self, x: Floats) -> Floats:
-        """(P,) m: the place nearest to last displacements `x` (P,)."""
-        return np.asarray(self.places[np.square(self.places - x).sum(axis=1).argmin()])
+        """(P,) m: the rest position nearest to the displacements `x` (P,) m."""
+        return np.asarray(self.x[np.square(self.x - x).sum(axis=1).argmin()])
 
 
 def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) -> list[RestPositions]:
-    """For each of several structures of one shape.
+    """The rest positions of the masses `primaries` in each of several structures of one shape.
 
-    Where all links have their only well at zero elongation, that is zero; else equilibria are searched, and a structure with
-    none that is stable, or with too many to count, is looked at from zero.
+    Zero if all links have their only well at zero elongation; otherwise equilibria are searched. Zero, too, for a structure
+    without a stable equilibrium, or with too many equilibria to count.
     """
     potentials = Potentials.of(structures)
-    plain = np.ones(len(structures), dtype=bool)
-    for number, each in enumerate(potentials.barriers):
-        plain &= (each.floor == 0.0) & ~np.isfinite(each.tops).any(axis=1)
-        plain &= np.array([float(one.links[number].force(0.0)) == 0.0 for one in structures])
+    at_zero = np.ones(len(structures), dtype=bool)
+    for number, link in enumerate(potentials.barriers):
+        at_zero &= (link.floor == 0.0) & ~np.isfinite(link.tops).any(axis=1)
+        at_zero &= np.array([float(structure.links[number].force(0.0)) == 0.0 for structure in structures])
     zero = RestPositions(np.zeros((1, len(primaries))))
-    pairs = zip(structures, plain, strict=True)
-    return [zero if simple else _searched(structure, primaries) for structure, simple in pairs]
+    return [
+        zero if simple else _stable(structure, primaries)
+        for structure, simple in zip(structures, at_zero, strict=True)
+    ]
 
 
-def _searched(structure: Structure, primaries: Sequence[str]) -> RestPositions:
+def _stable(structure: Structure, primaries: Sequence[str]) -> RestPositions:
     columns = [structure.mass_names.index(name) for name in primaries]
     try:
-        found = [point.x[columns] for point in equilibria(structure).stable]
+        stable = [point.x[columns] for point in equilibria(structure).stable]
     except StructureError:
-        found = []
-    return RestPositions(np.unique(np.array(found), axis=0) if found else np.zeros((1, len(columns))))
+        stable = []
+    return RestPositions(np.unique(np.array(stable), axis=0) if stable else np.zeros((1, len(columns))))

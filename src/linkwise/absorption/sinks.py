@@ -1,7 +1,7 @@
 """Which links are sinks, and which mass each of them carries.
 
-A sink is a link with a small mass at its far end that takes vibration away from the rest, the primary masses. A bistable one
-(paper Eq. 1) has two stable wells.
+A sink is a link to a small mass that takes vibration away from the other, primary masses. A bistable one (paper Eq. 1) has two
+stable wells.
 """
 
 from __future__ import annotations
@@ -16,9 +16,16 @@ from linkwise.model.structure import Structure
 
 @dataclass(frozen=True)
 class Sink:
-    """A link that takes vibration away: `mass` hangs by it on `host`, a mass or "ground" or "base".
+    """A link that takes vibration away.
 
-    `mass` is None where the link holds a primary mass to the ground or the base and carries none of its own.
+    Attributes
+    ----------
+    link : str
+        The name of the link.
+    mass : str or None
+        The mass that it carries; None if it holds a primary mass to the ground or the base.
+    host : str
+        What the mass is linked to: another mass, "ground" or "base".
     """
 
     link: str
@@ -27,19 +34,19 @@ class Sink:
 
 
 def find_sinks(structure: Structure, names: Sequence[str] = ()) -> tuple[Sink, ...]:
-    """The sinks of a structure: the links of these `names` or, without names, all links with more than one stable well.
+    """The sinks of a structure: the links called `names` or, without names, all links with more than one stable well.
 
-    The mass of a sink is the end on which nothing else hangs, else the lighter one. Raises StructureError for a name that is
-    no link, a coefficient without a number, where no link has two wells, and where nothing but sinks is there.
+    The mass of a sink is the end that has no other link, else the lighter one. Raises StructureError for a name that is not a
+    link, a coefficient without a number, a structure without bistable links, and if every mass would be a sink's.
     """
-    chosen = list(dict.fromkeys(names)) or _bistable(structure)
-    found = tuple(_sink(structure, name) for name in chosen)
-    if {sink.mass for sink in found} >= set(structure.mass_names):
+    chosen = list(dict.fromkeys(names)) or _bistable_links(structure)
+    sinks = tuple(_sink(structure, name) for name in chosen)
+    if {sink.mass for sink in sinks} >= set(structure.mass_names):
         raise StructureError(
-            f"every mass ({', '.join(structure.mass_names)}) would be the mass of a sink, so there is nothing whose vibration "
-            "could be absorbed; name fewer sinks"
+            f"every mass ({', '.join(structure.mass_names)}) would be the mass of a sink, and no primary mass is left; name "
+            "fewer sinks"
         )
-    return found
+    return sinks
 
 
 def primary_masses(structure: Structure, sinks: Sequence[Sink]) -> tuple[str, ...]:
@@ -48,31 +55,32 @@ def primary_masses(structure: Structure, sinks: Sequence[Sink]) -> tuple[str, ..
     return tuple(name for name in structure.mass_names if name not in carried)
 
 
-def _bistable(structure: Structure) -> list[str]:
-    found = [link.name for link in structure.links if len(wells(link)) > 1]
-    if not found:
+def _bistable_links(structure: Structure) -> list[str]:
+    bistable = [link.name for link in structure.links if len(wells(link)) > 1]
+    if not bistable:
         raise StructureError(
-            f"no link of {structure.name or 'this structure'} has more than one stable well, so none is taken for a sink; "
-            f"name those that are (--sink NAME); the links are {', '.join(link.name for link in structure.links)}"
+            f"no link of {structure.name or 'this structure'} has more than one stable well, so there is no sink to be found; "
+            f"name the sinks among the links {', '.join(link.name for link in structure.links)}",
+            arguments=("sinks",),
         )
-    return found
+    return bistable
 
 
 def _sink(structure: Structure, name: str) -> Sink:
     ends = structure.link(name).between
     masses = [end for end in ends if end in structure.mass_names]
-    alone = [
+    leaves = [
         end for end in masses if _neighbours(structure, end) == {other for other in ends if other != end}
     ]
     if len(masses) == 1:
         host = ends[1] if masses[0] == ends[0] else ends[0]
-        return Sink(name, masses[0] if alone else None, host)
-    candidates = alone if len(alone) == 1 else masses
+        return Sink(name, masses[0] if leaves else None, host)
+    candidates = leaves if len(leaves) == 1 else masses
     mass = min(candidates, key=lambda end: float(structure.mass_values[structure.mass_names.index(end)]))
     return Sink(name, mass, next(end for end in ends if end != mass))
 
 
 def _neighbours(structure: Structure, mass: str) -> set[str]:
-    """What hangs on a mass."""
-    joined = [link.between for link in structure.links if mass in link.between]
-    return {end for between in joined for end in between if end != mass}
+    """What a mass is linked to."""
+    links = [link.between for link in structure.links if mass in link.between]
+    return {end for between in links for end in between if end != mass}

@@ -1,4 +1,4 @@
-"""A map of absorption as rows of text, for print and for the page."""
+"""The result of `absorption_map` as rows of text, for print and for the page."""
 
 from __future__ import annotations
 
@@ -6,55 +6,57 @@ from textwrap import fill
 
 import numpy as np
 
+from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.quantities import Quantity
-from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.text import percent
 from linkwise.text import align_columns, as_text
 
 Rows = list[tuple[str, ...]]
 
-_WIDTH = 100  # at which sentences are broken
+_WIDTH = 100  # at which sentences are wrapped
 
 
 @as_text.register
-def map_text(found: AbsorptionMap) -> str:
-    """The map in a few lines: what it went over, and where each quantity is best."""
-    rows: Rows = [(*row, "") for row in map_rows(found)]
-    told = [fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in found.findings]
-    headline = fill(" ".join(map_headline(found)), _WIDTH)
-    return "\n\n".join([headline, "\n".join(align_columns(rows)), *told])
+def map_text(map_: AbsorptionMap) -> str:
+    """The map in a few lines: the grid, and where each quantity is best."""
+    rows: Rows = [(*row, "") for row in map_rows(map_)]
+    findings = [fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in map_.findings]
+    headline = fill(" ".join(map_headline(map_)), _WIDTH)
+    return "\n\n".join([headline, "\n".join(align_columns(rows)), *findings])
 
 
-def map_headline(found: AbsorptionMap) -> tuple[str, ...]:
-    """What was done, in sentences."""
-    ranges = " and ".join(
-        f"{axis.name} from {axis.values[0]:g} to {axis.values[-1]:g}{'' if axis.unit in ('', '?') else ' ' + axis.unit}"
-        for axis in found.axes
-    )
-    lost = int(np.sum(~found.alive))
-    ended = "all came to their end" if not lost else f"{lost} diverged"
+def map_headline(map_: AbsorptionMap) -> tuple[str, ...]:
+    """The grid and the comparison, in sentences."""
+    ranges = " and ".join(map(_range, map_.axes))
+    diverged = int(np.sum(~map_.completed))
+    ended = f"{diverged} diverged" if diverged else "all came to their end"
     return (
-        f"{found.alive.size} runs of {found.duration:g} s over {ranges}: {ended}.",
-        f"Reductions compare with the sinks {found.manner}.",
+        f"{map_.completed.size} runs of {map_.duration:g} s over {ranges}: {ended}.",
+        f"Reductions compare with the sinks {map_.removal}.",
     )
 
 
-def map_rows(found: AbsorptionMap) -> Rows:
+def _range(axis: SweepAxis) -> str:
+    unit = "" if axis.unit in ("", "?") else f" {axis.unit}"
+    return f"{axis.name} from {axis.values[0]:g} to {axis.values[-1]:g}{unit}"
+
+
+def map_rows(map_: AbsorptionMap) -> Rows:
     """Least and largest value of each quantity, and the parameters at which it is best."""
     rows: Rows = [("quantity", "least", "largest", "without value", "best at")]
-    for quantity in found.quantities:
+    for quantity in map_.quantities:
         if quantity.name == "closure":
             continue
-        grid = found[quantity.name]
-        there = grid[np.isfinite(grid)]
+        grid = map_[quantity.name]
+        finite = grid[np.isfinite(grid)]
         ends = (
-            [value_text(quantity, float(end)) for end in (there.min(), there.max())]
-            if there.size
+            [value_text(quantity, float(end)) for end in (finite.min(), finite.max())]
+            if finite.size
             else ["-", "-"]
         )
-        best = found.best(quantity.name)
-        place = "-" if best is None else ", ".join(f"{name} = {value:.4g}" for name, value in best.items())
-        rows.append((quantity.title, *ends, f"{grid.size - there.size}", place))
+        best = map_.best(quantity.name)
+        point = "-" if best is None else ", ".join(f"{name} = {value:.4g}" for name, value in best.items())
+        rows.append((quantity.title, *ends, f"{grid.size - finite.size}", point))
     return rows
 
 

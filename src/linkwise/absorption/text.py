@@ -1,4 +1,4 @@
-"""The answer of `absorb` as rows of text, for print and for the page."""
+"""The result of `absorb` as rows of text, for print and for the page."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from linkwise.text import align_columns, as_text
 Rows = list[tuple[str, ...]]
 
 _MANY = 12  # masses, links or sinks that are printed
-_WIDTH = 100  # at which sentences are broken
+_WIDTH = 100  # at which sentences are wrapped
 
 
 @as_text.register
-def text_table(found: Absorption) -> str:
-    """The whole answer as text."""
-    blocks = ["\n".join(fill(line, _WIDTH) for line in headline(found))]
+def absorption_text(absorption: Absorption) -> str:
+    """The whole result as text."""
+    blocks = ["\n".join(fill(sentence, _WIDTH) for sentence in headline(absorption))]
     tables = [
-        (mass_rows(found), "masses"),
-        (energy_rows(found), "links"),
-        (crossing_rows(found), "sinks"),
+        (mass_rows(absorption), "masses"),
+        (energy_rows(absorption), "links"),
+        (crossing_rows(absorption), "sinks"),
     ]
-    if found.harvests:
-        tables.append((harvest_rows(found), "harvesters"))
-    blocks += [_printed(rows, what) for rows, what in tables]
-    if found.findings:
-        blocks.append("\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in found.findings))
+    if absorption.harvests:
+        tables.append((harvest_rows(absorption), "harvesters"))
+    blocks += [_table(rows, things) for rows, things in tables]
+    if absorption.findings:
+        remarks = (fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in absorption.findings)
+        blocks.append("\n".join(remarks))
     return "\n\n".join(blocks)
 
 
@@ -35,93 +36,97 @@ def percent(part: float | None) -> str:
     return "-" if part is None else f"{100.0 * part:.3g} %"
 
 
-def smaller(part: float | None) -> str:
-    """By what part something is smaller, or larger."""
-    return "-" if part is None else f"{percent(abs(part))} {'smaller' if part >= 0.0 else 'larger'}"
+def smaller(reduction: float | None) -> str:
+    """A relative reduction in words: so much smaller, or larger."""
+    if reduction is None:
+        return "-"
+    return f"{percent(abs(reduction))} {'smaller' if reduction >= 0.0 else 'larger'}"
 
 
 def seconds(time: float | None) -> str:
-    """A time in s, or that there is none."""
+    """A time in s, "never" for None."""
     return "never" if time is None else f"{time:.4g} s"
 
 
-def headline(found: Absorption) -> tuple[str, ...]:
-    """The answer in three sentences."""
-    names = ", ".join(each.sink.link for each in found.sinks[:_MANY])
-    more = f" and {len(found.sinks) - _MANY} more" if len(found.sinks) > _MANY else ""
-    one, other = found.settled
+def headline(absorption: Absorption) -> tuple[str, ...]:
+    """The result in three sentences."""
+    names = ", ".join(result.sink.link for result in absorption.sinks[:_MANY])
+    more = f" and {len(absorption.sinks) - _MANY} more" if len(absorption.sinks) > _MANY else ""
+    with_sinks, without = absorption.settled
     return (
-        f"With its sinks the primary masses' RMS is {smaller(found.rms_reduction)} over {found.time[-1]:g} s.",
-        f"The sinks ({names}{more}) took {percent(found.sinks_share)} of the energy; for comparison they are "
-        f"{found.manner}.",
-        f"All primary masses below {100 * found.settle:g} % of their peak: {seconds(one)} with sinks, "
-        f"{seconds(other)} without.",
+        f"With its sinks the RMS of the primary masses is {smaller(absorption.rms_reduction)} over "
+        f"{absorption.time[-1]:g} s.",
+        f"The sinks ({names}{more}) took {percent(absorption.sinks_share)} of the energy; for comparison they are "
+        f"{absorption.removal}.",
+        f"All primary masses below {100 * absorption.settle:g} % of their peak: {seconds(with_sinks)} with sinks, "
+        f"{seconds(without)} without.",
     )
 
 
-def mass_rows(found: Absorption) -> Rows:
-    """Peak, RMS, settling time and decay of each primary mass, with sinks and without."""
+def mass_rows(absorption: Absorption) -> Rows:
+    """Peak, RMS, settling time and rate of decay of each primary mass, with and without sinks."""
     titles = ("mass", "peak", "without", "RMS", "without", "settled", "without", "decay", "without")
-    return [titles, *(_mass(each) for each in found.masses)]
+    return [titles, *(_mass_row(mass) for mass in absorption.masses)]
 
 
-def _mass(each: MassChange) -> tuple[str, ...]:
-    one, other = each.with_sinks, each.without
-    rates = ["-" if rate is None else f"{rate:.3g}/s" for rate in (one.rate, other.rate)]
-    peaks = [f"{peak:.4g} m" for peak in (one.peak, other.peak)]
-    rms = [f"{value:.3g} m" for value in (one.rms, other.rms)]
-    return each.name, *peaks, *rms, seconds(one.settled), seconds(other.settled), *rates
+def _mass_row(mass: MassChange) -> tuple[str, ...]:
+    both = mass.with_sinks, mass.without
+    rates = ["-" if decay.rate is None else f"{decay.rate:.3g}/s" for decay in both]
+    peaks = [f"{decay.peak:.4g} m" for decay in both]
+    rms = [f"{decay.rms:.3g} m" for decay in both]
+    settled = [seconds(decay.settled) for decay in both]
+    return mass.name, *peaks, *rms, *settled, *rates
 
 
-def energy_rows(found: Absorption) -> Rows:
-    """What was put in, and the shares of it that each link dissipated and that is left."""
-    one, other = found.with_sinks, found.without
-    there = {link.name for link in other.structure.links}
+def energy_rows(absorption: Absorption) -> Rows:
+    """The energy supplied, and the parts of it that each link dissipated and that are left."""
+    with_sinks, without = absorption.with_sinks, absorption.without
+    common = {link.name for link in without.structure.links}
     rows: Rows = [
         ("energy", "with sinks", "without"),
-        ("put in", f"{one.total:.4g} J", f"{other.total:.4g} J"),
-        ("left at the end", percent(_left(one)), percent(_left(other))),
-        ("all sinks", percent(found.sinks_share), ""),
+        ("supplied", f"{with_sinks.total:.4g} J", f"{without.total:.4g} J"),
+        ("left at the end", percent(_remaining(with_sinks)), percent(_remaining(without))),
+        ("all sinks", percent(absorption.sinks_share), ""),
     ]
-    for link in one.structure.links:
-        name = link.name
-        rows.append((name, percent(one.share(name)), percent(other.share(name)) if name in there else "-"))
+    for link in with_sinks.structure.links:
+        share = percent(without.share(link.name)) if link.name in common else "-"
+        rows.append((link.name, percent(with_sinks.share(link.name)), share))
     return rows
 
 
-def _left(side: AbsorptionRun) -> float:
-    part = float(side.remaining[-1])
+def _remaining(run: AbsorptionRun) -> float:
+    part = float(run.remaining[-1])
     return 0.0 if abs(part) < 1e-12 else part
 
 
-def crossing_rows(found: Absorption) -> Rows:
-    """How often each sink went from well to well, how often before chaos ends prediction, and when last."""
+def crossing_rows(absorption: Absorption) -> Rows:
+    """How often each sink crossed its barrier, how often before the predictability horizon, and when last."""
     return [
-        ("sink", "mass", "on", "crossings", "believable", "last"),
-        *(_sink(each) for each in found.sinks),
+        ("sink", "mass", "host", "crossings", "predictable", "last"),
+        *(_sink_row(result) for result in absorption.sinks),
     ]
 
 
-def _sink(each: SinkResult) -> tuple[str, ...]:
-    place = (each.sink.link, each.sink.mass or "-", each.sink.host)
-    if not each.tops:
-        return *place, "one well", "-", "-"
-    last = "-" if each.last is None else seconds(each.last)
-    return *place, f"{len(each.crossings)}", f"{each.before_horizon}", last
+def _sink_row(result: SinkResult) -> tuple[str, ...]:
+    sink = (result.sink.link, result.sink.mass or "-", result.sink.host)
+    if not result.tops:
+        return *sink, "one well", "-", "-"
+    last = "-" if result.last is None else seconds(result.last)
+    return *sink, f"{len(result.crossings)}", f"{result.before_horizon}", last
 
 
-def harvest_rows(found: Absorption) -> Rows:
-    """What each harvester takes."""
+def harvest_rows(absorption: Absorption) -> Rows:
+    """The energy and the power of each harvester."""
     rows: Rows = [("harvester on", "damping", "energy", "average power", "share")]
-    for each in found.harvests:
-        numbers = (f"{each.damping:.4g} N s/m", f"{each.energy:.4g} J", f"{each.power:.4g} W")
-        rows.append((each.link, *numbers, percent(each.share)))
+    for harvest in absorption.harvests:
+        numbers = (f"{harvest.damping:.4g} N s/m", f"{harvest.energy:.4g} J", f"{harvest.power:.4g} W")
+        rows.append((harvest.link, *numbers, percent(harvest.share)))
     return rows
 
 
-def _printed(rows: Rows, what: str) -> str:
-    """Rows in columns, the rest of very many left to the file."""
-    cut = [(*row, "") for row in rows[: _MANY + 4]]
-    hidden = len(rows) - len(cut)
-    lines = align_columns(cut)
-    return "\n".join([*lines, *([f"  ... and {hidden} more {what}; --json prints all"] if hidden else [])])
+def _table(rows: Rows, things: str) -> str:
+    """Rows in columns; only the first of very many."""
+    shown = [(*row, "") for row in rows[: _MANY + 4]]
+    hidden = len(rows) - len(shown)
+    lines = align_columns(shown)
+    return "\n".join([*lines, *([f"  ... and {hidden} more {things}"] if hidden else [])])

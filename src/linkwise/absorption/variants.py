@@ -1,43 +1,53 @@
-"""Trials of one question about structures that differ in a few numbers."""
+"""Comparisons of structures that differ in a few numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.model.structure import Structure
 
 
+@dataclass(frozen=True, eq=False)
 class Variants:
-    """Trials of one question about structures that differ in the parameters `names`, made of a structure with harvesters.
+    """Comparisons like `comparison` of structures that differ from `structure`, harvesters included, in some parameters.
 
-    The structure without sinks is built anew only where a parameter is found in it.
+    With `same_baseline` none of the parameters is part of the structure without sinks, which is then built once.
     """
 
-    def __init__(self, equipped: Structure, trial: Comparison, names: Sequence[str]) -> None:
-        self.equipped, self.trial = equipped, trial
-        self.same_bare = not any(_touches_bare(trial, equipped, name) for name in names)
+    structure: Structure
+    comparison: Comparison
+    same_baseline: bool
+
+    @classmethod
+    def of(cls, structure: Structure, comparison: Comparison, names: Sequence[str]) -> Variants:
+        """Variants in the parameters `names`: coefficients, masses and releases."""
+        changes = any(_changes_baseline(comparison, structure, name) for name in names)
+        return cls(structure, comparison, not changes)
 
     def at(self, values: Mapping[str, float]) -> Comparison:
-        """The trial with these values of the parameters."""
+        """The comparison with these values of the parameters."""
         numbers = {name: value for name, value in values.items() if ":" not in name}
         release = {name: value for name, value in values.items() if ":" in name}
-        excitation = self.trial.options.excitation
+        excitation = self.comparison.options.excitation
         if release:
             excitation = replace(excitation, release={**excitation.release, **release})
-        structure = self.equipped.with_values(numbers) if numbers else self.trial.structure
-        return self.trial.varied(structure, excitation, self.trial.baseline if self.same_bare else None)
+        structure = self.structure.with_values(numbers) if numbers else self.comparison.structure
+        baseline = self.comparison.baseline if self.same_baseline else None
+        return self.comparison.of_variant(structure, excitation, baseline)
 
 
-def _touches_bare(trial: Comparison, equipped: Structure, name: str) -> bool:
+def _changes_baseline(comparison: Comparison, structure: Structure, name: str) -> bool:
     """Whether a parameter may change the structure without sinks."""
-    if ":" in name or any(each.same_as for link in equipped.links for each in link.coefficients.values()):
+    if ":" in name or any(
+        coefficient.same_as for link in structure.links for coefficient in link.coefficients.values()
+    ):
         return True
-    if any(mass.mass.same_as for mass in equipped.masses):
+    if any(mass.mass.same_as for mass in structure.masses):
         return True
     owner = name.rpartition(".")[0]
-    left = trial.baseline.structure
-    if owner in {link.name for link in equipped.links}:
-        return owner in {link.name for link in left.links}
-    return trial.options.without != "removed" or owner in left.mass_names
+    baseline = comparison.baseline.structure
+    if owner in {link.name for link in structure.links}:
+        return owner in {link.name for link in baseline.links}
+    return comparison.options.without != "removed" or owner in baseline.mass_names

@@ -1,4 +1,4 @@
-"""How the primary masses of one run or of many vibrate about the places where they come to rest."""
+"""The vibration of the primary masses of one run or of many about their rest positions."""
 
 from __future__ import annotations
 
@@ -16,45 +16,47 @@ from linkwise.arrays import Floats
 
 @dataclass(frozen=True, eq=False)
 class Vibration:
-    """The primary masses of W runs, `columns` of their motions, about those of their resting places they end nearest to."""
+    """The P primary masses of W runs, `columns` of their motions, about the rest positions that they end nearest to."""
 
     runs: Runs
     columns: Sequence[int]
-    resting: Sequence[RestPositions]
+    positions: Sequence[RestPositions]
 
     @cached_property
     def rest(self) -> Floats:
-        """(P, W) m."""
+        """(P, W) m: where the masses come to rest."""
         last = self.runs.x[-1, list(self.columns)]
-        return np.stack([each.nearest(last[:, run]) for run, each in enumerate(self.resting)], axis=1)
+        return np.stack(
+            [positions.nearest(last[:, run]) for run, positions in enumerate(self.positions)], axis=1
+        )
 
     @cached_property
     def decay(self) -> Decay:
-        """Excursions (N, P, W)."""
+        """The excursions (N, P, W) from there."""
         columns = list(self.columns)
         return Decay(self.runs.time, self.runs.x[:, columns] - self.rest, self.runs.v[:, columns])
 
     @property
     def peak(self) -> Floats:
-        """(P, W) m."""
+        """(P, W) m: the largest excursion."""
         return self.decay.peak
 
     @cached_property
     def rms(self) -> Floats:
-        """(P, W) m."""
+        """(P, W) m: the root mean square excursion."""
         return np.sqrt(self.decay.mean_square)
 
     def settled(self, level: Floats) -> Floats:
-        """(P, W) s; NaN where a mass does not settle below `level` (P, W)."""
+        """(P, W) s: the time after which a mass stays below `level` (P, W) m; NaN if it does not."""
         return self.decay.settled(level)
 
 
 def reduction(with_sinks: Floats, without: Floats) -> Floats:
-    """By what part something is smaller with sinks than without; NaN where there is nothing without."""
+    """The relative reduction by the sinks; NaN if there is nothing to reduce."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(without > 0.0, 1.0 - with_sinks / without, np.nan))
 
 
-def together(values: Floats) -> Floats:
-    """(W,) root of the sum of squares over the masses of (P, W)."""
+def root_sum_square(values: Floats) -> Floats:
+    """(W,) of `values` (P, W), over the masses."""
     return np.asarray(np.sqrt(np.square(values).sum(axis=0)))

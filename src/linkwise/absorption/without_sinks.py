@@ -1,7 +1,7 @@
-"""The same structure without its sinks, and what then drives it.
+"""The structure without its sinks, and the excitation that is left for it.
 
-Removed: the masses of the sinks and all links on them are gone, as in the paper's Figs. 3 and 5. Locked: each sink is held
-rigid at the elongation that it starts from, so that its mass moves with its host.
+Removed: the masses of the sinks and all links to them are taken away, as in the paper's Figs. 3 and 5. Locked: each sink is
+held rigid at its initial elongation, so that its mass moves with its host.
 """
 
 from __future__ import annotations
@@ -28,137 +28,162 @@ class WithoutSinks:
 
 
 def without_sinks(
-    structure: Structure, sinks: Sequence[Sink], excitation: Excitation, manner: str
+    structure: Structure, sinks: Sequence[Sink], excitation: Excitation, removal: str
 ) -> WithoutSinks:
     """The structure with its sinks "removed" or "locked".
 
-    Removed: what would drive a sink's mass drives nothing. Locked: it drives the host, and a release keeps the momentum of
-    both. Raises StructureError where that leaves no structure, SimulationError where nothing would drive it.
+    Excitation of a sink's mass is dropped with a removed sink, and acts on the host of a locked one; a release then keeps the
+    momentum of both. Raises StructureError if no valid structure is left, SimulationError if no excitation is left.
     """
-    baseline = (_removed if manner == "removed" else _locked)(structure, sinks, excitation)
+    baseline = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
     left = baseline.excitation
     if not (any(left.release.values()) or left.impulses or left.drives):
-        raise SimulationError(
-            f"with the sinks {manner} nothing sets the structure in motion, so there is nothing to compare with: "
-            + (
-                "drive a primary mass, or compare with the sinks locked (--without locked)"
-                if manner == "removed"
-                else "give a release, an impulse, a force or a motion of the base"
+        problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with; "
+        if removal == "removed":
+            raise SimulationError(
+                f"{problem}excite a primary mass, or compare with the sinks locked", arguments=("without",)
             )
-        )
+        raise SimulationError(f"{problem}give a release, an impulse, a force or a motion of the base")
     return baseline
 
 
 def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
-    gone = {sink.mass for sink in sinks if sink.mass is not None}
+    removed = {sink.mass for sink in sinks if sink.mass is not None}
     names = {sink.link for sink in sinks}
-    links = tuple(link for link in structure.links if link.name not in names and not gone & set(link.between))
-    masses = tuple(mass for mass in structure.masses if mass.name not in gone)
-    left = _built(structure, masses, links, "removed")
+    links = tuple(
+        link for link in structure.links if link.name not in names and not removed & set(link.between)
+    )
+    masses = tuple(mass for mass in structure.masses if mass.name not in removed)
+    left = _structure(structure, masses, links, "removed")
     return WithoutSinks(
         left,
         Excitation(
-            {name: value for name, value in excitation.release.items() if name.partition(":")[2] not in gone},
-            tuple(impulse for impulse in excitation.impulses if impulse.mass not in gone),
-            {mass: force for mass, force in excitation.forces.items() if mass not in gone},
+            {
+                name: value
+                for name, value in excitation.release.items()
+                if name.partition(":")[2] not in removed
+            },
+            tuple(impulse for impulse in excitation.impulses if impulse.mass not in removed),
+            {mass: force for mass, force in excitation.forces.items() if mass not in removed},
             excitation.base if left.base_incidence.any() else None,
         ),
     )
 
 
 def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
-    rider = {sink.mass: sink.host for sink in sinks if sink.mass is not None}
     fixed = next((sink for sink in sinks if sink.mass is None or sink.host in (GROUND, BASE)), None)
     if fixed is not None:
         raise StructureError(
-            f"it holds on to the {fixed.host}: locked, it would hold its mass still; compare with the sinks removed",
+            f"the sink is linked to the {fixed.host}: locked, it would hold its mass still; compare with the sinks removed",
             f'link "{fixed.link}"',
+            arguments=("without",),
         )
-    root = {name: _root(name, rider) for name in structure.mass_names}
+    host = {sink.mass: sink.host for sink in sinks if sink.mass is not None}
+    root = {name: _root(name, host) for name in structure.mass_names}
     x = {name: excitation.release.get(f"x:{name}", 0.0) for name in structure.mass_names}
-    ahead = {name: x[name] - x[root[name]] for name in root}  # of its root, as long as it is locked
-    weight = dict(zip(structure.mass_names, structure.mass_values.tolist(), strict=True))
+    offset = {name: x[name] - x[root[name]] for name in root}  # from its root, as long as it is locked
+    kilograms = dict(zip(structure.mass_names, structure.mass_values.tolist(), strict=True))
     joined = {
-        name: sum(weight[each] for each in root if root[each] == name)
+        name: sum(kilograms[rider] for rider in root if root[rider] == name)
         for name in structure.mass_names
-        if name not in rider
+        if name not in host
     }
     masses = tuple(
-        Mass(mass.name, mass.mass if joined[mass.name] == weight[mass.name] else Coefficient.number(joined[mass.name]))
+        mass
+        if joined[mass.name] == kilograms[mass.name]
+        else Mass(mass.name, Coefficient.number(joined[mass.name]))
         for mass in structure.masses
         if mass.name in joined
-    )  # fmt: skip
-    links = tuple(moved for link in structure.links if (moved := _rehung(link, root, ahead)) is not None)
-    left = _built(structure, masses, links, "locked")
+    )
+    links = tuple(moved for link in structure.links if (moved := _reattached(link, root, offset)) is not None)
+    left = _structure(structure, masses, links, "locked")
+    impulses = tuple(
+        Impulse(root[impulse.mass], impulse.momentum, impulse.time) for impulse in excitation.impulses
+    )
     release = {f"x:{name}": x[name] for name in joined if x[name]}
-    for name in joined:
-        speeds = [
-            (weight[each], excitation.release.get(f"v:{each}", 0.0)) for each in root if root[each] == name
-        ]
-        speed = sum(m * v for m, v in speeds) / joined[name]
-        if speed:
-            release[f"v:{name}"] = speed
-    impulses = tuple(Impulse(root[blow.mass], blow.momentum, blow.time) for blow in excitation.impulses)
+    release |= _joint_velocities(excitation.release, root, kilograms, joined)
     return WithoutSinks(
-        left, Excitation(release, impulses, _gathered(excitation.forces, root), excitation.base)
+        left, Excitation(release, impulses, _combined_forces(excitation.forces, root), excitation.base)
     )
 
 
-def _root(name: str, rider: Mapping[str, str]) -> str:
-    trail = [name]
-    while trail[-1] in rider:
-        trail.append(rider[trail[-1]])
-        if trail[-1] in trail[:-1]:
+def _root(name: str, host: Mapping[str, str]) -> str:
+    """The mass that a mass ends up locked to, over a chain of sinks."""
+    path = [name]
+    while path[-1] in host:
+        path.append(host[path[-1]])
+        if path[-1] in path[:-1]:
             raise StructureError(
-                f"the sinks carry one another in a circle ({', '.join(trail)}); name fewer sinks"
+                f"the sinks carry one another in a circle ({', '.join(path)}); name fewer sinks"
             )
-    return trail[-1]
+    return path[-1]
 
 
-def _rehung(link: Link, root: Mapping[str, str], ahead: Mapping[str, float]) -> Link | None:
-    """A link with its ends on the masses that are left; None where both ends are now one."""
+def _joint_velocities(
+    release: Mapping[str, float],
+    root: Mapping[str, str],
+    kilograms: Mapping[str, float],
+    joined: Mapping[str, float],
+) -> dict[str, float]:
+    """The velocities of masses locked together that keep their momentum, as channels of a release."""
+    velocities = {}
+    for name, total in joined.items():
+        riders = [rider for rider in root if root[rider] == name]
+        velocity = sum(kilograms[rider] * release.get(f"v:{rider}", 0.0) for rider in riders) / total
+        if velocity:
+            velocities[f"v:{name}"] = velocity
+    return velocities
+
+
+def _reattached(link: Link, root: Mapping[str, str], offset: Mapping[str, float]) -> Link | None:
+    """A link with its ends on the masses that are left; None if both ends are now one mass."""
     first, second = (root.get(end, end) for end in link.between)
     if first == second:
         return None
-    shift = ahead.get(link.between[0], 0.0) - ahead.get(link.between[1], 0.0)
+    shift = offset.get(link.between[0], 0.0) - offset.get(link.between[1], 0.0)
     law = link.law
     if shift:
         law = Law.parse(to_text(substitute(law.expression, {"d": add(Symbol("d"), Number(shift))})))
     return replace(link, between=(first, second), law=law)
 
 
-def _gathered(forces: Mapping[str, InputSignal], root: Mapping[str, str]) -> dict[str, InputSignal]:
-    """The forces on the masses that are left; those on one mass are added."""
-    found: dict[str, InputSignal] = {}
+def _combined_forces(forces: Mapping[str, InputSignal], root: Mapping[str, str]) -> dict[str, InputSignal]:
+    """The forces on the masses that are left; forces on one mass are added."""
+    combined: dict[str, InputSignal] = {}
     for mass, force in forces.items():
-        place = root[mass]
-        if place not in found:
-            found[place] = force
+        target = root[mass]
+        if target not in combined:
+            combined[target] = force
             continue
-        other = found[place]
+        other = combined[target]
         if not (isinstance(other, TimeFunction) and isinstance(force, TimeFunction)):
             raise SimulationError(
-                f"a sampled force and another one act on {place} and a sink locked to it; add them up yourself, or compare "
-                "with the sinks removed",
-                mass=place,
+                f"a sampled force and another force act on {target} and a sink locked to it, and cannot be added; add them "
+                "yourself, or compare with the sinks removed",
+                mass=target,
+                arguments=("without",),
             )
-        found[place] = TimeFunction(f"({other.text}) + ({force.text})")
-    return found
+        combined[target] = TimeFunction(f"({other.text}) + ({force.text})")
+    return combined
 
 
-def _built(structure: Structure, masses: tuple[Mass, ...], links: tuple[Link, ...], manner: str) -> Structure:
-    """The structure that is left; coefficients shared with a link that is gone keep their values."""
-    plain = tuple(
+def _structure(
+    structure: Structure, masses: tuple[Mass, ...], links: tuple[Link, ...], removal: str
+) -> Structure:
+    """The structure of some masses and links; coefficients that were shared keep their values."""
+    independent = tuple(
         replace(
             link,
-            coefficients={name: replace(each, same_as=None) for name, each in link.coefficients.items()},
+            coefficients={
+                name: replace(coefficient, same_as=None) for name, coefficient in link.coefficients.items()
+            },
         )
         for link in links
     )
     bodies = tuple(replace(mass, mass=replace(mass.mass, same_as=None)) for mass in masses)
     try:
-        return Structure(f"{structure.name}, sinks {manner}", bodies, plain)
+        return Structure(f"{structure.name}, sinks {removal}", bodies, independent)
     except StructureError as error:
         raise StructureError(
-            f"with the sinks {manner} it cannot stand: {error.message}", error.where
+            f"no valid structure is left with the sinks {removal}: {error.message}", error.where
         ) from None

@@ -13,6 +13,7 @@ import linkwise as lw
 from linkwise.atomic import ABSORPTION, check_result_folder, to_json
 from linkwise.cli.console import deliver, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
+from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, keyword_group, number, pairs
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
@@ -177,13 +178,8 @@ def absorb(
     if output is not None:
         check_result_folder(output, ABSORPTION)  # before the work, so that nobody waits for a refusal
     keywords = {**asked, **drive.keywords()}
-    with progress("simulating") as step:
-        try:
-            found = _answer(structure, repetition, {**keywords, "progress": step})
-        except lw.SimulationError as error:
-            if error.time is None:  # it never began: what was asked for cannot be
-                raise click.UsageError(str(error)) from error
-            raise
+    with progress("simulating") as step, unstarted_is_usage():
+        found = _answer(structure, repetition, {**keywords, "progress": step})
     write: Callable[..., Path] = (
         lw.write_absorption_map if isinstance(found, lw.AbsorptionMap) else lw.write_absorption
     )

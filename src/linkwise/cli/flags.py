@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from linkwise.errors import LinkwiseError
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import click
+
+from linkwise.errors import LinkwiseError, SimulationError
 
 FLAGS = {
     "channels": "--channel NAME=COLUMN",
@@ -10,6 +15,9 @@ FLAGS = {
     "resample": "--resample HZ",
     "earliest": "--from S",
     "latest": "--to S",
+    "sinks": "--sink LINK",
+    "without": "--without removed|locked",
+    "draws": "--draws N",
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
 
@@ -18,3 +26,14 @@ def with_flags(error: LinkwiseError) -> str:
     """The message of an error, and the flags that set the arguments it names."""
     flags = [FLAGS[name] for name in error.arguments if name in FLAGS]
     return f"{str(error).rstrip('.')}. On the command line: {', '.join(flags)}." if flags else str(error)
+
+
+@contextmanager
+def unstarted_is_usage() -> Iterator[None]:
+    """Raise UsageError for a simulation that could not start, since it was not set up right by the options."""
+    try:
+        yield
+    except SimulationError as error:
+        if error.time is None:
+            raise click.UsageError(with_flags(error)) from error
+        raise

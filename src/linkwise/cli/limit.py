@@ -15,6 +15,7 @@ from linkwise.cli.excitation_options import (
     drive_options,
     sampling_options,
 )
+from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE, POSITIVE, number, pairs
 
 
@@ -68,19 +69,14 @@ def limit(
     asked = {**sampling.keywords(), **drive.keywords()}
     if segment is not None:
         asked["segment"] = segment
-    with progress("looking ahead") as step:
-        try:
-            found = lw.limit(
-                lw.read_structure(structure),
-                noise=_noise(noise, noise_of),
-                unknown=unknown,
-                progress=step,
-                **asked,
-            )
-        except lw.SimulationError as error:
-            if error.time is None:  # it never began: what was asked for cannot be
-                raise click.UsageError(str(error)) from error
-            raise
+    with progress("simulating the test") as step, unstarted_is_usage():
+        found = lw.limit(
+            lw.read_structure(structure),
+            noise=_noise(noise, noise_of),
+            unknown=unknown,
+            progress=step,
+            **asked,
+        )
     click.echo(to_json(found.to_dict()) if as_json else str(found))
 
 

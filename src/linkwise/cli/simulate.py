@@ -16,6 +16,7 @@ from linkwise.cli.excitation_options import (
     drive_options,
     sampling_options,
 )
+from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE
 
 
@@ -56,12 +57,8 @@ def simulate(
     subject = lw.read_structure(structure)
     asked = {**sampling.keywords(), **drive.keywords()}
     with progress("simulating") as step:
-        try:
+        with unstarted_is_usage():
             record = lw.simulate(subject, **asked, progress=step)
-        except lw.SimulationError as error:
-            if error.time is None:  # it never began: what was asked for cannot be
-                raise click.UsageError(str(error)) from error
-            raise
         if noise is not None:
             record = record.with_noise(noise, seed=seed)
         output.parent.mkdir(parents=True, exist_ok=True)

@@ -104,7 +104,7 @@ def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
 
 
 def _title(result: Absorption) -> str:
-    return f"{result.with_sinks.structure.name}, sinks {result.manner} for comparison"
+    return f"{result.with_sinks.structure.name}, sinks {result.removal} for comparison"
 
 
 def _mass_number(result: Absorption, mass: str | None) -> int:
@@ -134,9 +134,9 @@ def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float)
 
 
 def _draw_band(axes: Axes, result: AbsorptionIntervals, number: int, factor: float) -> None:
-    kept = _before_tail(result.found)
+    kept = _before_tail(result.absorption)
     axes.fill_between(
-        result.found.time[kept],
+        result.absorption.time[kept],
         result.lower[kept, number] * factor,
         result.upper[kept, number] * factor,
         color=WELL,

@@ -56,7 +56,7 @@ def energy(
         _draw_bands(axes, plain, with_sinks=with_sinks)
         if with_sinks:
             mark_chaos(axes, plain, shaded=False)
-        axes.set_title("with sinks" if with_sinks else literal(f"sinks {plain.manner}"))
+        axes.set_title("with sinks" if with_sinks else literal(f"sinks {plain.removal}"))
         axes.set_xlabel("time, s")
         axes.set_ylabel("share of the energy put in, %")
         if legend:

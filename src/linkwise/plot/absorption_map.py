@@ -10,8 +10,8 @@ from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.quantities import Quantity
-from linkwise.absorption.sweep import AbsorptionMap, SweepAxis
 from linkwise.arrays import Floats
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL
 from linkwise.plot.style import axes_for, literal, sheet
@@ -104,8 +104,8 @@ def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> N
     axes.set_facecolor(_NEVER)
     edges = _edges(across), _edges(up)
     mesh = axes.pcolormesh(*edges, values.T, norm=norm, cmap="viridis", rasterized=True)
-    if not result.alive.all():
-        diverged = np.where(result.alive, np.nan, 0.0)
+    if not result.completed.all():
+        diverged = np.where(result.completed, np.nan, 0.0)
         axes.pcolormesh(*edges, diverged.T, cmap=ListedColormap([_DIVERGED]), rasterized=True)
     _scale_axes(axes, across, up)
     axes.grid(False)
@@ -116,7 +116,7 @@ def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> N
 def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
     (across,) = result.axes
     axes.plot(across.values, values, ".-" if len(values) <= 60 else "-", color=IDENTIFIED, markersize=4)
-    for missing, color in ((~result.alive, WELL), (np.isnan(values) & result.alive, MEASURED)):
+    for missing, color in ((~result.completed, WELL), (np.isnan(values) & result.completed, MEASURED)):
         if missing.any():
             axes.plot(
                 across.values[missing],
@@ -167,9 +167,9 @@ def _missing(result: AbsorptionMap, names: Sequence[str]) -> list[Patch]:
     """What the colours of cells without a number mean, where there are such."""
     handles = []
     over_two = len(result.axes) == 2
-    if any(np.any(np.isnan(result[name]) & result.alive) for name in names):
+    if any(np.any(np.isnan(result[name]) & result.completed) for name in names):
         color = _NEVER if over_two else MEASURED
         handles.append(Patch(color=color, label=f"did not settle within {result.duration:g} s"))
-    if not result.alive.all():
+    if not result.completed.all():
         handles.append(Patch(color=_DIVERGED if over_two else WELL, label="the motion diverges"))
     return handles

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
-from linkwise.absorption.sweep import AbsorptionMap
+from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION, atomic_folder, to_json
 from linkwise.model.toml_file import write_structure
@@ -96,7 +96,7 @@ def _write_histories(answer: Answer, folder: Path) -> None:
         names += [
             f"{what}{label}" for what in ("put in", "stored", *(link.name for link in side.structure.links))
         ]
-        columns += [side.put_in, side.stored, *side.dissipated.T]
+        columns += [side.supplied, side.stored, *side.dissipated.T]
     _write_columns(folder / "energy.csv", names, columns)
     rows = [f"{work.sink.link},{time:.12g}" for work in found.sinks for time in work.crossings]
     (folder / "crossings.csv").write_text("\n".join(["sink,time", *rows]) + "\n", encoding="utf-8")

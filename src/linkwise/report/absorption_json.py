@@ -6,8 +6,8 @@ from importlib.metadata import version
 from typing import Any
 
 from linkwise.absorption.intervals import AbsorptionIntervals
+from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
-from linkwise.absorption.sweep import AbsorptionMap
 
 
 def absorption_of(found: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from plotly.offline import get_plotlyjs
 
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.intervals_text import interval_headline, interval_rows
+from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
-from linkwise.absorption.sweep import AbsorptionMap
 from linkwise.absorption.sweep_text import map_headline, map_rows
 from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
 from linkwise.model.structure import Structure

@@ -1,0 +1,171 @@
+"""The result of `absorption_map`: quantities over a grid of one or two parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from linkwise.absorption.quantities import Quantity
+from linkwise.absorption.result import closure_verdict
+from linkwise.arrays import Bools, Floats
+from linkwise.model.structure import Structure
+from linkwise.text import as_text
+from linkwise.verdict import Verdict, is_trusted
+
+_EQUAL_RATIOS = 1e-6  # relative differences of ratios below it are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class SweepAxis:
+    """A swept parameter.
+
+    Attributes
+    ----------
+    name : str
+        A coefficient ("nes1.alpha"), a mass ("m2.mass") or a release ("v:m1").
+    unit : str
+        Its SI unit.
+    values : (K,) ndarray
+        Its values.
+    """
+
+    name: str
+    unit: str
+    values: Floats
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the values are a geometric series, and not an arithmetic one."""
+        if len(self.values) < 3 or self.values[0] * self.values[-1] <= 0.0 or np.any(self.values == 0.0):
+            return False
+        ratios, steps = self.values[1:] / self.values[:-1], np.diff(self.values)
+        arithmetic = np.ptp(steps) <= _EQUAL_RATIOS * np.abs(steps).max()
+        return bool(not arithmetic and np.ptp(ratios) <= _EQUAL_RATIOS * np.abs(ratios).max())
+
+
+@dataclass(frozen=True, eq=False)
+class AbsorptionMap:
+    """The result of `absorption_map`; printed, a table of ranges and optima. ``map[name]`` is the grid of a quantity.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure in the middle of the grid.
+    removal : str
+        How the sinks are taken out for comparison, "removed" or "locked".
+    settle : float
+        The part of its peak without sinks below which a mass has settled.
+    duration : float
+        Simulated time in s.
+    axes : tuple of SweepAxis
+        One or two swept parameters, of K and J values.
+    quantities : tuple of Quantity
+        The Q quantities.
+    values : (K, Q) or (K, J, Q) ndarray
+        Their values; NaN for a mass that does not settle and a run that diverges.
+    completed : (K,) or (K, J) ndarray of bool
+        The runs that came to their end.
+    horizon : float or None
+        Time in s past which a chaotic motion cannot be predicted, in the middle of the grid; None if it can throughout.
+    """
+
+    structure: Structure
+    removal: str
+    settle: float
+    duration: float
+    axes: tuple[SweepAxis, ...]
+    quantities: tuple[Quantity, ...]
+    values: Floats
+    completed: Bools
+    horizon: float | None
+
+    def __getitem__(self, name: str) -> Floats:
+        """The values (K,) or (K, J) of the quantity called `name`; KeyError lists all."""
+        names = [quantity.name for quantity in self.quantities]
+        if name not in names:
+            raise KeyError(f"unknown quantity {name!r}; choose from {', '.join(names)}")
+        return np.ascontiguousarray(self.values[..., names.index(name)])
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether the energy balance of every completed run closes."""
+        return (closure_verdict(float(np.nanmax(self["closure"]))),)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences on what this map cannot show."""
+        if self.horizon is None:
+            return ()
+        return (
+            f"In the middle of the grid the motion is chaotic past {self.horizon:.3g} s of {self.duration:g} s: from there on "
+            "each cell is one run of many, and neighbouring cells differ by chance too.",
+        )
+
+    def best(self, name: str) -> dict[str, float] | None:
+        """The values of the swept parameters at which a quantity is best.
+
+        Parameters
+        ----------
+        name : str
+            The quantity; `Quantity.least_is_best` says what is best.
+
+        Returns
+        -------
+        dict of str to float or None
+            Values by parameter; None if the quantity has no value anywhere.
+
+        Raises
+        ------
+        KeyError
+            If there is no such quantity.
+        """
+        grid = self[name]
+        if not np.isfinite(grid).any():
+            return None
+        least = next(quantity.least_is_best for quantity in self.quantities if quantity.name == name)
+        flat = np.nanargmin(grid) if least else np.nanargmax(grid)
+        index = np.unravel_index(int(flat), grid.shape)
+        return {axis.name: float(axis.values[k]) for axis, k in zip(self.axes, index, strict=True)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data: the axes, and each quantity over them with its range and optimum."""
+        return {
+            "method": "absorb",
+            "without": self.removal,
+            "duration": self.duration,
+            "settle": self.settle,
+            "runs": int(self.completed.size),
+            "diverged": int(np.sum(~self.completed)),
+            "horizon": self.horizon,
+            "findings": list(self.findings),
+            "verdicts": [verdict.name for verdict in self.verdicts],
+            "trusted": self.trusted,
+            "axes": [
+                {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
+            ],
+            "quantities": {quantity.name: self._quantity_dict(quantity) for quantity in self.quantities},
+        }
+
+    def _quantity_dict(self, quantity: Quantity) -> dict[str, Any]:
+        grid = self[quantity.name]
+        finite = grid[np.isfinite(grid)]
+        least, largest = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
+        return {
+            "title": quantity.title,
+            "unit": quantity.unit,
+            "least": least,
+            "largest": largest,
+            "without_value": int(grid.size - finite.size),
+            "best_at": self.best(quantity.name),
+            "values": grid.tolist(),
+        }
+
+    def __str__(self) -> str:
+        return as_text(self)
