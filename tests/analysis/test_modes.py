@@ -111,12 +111,12 @@ def test_rigid_and_unstable_motions_are_said() -> None:
     np.testing.assert_allclose(flying.frequencies, [0.0, 10.0 / (2.0 * math.pi)], rtol=1e-12)
     assert np.isnan(flying.damping[0])
     np.testing.assert_allclose(flying.damping[1], 0.1, rtol=1e-9)
-    assert flying.note == "1 of 2 modes at 0 Hz: no elastic link resists that motion"
+    assert flying.note == "1 of 2 modes at 0 Hz, without elastic resistance"
     top = modes(bnes_chain(2), [0.0, 0.0])
     assert np.isnan(top.frequencies[0])
     assert np.isnan(top.damping[0])
     assert top.frequencies[1] > 0.0
-    assert top.note == "1 of 2 modes of negative stiffness: unstable there, without a frequency"
+    assert top.note == "1 of 2 modes of negative stiffness, unstable and without a frequency"
     assert top.eigenvalues.real.max() > 0.0
 
 
@@ -128,12 +128,15 @@ def test_without_a_place_the_modes_are_those_of_the_deepest_equilibrium() -> Non
 def test_a_place_that_is_no_equilibrium_is_said() -> None:
     """At d = 0.02 the sink is pulled back by -100*0.02 + 1e6*0.02**3 = 6 N."""
     assert (
-        modes(bnes_chain(2), [0.0, 0.02]).note == 'this is no equilibrium: the links push mass "m1" with 6 N'
+        modes(bnes_chain(2), [0.0, 0.02]).note
+        == 'this is not an equilibrium: the links exert 6 N on mass "m1"'
     )
 
 
 def test_what_cannot_be_is_refused() -> None:
-    with pytest.raises(StructureError, match=r"`at` is 2 finite displacements in m, one for each mass"):
+    with pytest.raises(
+        StructureError, match=r"`at` must have 2 finite displacements in m, one for each mass"
+    ):
         modes(bnes_chain(2), [0.0])
     falling = Structure(
         "", (Mass("m", Coefficient.number(1.0)),),

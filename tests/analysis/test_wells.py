@@ -93,7 +93,7 @@ def test_pure_dampers_and_constant_forces_have_no_rest() -> None:
 def test_a_periodic_law_asks_for_a_range() -> None:
     pendulum = link("F*sin(d/s)", F=1.0, s=0.1)
     with pytest.raises(
-        StructureError, match=r'link "s": the force vanishes at more than 64 elongations; give the range of d'
+        StructureError, match=r'link "s": the force vanishes at more than 64 elongations; give a range of d'
     ):
         wells(pendulum)
     np.testing.assert_allclose(wells(pendulum, -1.0, 1.0), [-0.2 * math.pi, 0.0, 0.2 * math.pi], rtol=1e-12)

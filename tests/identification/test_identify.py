@@ -12,7 +12,7 @@ from present import present
 
 import linkwise as lw
 from linkwise.identification.methods import METHODS
-from linkwise.signals.states import Method
+from linkwise.signals.states import DifferentiationMethod
 from linkwise.sindy import estimate as classical
 
 UNKNOWN = lw.Coefficient.unknown
@@ -270,7 +270,7 @@ def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure,
 
 @pytest.mark.parametrize("derivative", ["spline", "savgol", "differences"])
 def test_noise_in_derivatives_is_not_trusted(
-    record: lw.Record, chain: lw.Structure, derivative: Method
+    record: lw.Record, chain: lw.Structure, derivative: DifferentiationMethod
 ) -> None:
     """At 30 dB alpha is 9 % off or more, by every derivative: no standard error of the regression tells."""
     fit = lw.identify(record, chain.unknown("nes"), method=lw.PhysicsInformedSindy(derivative=derivative))

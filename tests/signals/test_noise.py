@@ -122,5 +122,8 @@ def test_the_bandwidth_takes_the_noise_where_it_is_known() -> None:
 def test_a_record_full_of_holes_has_no_bandwidth() -> None:
     values = np.random.default_rng(3).normal(size=1000)
     values[::20] = np.nan
-    with pytest.raises(RecordError, match=r"no 256 samples in a row .* in column 0.*record\.between"):
+    with pytest.raises(
+        RecordError,
+        match=r"bandwidth of column 0 .* no 256 consecutive .*record\.between",
+    ):
         bandwidth(values, RATE)

@@ -8,7 +8,7 @@ from present import present
 
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
-from linkwise.signals.states import Method, differentiate, finite_differences
+from linkwise.signals.states import DifferentiationMethod, differentiate, finite_differences
 
 RATE = 1000.0
 TIME = np.arange(3000) / RATE
@@ -52,7 +52,9 @@ def test_differences_are_exact_for_polynomials_of_their_order() -> None:
 
 
 def test_another_order_is_refused() -> None:
-    with pytest.raises(RecordError, match="order 2, 4 and 6 for derivatives 1 and 2; got order 3 for 1"):
+    with pytest.raises(
+        RecordError, match="order 2, 4 or 6 and derivative 1 or 2, got order 3 and derivative 1"
+    ):
         finite_differences(X, RATE, 1, order=3)
     with pytest.raises(RecordError, match="5 samples are too few for differences of order 6"):
         finite_differences(X[:5], RATE, 2, order=6)
@@ -75,7 +77,9 @@ def test_measured_motion_is_taken_as_it_is() -> None:
         ("savgol", 1e-4, 2e-3),  # the window is cut at 1.4 bandwidths, and a loses first
     ],
 )
-def test_all_methods_derive_what_was_not_measured(method: Method, v_limit: float, a_limit: float) -> None:
+def test_all_methods_derive_what_was_not_measured(
+    method: DifferentiationMethod, v_limit: float, a_limit: float
+) -> None:
     states = differentiate(_record(x_m1=X[:, 0], x_m2=X[:, 1]), method)
     inner = np.isin(TIME + 0.5, states.time)
     assert states.masses == ("m1", "m2")
@@ -121,7 +125,7 @@ def test_missing_samples_are_refused_with_the_longest_complete_piece() -> None:
 
 def test_a_mass_without_displacement_is_refused() -> None:
     with pytest.raises(
-        RecordError, match="m1 has a:m1 but no displacement x:m1, and integrating a record drifts"
+        RecordError, match="m1 has a:m1 but no displacement x:m1, and integrating a record causes drift"
     ):
         differentiate(_record(a_m1=A[:, 0]))
     with pytest.raises(RecordError, match="base has a:base but no displacement x:base"):
@@ -133,7 +137,7 @@ def test_a_mass_without_displacement_is_refused() -> None:
 def test_an_unknown_method_is_refused_with_those_there_are() -> None:
     with pytest.raises(
         RecordError,
-        match=r"'kalman' is no way to differentiate; there are \"spline\" .* \"savgol\" .* \"differences\"",
+        match=r"unknown method 'kalman'; choose from \"spline\" .* \"savgol\" .* \"differences\"",
     ):
         differentiate(_record(x_m1=X[:, 0]), "kalman")  # type: ignore[arg-type]
 
@@ -143,6 +147,6 @@ def test_a_record_shorter_than_its_ends_is_refused() -> None:
         0.0, RATE, ("x:m1",), np.cos(TIME[:64, None]) + 0.01 * np.random.default_rng(1).normal(size=(64, 1))
     )
     with pytest.raises(
-        RecordError, match=r"64 samples are too few: \d+ at each end have only one-sided derivatives"
+        RecordError, match=r"64 samples are too few, since \d+ at each end have one-sided derivatives only"
     ):
         differentiate(slow, "spline")

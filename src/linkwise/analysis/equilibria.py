@@ -1,8 +1,8 @@
 """Static equilibria of a structure, and whether they are stable.
 
-Links between the same two ends act as one bond. Where the bonds close no circle, the forces balance only if every bond is at
-rest by itself, so the equilibria are the products of the bonds' rest points: all of them, exactly. Otherwise Newton's method,
-damped, starts from every product of rest points. The base is at its zero.
+Links between the same two ends act as one bond. If the bonds form no cycle, the forces balance only if each bond is at rest by
+itself, so the equilibria are exactly the products of the rest points of the bonds. Otherwise damped Newton iterations start
+from every product of rest points. The base is at zero.
 """
 
 from __future__ import annotations
@@ -24,20 +24,28 @@ from linkwise.errors import StructureError
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 
-_LIMIT = 4096  # starts, or equilibria listed, unless told otherwise
-_STEPS = 200  # of Newton's method: it converges linearly where the stiffness vanishes
+_LIMIT = 4096  # default for the most start points or equilibria
+_STEPS = 200  # of Newton's method, which converges only linearly where the stiffness vanishes
 _HALVINGS = 30
 _AT_REST = 1e-11  # residual force over the largest stiffness times the size of the structure's rest positions
-_NEUTRAL = 1e-9  # an eigenvalue of the stiffness below this part of the largest is taken for zero
-_ELEMENTS = 4_000_000  # of the stiffness matrices that are held at a time
+_NEUTRAL = 1e-9  # eigenvalues of the stiffness below this fraction of the largest count as zero
+_ELEMENTS = 4_000_000  # of the stiffness matrices held in memory at once
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Displacements `x` (n,) in m at which all forces balance; `energy` in J is the sum of the links' potentials.
+    """A static equilibrium.
 
-    `stable`: the tangent stiffness has no negative eigenvalue. `neutral` counts its zero ones: rigid motions of what floats,
-    and directions in which only a damper acts or the stiffness vanishes at that point.
+    Attributes
+    ----------
+    x : array of shape (n,)
+        Displacements in m.
+    stable : bool
+        Whether the tangent stiffness has no negative eigenvalue.
+    energy : float
+        Sum of the potentials of the links in J.
+    neutral : int
+        Number of zero eigenvalues of the tangent stiffness: rigid-body motions, and directions without stiffness.
     """
 
     x: Floats
@@ -48,9 +56,16 @@ class Equilibrium:
 
 @dataclass(frozen=True, eq=False)
 class Equilibria(Sequence[Equilibrium]):
-    """The equilibria found, stable ones first, of rising energy.
+    """The equilibria of a structure, a sequence: stable ones first, then by energy.
 
-    `complete` says that there can be no others; `note` says in words what limits the list (nothing: an empty text).
+    Attributes
+    ----------
+    points : tuple of Equilibrium
+        The equilibria.
+    complete : bool
+        Whether there are no others.
+    note : str
+        What limits the list; empty if nothing does.
     """
 
     points: tuple[Equilibrium, ...]
@@ -71,20 +86,20 @@ class Equilibria(Sequence[Equilibrium]):
 
     @property
     def stable(self) -> tuple[Equilibrium, ...]:
-        """Those in which the structure can rest."""
+        """The stable equilibria."""
         return tuple(point for point in self.points if point.stable)
 
 
 @dataclass(frozen=True)
 class _Bond:
-    """All links between two nodes, with the sign of each against the first."""
+    """All links between two nodes, each with its sign relative to the first."""
 
     nodes: tuple[int, int]
     links: tuple[tuple[Link, float], ...]
 
     @property
     def key(self) -> Hashable:
-        """Equal for bonds of equal force."""
+        """Equal for bonds with equal force laws."""
         return tuple((link.law, tuple(link.values.values()), sign) for link, sign in self.links)
 
     def force(self, d: Floats) -> Floats:
@@ -104,28 +119,52 @@ def equilibria(
     reach: tuple[float, float] | None = None,
     limit: int = _LIMIT,
 ) -> Equilibria:
-    """The static equilibria of `structure`.
+    """Static equilibria of a structure.
 
-    `start` (n,) or (S, n): search from these displacements in m only. `reach`: the range of elongations in m in which the rest
-    points of the links are looked for (default: anywhere). At most `limit` are listed or started from, the wells first; the
-    result says where that cut something off. Raises StructureError for a coefficient without a value.
+    Parameters
+    ----------
+    structure : Structure
+        A structure whose coefficients have values.
+    start : array of shape (n,) or (S, n), optional
+        Displacements in m from which to search; by default all combinations of the rest points of the links.
+    reach : tuple of two floats, optional
+        Range of elongations in m in which the rest points of the links are searched; by default unlimited.
+    limit : int, optional
+        Largest number of equilibria or start points; those with more wells come first.
+
+    Returns
+    -------
+    Equilibria
+        The equilibria; its `note` says what limits the list.
+
+    Raises
+    ------
+    StructureError
+        If a coefficient has no value, or `start` does not have n finite displacements.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> points = lw.equilibria(lw.bnes_chain(2))
+    >>> len(points), len(points.stable)
+    (3, 2)
     """
     bonds = _bonds(structure)
     incidence = _incidence(bonds, structure.size)
     if start is not None:
         starts = np.atleast_2d(np.asarray(start, dtype=float))
         if starts.ndim != 2 or starts.shape[1] != structure.size or not np.isfinite(starts).all():
-            raise StructureError(f"a start is {structure.size} finite displacements in m, one for each mass")
+            raise StructureError(
+                f"`start` must have {structure.size} finite displacements in m, one for each mass"
+            )
         return _from_starts(
-            bonds, incidence, starts, float(np.abs(starts).max()), "searched from the given starts only"
+            bonds, incidence, starts, float(np.abs(starts).max()), "searched from the given start points only"
         )
     rests = _rests(bonds, reach)
     count = prod(len(rest) or 1 for rest in rests)
     many = str(count) if count < 10**6 else f"1e{len(str(count)) - 1}"
     cut = (
-        f"{many} combinations of rest points, of which only {limit} were used, wells first"
-        if count > limit
-        else ""
+        f"only {limit} of {many} combinations of rest points were used, wells first" if count > limit else ""
     )
     choices = list(islice(_wells_first(rests), limit))
     places = np.array([[point.d if point else 0.0 for point in choice] for choice in choices]).reshape(
@@ -135,29 +174,31 @@ def equilibria(
         return _of_tree(bonds, incidence, rests, choices, places, cut)
     weights = _weights(bonds, rests)
     starts = np.linalg.lstsq(weights[:, None] * incidence.T, weights[:, None] * places.T, rcond=None)[0].T
-    searched = f"the links close a circle, so Newton's method searched from {len(starts)} combinations of rest points"
+    searched = (
+        f"the links form a cycle, so Newton's method searched from {len(starts)} combinations of rest points"
+    )
     note = "; ".join(filter(None, [searched, cut]))
     return _from_starts(bonds, incidence, starts, float(np.abs(places).max(initial=0.0)), note)
 
 
 def _bonds(structure: Structure) -> list[_Bond]:
-    """The links by the pair of nodes they join; ground and base are one node. Links without any elastic force are left out."""
+    """Links by the pair of nodes they join; ground and base are one node. Links without elastic force are left out."""
     index = {name: node for node, name in enumerate(structure.mass_names)}
     ground = structure.size
-    found: dict[tuple[int, int], list[tuple[Link, float]]] = {}
+    members: dict[tuple[int, int], list[tuple[Link, float]]] = {}
     probe = np.concatenate([-np.logspace(-9, 3, 49), [0.0], np.logspace(-9, 3, 49)])
     for link in structure.links:
         first, second = (index.get(end, ground) for end in link.between)
         with np.errstate(all="ignore"):
             elastic = bool(np.any(link.force(probe) != 0.0))
         if elastic:
-            nodes, sign = ((second, first), -1.0) if (second, first) in found else ((first, second), 1.0)
-            found.setdefault(nodes, []).append((link, sign))
-    return [_Bond(nodes, tuple(links)) for nodes, links in found.items()]
+            nodes, sign = ((second, first), -1.0) if (second, first) in members else ((first, second), 1.0)
+            members.setdefault(nodes, []).append((link, sign))
+    return [_Bond(nodes, tuple(links)) for nodes, links in members.items()]
 
 
 def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
-    """(n, bonds) incidence of the bonds."""
+    """Incidence (n, bonds) of the bonds."""
     incidence = np.zeros((size + 1, len(bonds)))
     for column, bond in enumerate(bonds):
         incidence[bond.nodes[0], column] += 1.0
@@ -166,7 +207,7 @@ def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
 
 
 def _free(bonds: Sequence[_Bond], size: int) -> int:
-    """How many groups of masses hang on to one another but not on to the ground: each has a rigid motion."""
+    """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
     first, second = ([bond.nodes[end] for bond in bonds] for end in (0, 1))
     graph = csr_array((np.ones(len(bonds)), (first, second)), shape=(size + 1, size + 1))
     return int(connected_components(graph, directed=False)[0]) - 1
@@ -174,7 +215,7 @@ def _free(bonds: Sequence[_Bond], size: int) -> int:
 
 def _rests(bonds: Sequence[_Bond], reach: tuple[float, float] | None) -> list[tuple[RestPoint, ...]]:
     lo, hi = (None, None) if reach is None else reach
-    known: dict[Hashable, tuple[RestPoint, ...]] = {}  # a thousand equal sinks are searched once
+    known: dict[Hashable, tuple[RestPoint, ...]] = {}  # equal bonds are searched once
     for bond in bonds:
         try:
             if bond.key not in known:
@@ -185,19 +226,21 @@ def _rests(bonds: Sequence[_Bond], reach: tuple[float, float] | None) -> list[tu
 
 
 def _wells_first(rests: Sequence[tuple[RestPoint, ...]]) -> Iterator[tuple[RestPoint | None, ...]]:
-    """Every choice of one rest point a bond (None where it has none), those with fewer tops first."""
-    low = [tuple(point for point in rest if point.well) for rest in rests]
-    high = [tuple(point for point in rest if not point.well) for rest in rests]
-    forced = [index for index, rest in enumerate(rests) if not low[index] and rest]
-    free = [index for index in range(len(rests)) if low[index] and high[index]]
-    for tops in range(len(free) + 1):
-        for chosen in combinations(free, tops):
-            up = {*chosen, *forced}
-            yield from product(*[(high[i] if i in up else low[i]) or (None,) for i in range(len(rests))])
+    """Every choice of one rest point for each bond (None where it has none), those with fewer maxima first."""
+    wells = [tuple(point for point in rest if point.well) for rest in rests]
+    maxima = [tuple(point for point in rest if not point.well) for rest in rests]
+    forced = [index for index, rest in enumerate(rests) if not wells[index] and rest]
+    free = [index for index in range(len(rests)) if wells[index] and maxima[index]]
+    for count in range(len(free) + 1):
+        for chosen in combinations(free, count):
+            at_maximum = {*chosen, *forced}
+            yield from product(
+                *[(maxima[i] if i in at_maximum else wells[i]) or (None,) for i in range(len(rests))]
+            )
 
 
 def _weights(bonds: Sequence[_Bond], rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
-    """(bonds,) how firmly a bond holds its rest point against the others: the root of its stiffness there."""
+    """Weight (bonds,) of the rest point of each bond against the others: the root of its stiffness there."""
     stiffest = [max((abs(point.stiffness) for point in rest), default=0.0) for rest in rests]
     largest = max(stiffest, default=0.0) or 1.0
     return np.sqrt(np.maximum(np.array(stiffest) / largest, [1e-12 if rest else 0.0 for rest in rests]))
@@ -214,7 +257,9 @@ def _of_tree(
     """The products of rest points. By Sylvester's law of inertia B diag(k) B' has as many negative eigenvalues as k."""
     restless = [bond.links[0][0].name for bond, rest in zip(bonds, rests, strict=True) if not rest]
     if restless:
-        return Equilibria((), True, f'there is none: the force of link "{restless[0]}" vanishes nowhere')
+        return Equilibria(
+            (), True, f'there is no equilibrium: the force of link "{restless[0]}" vanishes nowhere'
+        )
     free = incidence.shape[0] - len(bonds)
     spread = np.linalg.pinv(incidence.T) if free else np.linalg.inv(incidence.T)
     x = places @ spread.T
@@ -231,15 +276,15 @@ def _of_tree(
 def _from_starts(
     bonds: Sequence[_Bond], incidence: Floats, starts: Floats, size: float, note: str
 ) -> Equilibria:
-    """Newton's method from every row of `starts`; `size` in m is what displacements are measured by."""
+    """Newton's method from every row of `starts`; `size` in m is the scale of displacements."""
     n = incidence.shape[0]
     chunk = max(1, _ELEMENTS // n**2)
-    ends, settled = [], []
+    ends, converged = [], []
     for first in range(0, len(starts), chunk):
         x, done = _newton(bonds, incidence, starts[first : first + chunk], size)
         ends.append(x)
-        settled.append(done)
-    x, done = np.concatenate(ends), np.concatenate(settled)
+        converged.append(done)
+    x, done = np.concatenate(ends), np.concatenate(converged)
     size = max(size, float(np.abs(x[done]).max(initial=0.0)))
     distinct: list[Floats] = []
     for candidate in x[done]:
@@ -257,13 +302,13 @@ def _from_starts(
                 place, bool(np.all(values >= -threshold)), energy, int(np.sum(np.abs(values) <= threshold))
             )
         )
-    lost = f"{int(np.sum(~done))} of {len(done)} starts did not settle" if not done.all() else ""
+    failed = f"{int(np.sum(~done))} of {len(done)} searches did not converge" if not done.all() else ""
     free = _free(bonds, n)
-    return Equilibria(_sorted(points), False, "; ".join(filter(None, [note, lost, _floating(free)])))
+    return Equilibria(_sorted(points), False, "; ".join(filter(None, [note, failed, _floating(free)])))
 
 
 def _newton(bonds: Sequence[_Bond], incidence: Floats, x: Floats, size: float) -> tuple[Floats, Bools]:
-    """(S, n) the end of each search and (S,) whether the forces balance there. Steps are halved until the residual falls."""
+    """End (S, n) of each search, and whether (S,) forces balance there. Steps are halved until the residual decreases."""
     x = x.copy()
     done = np.zeros(len(x), dtype=bool)
     active = np.arange(len(x))
@@ -283,7 +328,7 @@ def _newton(bonds: Sequence[_Bond], incidence: Floats, x: Floats, size: float) -
         norm = np.linalg.norm(residual, axis=1)
         scale = np.ones(len(active))
         for _ in range(_HALVINGS):
-            with np.errstate(all="ignore"):  # a step too far may overflow; it is halved then
+            with np.errstate(all="ignore"):  # a step that overflows is halved
                 tried = np.linalg.norm(_residual(bonds, incidence, x[active] + scale[:, None] * step), axis=1)
             worse = ~(tried < norm)
             if not worse.any():
@@ -294,21 +339,21 @@ def _newton(bonds: Sequence[_Bond], incidence: Floats, x: Floats, size: float) -
 
 
 def _residual(bonds: Sequence[_Bond], incidence: Floats, x: Floats) -> Floats:
-    """(S, n) the force of the links on each mass, sign reversed."""
+    """Force (S, n) in N of the links on each mass, with reversed sign."""
     d = x @ incidence
     forces = np.stack([bond.force(d[:, column]) for column, bond in enumerate(bonds)], axis=1) if bonds else d
     return forces @ incidence.T
 
 
 def _stiffness(bonds: Sequence[_Bond], incidence: Floats, x: Floats) -> Floats:
-    """(S, n, n) tangent stiffness."""
+    """Tangent stiffness (S, n, n) in N/m."""
     d = x @ incidence
     slopes = np.stack([bond.slope(d[:, column]) for column, bond in enumerate(bonds)], axis=1) if bonds else d
     return (incidence[None] * slopes[:, None, :]) @ incidence.T
 
 
 def _sorted(points: Sequence[Equilibrium]) -> tuple[Equilibrium, ...]:
-    """Stable first, then by energy, then by displacement; energies that differ by rounding count as equal."""
+    """Stable ones first, then by energy, then by displacement; energies equal up to rounding count as equal."""
     unit = max((abs(point.energy) for point in points), default=0.0) * 1e-9 or 1.0
     return tuple(
         sorted(points, key=lambda point: (not point.stable, round(point.energy / unit), tuple(point.x)))
@@ -319,6 +364,6 @@ def _floating(free: int) -> str:
     if not free:
         return ""
     return (
-        f"{free} rigid motion{'s' if free > 1 else ''} that no elastic link resists: "
-        "displacements are given up to it, with the least sum of squares"
+        f"{free} rigid-body motion{'s' if free > 1 else ''} without elastic resistance; displacements are "
+        "those with the least sum of squares"
     )

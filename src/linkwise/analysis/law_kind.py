@@ -1,4 +1,4 @@
-"""What kind of law a link has, in a word: what its force does over the elongations that were seen."""
+"""Classification of a force law over a range of elongations."""
 
 from __future__ import annotations
 
@@ -19,43 +19,43 @@ UNEVEN = "uneven"
 NEGATIVE = "negative stiffness"
 
 _GRID = 65
-_NOTHING = (
-    1e-9  # of the largest force: a side that pulls less does not pull, a line that bends less is straight
+_NEGLIGIBLE = (
+    1e-9  # of the largest force: smaller forces, and smaller deviations from a straight line, count as zero
 )
 
 
 def law_kind(link: Link, reach: float) -> str:
-    """The kind of a law whose coefficients are numbers, judged at rest from -`reach` to `reach` m.
+    """The kind of a law with known coefficients, at rest and for elongations from -`reach` to `reach` in m.
 
     "damper only" without an elastic part; "bistable" with two wells ("3 wells" and so on with more); "linear"; "hardening" or
-    "softening" where both sides pull more or less than the stiffness at rest would; "one-sided" where one side does not pull;
-    "uneven" where one is harder and the other softer; "negative stiffness" where nothing within reach restores.
+    "softening" where the force on both sides is larger or smaller than that of the stiffness at 0; "one-sided" where there is
+    no force on one side; "uneven" where one side hardens and the other softens; "negative stiffness" without a well.
     """
     slope = differentiate(link.law.elastic, "d")
     if "d" not in symbols(link.law.elastic):
         return DAMPER
-    found = _wells(link, reach)
-    if found >= 2:
-        return BISTABLE if found == 2 else f"{found} wells"
+    count = _well_count(link, reach)
+    if count >= 2:
+        return BISTABLE if count == 2 else f"{count} wells"
     at_rest = float(link.stiffness(0.0))
     d = np.linspace(0.0, reach, _GRID)[1:]
     right, left = link.force(d), -link.force(-d)
     sizes = float(np.abs(right).max()), float(np.abs(left).max())
-    bent = max(float(np.abs(side - at_rest * d).max()) for side in (right, left))
-    if "d" not in symbols(slope) or bent <= _NOTHING * max(sizes):
+    deviation = max(float(np.abs(side - at_rest * d).max()) for side in (right, left))
+    if "d" not in symbols(slope) or deviation <= _NEGLIGIBLE * max(sizes):
         return LINEAR if at_rest >= 0.0 else NEGATIVE
-    if min(sizes) <= _NOTHING * max(sizes):
+    if min(sizes) <= _NEGLIGIBLE * max(sizes):
         return ONE_SIDED
-    harder = [float(side[-1]) / reach > at_rest for side in (right, left)]
-    if found == 0 and at_rest < 0.0:
+    hardens = [float(side[-1]) / reach > at_rest for side in (right, left)]
+    if count == 0 and at_rest < 0.0:
         return NEGATIVE
-    if all(harder):
+    if all(hardens):
         return HARDENING
-    return UNEVEN if any(harder) else SOFTENING
+    return UNEVEN if any(hardens) else SOFTENING
 
 
-def _wells(link: Link, reach: float) -> int:
+def _well_count(link: Link, reach: float) -> int:
     try:
         return len(wells(link, -reach, reach))
-    except StructureError:  # it vanishes everywhere
+    except StructureError:  # the force vanishes everywhere
         return 0

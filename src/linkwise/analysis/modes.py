@@ -17,22 +17,30 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.structure import Structure
 
-_ZERO = (
-    1e-14  # times the masses, ten or more: squared frequencies below this part of the largest are rounding
-)
-_EQUAL = 1e-10  # squared frequencies that differ by less than this part of the largest are one, repeated
+_ZERO = 1e-14  # times the number of masses, at least ten: squared frequencies below this fraction of the largest count as 0
+_EQUAL = 1e-10  # squared frequencies that differ by less than this fraction of the largest are repeated
 _AT_REST = 1e-9  # net force over the largest stiffness times the largest displacement
 _DIAGONAL = 1e-12  # damping that couples the modes less than this is modal
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """The n modes about `at` (n,), in m, by rising squared frequency.
+    """The n linear modes of a structure, by ascending squared frequency.
 
-    `frequencies` (n,) in Hz of the undamped structure, 0 for a rigid motion, NaN where the stiffness is negative. `damping`
-    (n,) ratios from the eigenvalues of the damped one, NaN where the frequency is not positive. `shapes` (n, n), a column a
-    mode, mass-normalised: shapes' M shapes = 1; its largest entry is positive. `eigenvalues` (2n,) in 1/s of the state matrix,
-    by rising modulus. `note` says in words what is not an ordinary vibration about an equilibrium.
+    Attributes
+    ----------
+    at : array of shape (n,)
+        Displacements in m about which the structure is linearised.
+    frequencies : array of shape (n,)
+        Undamped natural frequencies in Hz; 0 for a rigid-body motion, NaN where the stiffness is negative.
+    damping : array of shape (n,)
+        Damping ratios; NaN where the frequency is not positive.
+    shapes : array of shape (n, n)
+        Mass-normalised mode shapes in 1/sqrt(kg), one column per mode; the largest entry of each is positive.
+    eigenvalues : complex array of shape (2n,)
+        Eigenvalues of the state matrix in 1/s, by ascending modulus.
+    note : str
+        What is not an ordinary vibration about an equilibrium; empty if nothing.
     """
 
     at: Floats
@@ -44,13 +52,34 @@ class Modes:
 
 
 def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
-    """The modes of `structure` about the displacements `at` (n,) in m; without them, its stable equilibrium of least energy.
+    """Linear modes of a structure about an equilibrium.
 
-    Raises StructureError where there is none, for a shape that does not fit and for a coefficient without a value.
+    Parameters
+    ----------
+    structure : Structure
+        A structure whose coefficients have values.
+    at : array of shape (n,), optional
+        Displacements in m; by default the stable equilibrium of least energy.
+
+    Returns
+    -------
+    Modes
+        Natural frequencies, damping ratios and mode shapes.
+
+    Raises
+    ------
+    StructureError
+        If there is no stable equilibrium, `at` has the wrong shape, or a coefficient has no value.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.modes(lw.bnes_chain(2)).frequencies.round(2).tolist()
+    [22.29, 27.83]
     """
     x = _rest(structure) if at is None else np.asarray(at, dtype=float)
     if x.shape != (structure.size,) or not np.isfinite(x).all():
-        raise StructureError(f"`at` is {structure.size} finite displacements in m, one for each mass")
+        raise StructureError(f"`at` must have {structure.size} finite displacements in m, one for each mass")
     mass = np.diag(structure.mass_values)
     stiffness, damping, residual = _tangent(structure, x)
     squares, shapes = eigh(stiffness, mass)
@@ -72,26 +101,26 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
 
 
 def _uncoupled(squares: Floats, shapes: Floats, damping: Floats) -> Floats:
-    """`shapes` with those of a repeated frequency, which may be mixed at will, chosen so that damping does not couple them."""
+    """`shapes` with those of a repeated frequency combined so that damping does not couple them."""
     shapes = shapes.copy()
-    apart = np.flatnonzero(np.diff(squares) > _EQUAL * np.abs(squares).max(initial=0.0)) + 1
-    for group in np.split(np.arange(len(squares)), apart):
+    borders = np.flatnonzero(np.diff(squares) > _EQUAL * np.abs(squares).max(initial=0.0)) + 1
+    for group in np.split(np.arange(len(squares)), borders):
         if len(group) > 1:
             shapes[:, group] @= np.linalg.eigh(shapes[:, group].T @ damping @ shapes[:, group])[1]
     return shapes
 
 
 def _rest(structure: Structure) -> Floats:
-    found = equilibria(structure)
-    if not found.stable:
+    points = equilibria(structure)
+    if not points.stable:
         raise StructureError(
-            f"no stable equilibrium was found{': ' + found.note if found.note else ''}; give `at`"
+            f"no stable equilibrium was found{': ' + points.note if points.note else ''}; give `at`"
         )
-    return found.stable[0].x
+    return points.stable[0].x
 
 
 def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
-    """Stiffness (n, n), damping (n, n) and the net forces (n,) of the links at rest at `x`; the base is at its zero."""
+    """Stiffness (n, n), damping (n, n) and net forces (n,) of the links at rest at `x`; the base is at zero."""
     d = structure.elongations(x, 0.0)
     slopes = np.array([link.tangent(place) for link, place in zip(structure.links, d, strict=True)])
     forces = np.array([float(link.force(place)) for link, place in zip(structure.links, d, strict=True)])
@@ -105,10 +134,10 @@ def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _eigenvalues(squares: Floats, modal: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """All 2n eigenvalues of the state matrix, and (n, 2) the two that belong to each undamped mode.
+    """All 2n eigenvalues of the state matrix, and the two (n, 2) of each undamped mode.
 
-    In modal coordinates the state matrix is [[0, 1], [-squares, -modal]]. Eigenvectors are given to modes, two to each, so
-    that the sum of their shares in the modes' motion is the largest.
+    In modal coordinates the state matrix is [[0, 1], [-squares, -modal]]. Eigenvectors are assigned to modes, two to each, by
+    the largest sum of their shares in the motion of the modes.
     """
     n = len(squares)
     off = modal - np.diag(np.diag(modal))
@@ -129,13 +158,13 @@ def _note(structure: Structure, squares: Floats, residual: Floats) -> str:
     notes = []
     if np.any(residual):
         worst = int(np.argmax(np.abs(residual)))
-        pushed = f'the links push mass "{structure.mass_names[worst]}" with {-residual[worst]:.3g} N'
-        notes.append(f"this is no equilibrium: {pushed}")
+        force = f'the links exert {-residual[worst]:.3g} N on mass "{structure.mass_names[worst]}"'
+        notes.append(f"this is not an equilibrium: {force}")
     rigid, unstable = int(np.sum(squares == 0.0)), int(np.sum(squares < 0.0))
     if rigid:
-        notes.append(f"{rigid} of {len(squares)} modes at 0 Hz: no elastic link resists that motion")
+        notes.append(f"{rigid} of {len(squares)} modes at 0 Hz, without elastic resistance")
     if unstable:
         notes.append(
-            f"{unstable} of {len(squares)} modes of negative stiffness: unstable there, without a frequency"
+            f"{unstable} of {len(squares)} modes of negative stiffness, unstable and without a frequency"
         )
     return "; ".join(notes)

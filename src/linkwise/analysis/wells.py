@@ -1,4 +1,4 @@
-"""Where a restoring force vanishes: the wells and tops of one force law, and the barrier between its wells.
+"""Zeros of a restoring force: the wells and maxima of the potential of a law, and the barrier between its wells.
 
 For alpha*d + beta*d**3 with alpha < 0 < beta: wells at +-sqrt(-alpha/beta), barrier alpha**2/(4 beta) (METHODS section 7).
 """
@@ -17,18 +17,25 @@ from linkwise.model.link import Link
 
 Function = Callable[[Floats], Floats]
 
-_PER_DECADE = 64  # an extremum of the force between two points is looked for by its slope, so this need not resolve zeros
-_DECADES = (-12, 6)  # elongations from a picometre to a thousand kilometres
-_ACROSS = 1024  # points across a range that is given
-_MANY = 64  # more zeros than this on all elongations: the law is periodic, and only a range makes sense
-_HALVINGS = 200  # of a bracket; it stops before, when the ends are neighbouring numbers
+_PER_DECADE = 64  # grid points per decade; extrema between them are found by the slope of the force
+_DECADES = (-12, 6)  # elongations in m, as powers of ten
+_LINEAR = 1024  # evenly spaced grid points in a given range
+_MOST_ZEROS = 64  # with more zeros and no range the law counts as periodic
+_BISECTIONS = 200  # at most; bisection stops when the ends are neighbouring floating-point numbers
 
 
 @dataclass(frozen=True)
 class RestPoint:
-    """An elongation `d` in m at which the force at rest vanishes, and its `stiffness` there in N/m.
+    """An elongation at which the force at rest vanishes.
 
-    It is a `well` where the force rises through zero (the potential has a minimum), a top or an inflection otherwise.
+    Attributes
+    ----------
+    d : float
+        Elongation in m.
+    stiffness : float
+        Derivative of the force there in N/m.
+    well : bool
+        Whether the potential has a minimum there, rather than a maximum or an inflection point.
     """
 
     d: float
@@ -37,27 +44,67 @@ class RestPoint:
 
 
 def wells(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[float, ...]:
-    """Elongations in m of the minima of the link's potential, ascending, from `lo` to `hi` or, without them, anywhere.
+    """Elongations at which the potential of a link has a minimum.
 
-    Raises StructureError where a law without a range has too many (a periodic one), and for a coefficient without a value.
+    Parameters
+    ----------
+    link : Link
+        A link whose coefficients have values.
+    lo, hi : float, optional
+        Range of elongations in m; by default unlimited.
+
+    Returns
+    -------
+    tuple of float
+        Elongations in m, ascending.
+
+    Raises
+    ------
+    StructureError
+        If a coefficient has no value, the range is empty, or a periodic law has no range.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.wells(lw.bnes_chain(2).link("nes1"))
+    (-0.01, 0.01)
     """
     return tuple(point.d for point in _of_link(link, lo, hi) if point.well)
 
 
 def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> float | None:
-    """Energy in J that carries the link out of its deepest well into a neighbouring one; None with fewer than two wells.
+    """Energy that carries a link from its deepest well to a neighbouring one.
 
-    From `lo` to `hi` or, without them, anywhere. Raises StructureError as `wells` does.
+    Parameters
+    ----------
+    link, lo, hi
+        As of `wells`.
+
+    Returns
+    -------
+    float or None
+        Energy in J; None with fewer than two wells.
+
+    Raises
+    ------
+    StructureError
+        As of `wells`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> round(lw.barrier(lw.bnes_chain(2).link("nes1")), 12)
+    0.0025
     """
-    way = way_out(link, lo, hi)
-    if way is None:
+    escape = lowest_escape(link, lo, hi)
+    if escape is None:
         return None
-    low, high = link.potential(np.array(way))
+    low, high = link.potential(np.array(escape))
     return float(high - low)
 
 
-def way_out(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[float, float] | None:
-    """Elongations in m of the deepest well and of the lowest top that leads from it into a neighbouring one, as `barrier`."""
+def lowest_escape(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[float, float] | None:
+    """Elongations in m of the deepest well and of the lowest maximum next to it; None with fewer than two wells."""
     points = _of_link(link, lo, hi)
     places = np.array([point.d for point in points])
     minima = np.flatnonzero([point.well for point in points])
@@ -65,25 +112,25 @@ def way_out(link: Link, lo: float | None = None, hi: float | None = None) -> tup
         return None
     energy = link.potential(places)
     deepest = int(minima[np.argmin(energy[minima])])
-    tops = [
+    maxima = [
         first + int(np.argmax(energy[first : last + 1]))
         for first, last in pairwise(minima.tolist())
         if deepest in (first, last)
     ]
-    return float(places[deepest]), float(places[min(tops, key=lambda top: float(energy[top]))])
+    return float(places[deepest]), float(places[min(maxima, key=lambda place: float(energy[place]))])
 
 
 def rest_points(
     force: Function, slope: Function, lo: float | None = None, hi: float | None = None
 ) -> tuple[RestPoint, ...]:
-    """All zeros of `force`, whose derivative is `slope`, ascending, from `lo` to `hi` or, without them, anywhere.
+    """All zeros of `force` (N) with derivative `slope` (N/m), ascending, from `lo` to `hi` in m or, without them, anywhere.
 
     An interval of zeros (a clearance) counts once, at its middle; a jump through zero counts, a pole does not; a force that is
-    zero everywhere has none. Raises StructureError for a range that is none and for too many zeros without a range.
+    zero everywhere has no zeros. Raises StructureError for an empty range, and for too many zeros without a range.
     """
     with np.errstate(
         all="ignore"
-    ):  # laws may overflow or leave their domain far out: such points are left aside
+    ):  # laws may overflow or leave their domain at large d; such points are dropped
         grid = _grid(lo, hi)
         grid = np.unique(np.concatenate([grid, _crossings(slope, grid)]))
         values = force(grid)
@@ -104,24 +151,22 @@ def rest_points(
         kept = np.abs(force(places)) <= 10.0 * limits  # at a pole the force grows without end instead
         edges = _edge_zeros(grid, signs)
         stiffness = slope(np.concatenate([places, edges]))
-    found = [
+    points = [
         RestPoint(float(place), float(k), bool(up))
         for place, k, up, keep in zip(places, stiffness, rising, kept, strict=False)
         if keep
     ]
-    found += [
+    points += [
         RestPoint(float(d), float(k), bool(k > 0))
         for d, k in zip(edges, stiffness[places.size :], strict=True)
     ]
-    if len(found) > _MANY and (lo is None or hi is None):
-        raise StructureError(
-            f"the force vanishes at more than {_MANY} elongations; give the range of d that is meant"
-        )
-    return tuple(sorted(found, key=lambda point: point.d))
+    if len(points) > _MOST_ZEROS and (lo is None or hi is None):
+        raise StructureError(f"the force vanishes at more than {_MOST_ZEROS} elongations; give a range of d")
+    return tuple(sorted(points, key=lambda point: point.d))
 
 
 def _of_link(link: Link, lo: float | None, hi: float | None) -> tuple[RestPoint, ...]:
-    link.values  # noqa: B018  # says which coefficient has no value before anything is computed
+    link.values  # noqa: B018  # raises StructureError for a coefficient without a value
     try:
         return rest_points(link.force, link.stiffness, lo, hi)
     except StructureError as error:
@@ -129,7 +174,7 @@ def _of_link(link: Link, lo: float | None, hi: float | None) -> tuple[RestPoint,
 
 
 def _grid(lo: float | None, hi: float | None) -> Floats:
-    """Elongations to look between: log-spaced on both sides of zero, and evenly spaced across a range that is given."""
+    """Grid of elongations: logarithmic on both sides of zero, and linear in a given range."""
     if lo is not None and hi is not None and not lo < hi:
         raise StructureError(f"the range of d from {lo!r} to {hi!r} is empty")
     first, last = _DECADES
@@ -137,12 +182,12 @@ def _grid(lo: float | None, hi: float | None) -> Floats:
     grid = np.concatenate([-side[::-1], [0.0], side])
     low, high = grid[0] if lo is None else lo, grid[-1] if hi is None else hi
     inner = grid[(grid >= low) & (grid <= high)]
-    across = np.empty(0) if lo is None or hi is None else np.linspace(low, high, _ACROSS)
+    across = np.empty(0) if lo is None or hi is None else np.linspace(low, high, _LINEAR)
     return np.unique(np.concatenate([inner, across, [low, high]]))
 
 
 def _edge_zeros(grid: Floats, signs: Floats) -> Floats:
-    """Single zeros exactly on the first or last point, which lie between no two others."""
+    """Isolated zeros exactly on the first or last grid point."""
     if grid.size < 2:
         return np.empty(0)
     ends = [(0, 1), (-1, -2)]
@@ -150,7 +195,7 @@ def _edge_zeros(grid: Floats, signs: Floats) -> Floats:
 
 
 def _crossings(function: Function, grid: Floats) -> Floats:
-    """Where `function` changes sign between neighbouring points of the grid."""
+    """Zeros of `function` between neighbouring grid points of opposite sign."""
     values = function(grid)
     signs = np.sign(np.where(np.isfinite(values), values, 0.0))
     before = np.flatnonzero(signs[:-1] * signs[1:] < 0)
@@ -158,15 +203,15 @@ def _crossings(function: Function, grid: Floats) -> Floats:
 
 
 def _bisect(function: Function, left: Floats, right: Floats) -> Floats:
-    """The sign changes of `function` between `left` and `right` (same shapes), to neighbouring numbers."""
+    """Sign changes of `function` between `left` and `right` (same shapes), to floating-point resolution."""
     left, right = left.copy(), right.copy()
-    below = np.sign(function(left))
-    for _ in range(_HALVINGS):
+    left_sign = np.sign(function(left))
+    for _ in range(_BISECTIONS):
         middle = 0.5 * (left + right)
         if np.all((middle == left) | (middle == right)):
             break
         sign = np.sign(function(middle))
-        same = sign == below
+        same = sign == left_sign
         left = np.where(same | (sign == 0), middle, left)
         right = np.where(same, right, middle)
     better = np.abs(function(right)) < np.abs(function(left))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.analysis.law_kind import law_kind
-from linkwise.analysis.wells import way_out, wells
+from linkwise.analysis.wells import lowest_escape, wells
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -99,7 +99,7 @@ class LinkEstimate:
     @cached_property
     def barrier(self) -> DerivedQuantity | None:
         """The energy that carries the link out of its deepest well, or None with fewer than two wells."""
-        way = self._found(way_out)
+        way = self._found(lowest_escape)
         if way is None:
             return None
         return self._derived("barrier", "J", _climb(way, self.link), partial(_climb, way))

@@ -1,8 +1,7 @@
-"""What a channel's spectrum tells of its measurement: the white noise in it and the band of the motion.
+"""White noise and bandwidth of channels, from the spectra of short blocks.
 
-Both read the same windowed spectra of short blocks. Vibrations fill the low frequencies, and transients the
-high ones for a while; white noise fills every cell of the time-frequency plane alike. So the noise is the
-level that the quiet cells share.
+Vibrations fill low frequencies, and transients high ones for a short time, but white noise fills all cells of the
+time-frequency plane alike. The noise level is that of the cells without motion.
 """
 
 from __future__ import annotations
@@ -17,29 +16,37 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import RecordError
 
-_ORDER = 4  # differences before the window: they keep a strong slow motion from leaking into high bins
+_ORDER = (
+    4  # order of the differences taken before the window, which keep slow motion from leaking into high bins
+)
 _DIFFERENCES = np.array([(-1.0) ** lag * comb(_ORDER, lag) for lag in range(_ORDER + 1)])
-_LOWEST = 0.125  # cycles per sample from which noise is looked for
+_LOWEST = 0.125  # cycles per sample; lowest frequency of the cells
 _CELLS = {
     256: (24, 1),
     128: (12, 2),
     64: (6, 4),
     32: (6, 4),
     16: (6, 4),
-}  # bins and blocks of a cell, by block
-_FEWEST = {256: 8, 128: 8, 64: 8, 32: 8, 16: 2}  # whole blocks that tell the noise
-_QUIET = 0.25  # quantile of the cells that is surely free of motion ...
-_QUIET_LEVEL = 0.8  # ... and where it stands when all cells are noise: gamma law, shape about 11
-_LOUD = 2.2  # a cell above twice the level holds motion
-_AT_ONCE = 64  # blocks transformed together: they stay in the cache
+}  # bins and blocks in a cell, by length of a block
+_FEWEST = {
+    256: 8,
+    128: 8,
+    64: 8,
+    32: 8,
+    16: 2,
+}  # complete blocks needed for an estimate, by length of a block
+_QUANTILE = 0.25  # of the cells; assumed to be free of motion ...
+_QUANTILE_LEVEL = 0.8  # ... and its value relative to the mean of noise: gamma distribution of shape 11
+_MOTION = 2.2  # a cell above this multiple of the noise level contains motion
+_CHUNK = 64  # blocks transformed at once, so that they stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
 class BlockSpectra:
-    """The power of channels in blocks of `block` samples that overlap by half, 1 for white noise of variance 1.
+    """Power spectra of C channels in B blocks of `block` samples that overlap by half, 1 for white noise of variance 1.
 
-    `mean` (C, K) is that of the `counts` (C,) blocks that miss no sample, in all bins between 0 Hz and half the sampling rate;
-    `cells` (C, B, G) that of every block in groups of high bins, NaN where it misses a sample.
+    `mean` (C, K) is the average over the `counts` (C,) complete blocks in all bins between 0 Hz and half the sampling rate;
+    `cells` (C, B, G) is the power of every block in G groups of high bins, NaN where a sample is missing.
     """
 
     block: int
@@ -49,33 +56,29 @@ class BlockSpectra:
 
 
 def noise_sigma(samples: ArrayLike) -> Floats:
-    """Standard deviation of the white measurement noise of each channel.
+    """Standard deviation (C,) of the white measurement noise of each channel, in the unit of the samples.
 
-    `samples` is (N, C) or (N,), any unit, NaN where a sample is missing; the answer is (C,) in that unit, or
-    (1,). Blocks that miss a sample are left out, and where gaps are frequent shorter blocks are taken; a
-    channel with fewer than two whole blocks of 20 samples gives NaN. The error of the estimate is about 1.2 %
-    at N = 6001 and falls with sqrt(N).
-
-    Noise that is not white (a recorder's filter) is judged by its weakest quarter of cells.
+    `samples` is (N, C) or (N,), NaN where a sample is missing. Incomplete blocks are left out, and where gaps are frequent the
+    blocks are shorter; a channel with fewer than two complete blocks of 20 samples gives NaN. The error of the estimate is
+    about 1.2 % at N = 6001 and decreases with sqrt(N). For noise that is not white, the weakest quarter of the cells counts.
     """
     return _sigma(_channels(samples), None)
 
 
 def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Floats:
-    """Highest frequency in Hz at which each channel's motion stands above its noise.
+    """Highest frequency (C,) in Hz at which the motion of each channel exceeds its noise.
 
-    `samples` is (N, C) or (N,), `rate` the sampling rate in Hz, `sigma` (C,) the noise where it is known, else found by
-    `noise_sigma`; the answer is (C,). It is the highest bin of the averaged spectrum that holds more than twice the
-    power of the white noise, half the sampling rate where the motion fills the whole band and the width of one bin
-    where nothing stands above the noise. Blocks of 256 samples (shorter where the record is) that miss a sample are
-    left out. Raises RecordError where no block is complete.
+    `samples` is (N, C) or (N,), `rate` the sampling rate in Hz, and `sigma` (C,) the noise where it is known; otherwise it is
+    estimated by `noise_sigma`. The result is the highest bin of the averaged spectrum with more than twice the power of the
+    white noise: half the sampling rate where motion fills the whole band, one bin where nothing exceeds the noise. Incomplete
+    blocks of 256 samples (fewer in a short record) are left out. Raises RecordError where no block is complete.
     """
     highest = noise_and_bandwidth(samples, rate, sigma)[1]
-    lost = np.flatnonzero(np.isnan(highest))
-    if lost.size:
+    incomplete = np.flatnonzero(np.isnan(highest))
+    if incomplete.size:
         raise RecordError(
-            f"no {_block(_channels(samples))} samples in a row are complete in column {lost[0]}, so its "
-            "bandwidth cannot be told; cut out a longer complete piece with record.between(t0, t1)"
+            f"the bandwidth of column {incomplete[0]} cannot be estimated: it has no {_block(_channels(samples))} consecutive "
+            "samples without a gap; select a longer complete piece with record.between"
         )
     return highest
 
@@ -83,96 +86,98 @@ def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -
 def noise_and_bandwidth(
     samples: ArrayLike, rate: float, stated: ArrayLike | None = None
 ) -> tuple[Floats, Floats]:
-    """`noise_sigma` (C,) and `bandwidth` (C,), NaN where it cannot be told, of `samples` (N, C) or (N,), in one look.
+    """`noise_sigma` (C,) and `bandwidth` (C,) of `samples` (N, C) or (N,) from the same spectra, NaN without a complete block.
 
-    Noise that is `stated` (C,), not NaN, is not looked for.
+    Noise that is `stated` (C,) and not NaN is not estimated.
     """
     channels = _channels(samples)
-    look = _look(channels, _block(channels))
+    spectra = _spectra(channels, _block(channels))
     known = np.full(len(channels), np.nan) if stated is None else np.array(stated, dtype=float)
-    sigma = known if np.isfinite(known).all() else np.where(np.isfinite(known), known, _sigma(channels, look))
-    margin = np.maximum(2.0, 1.0 + 4.0 / np.sqrt(np.maximum(look.counts, 1)))
-    bins = np.arange(1, look.mean.shape[1] + 1)
-    loud = np.where(look.mean > (sigma**2 * margin)[:, None], bins, 1).max(axis=1)
-    return sigma, np.where(look.counts > 0, loud * rate / look.block, np.nan)
+    sigma = (
+        known if np.isfinite(known).all() else np.where(np.isfinite(known), known, _sigma(channels, spectra))
+    )
+    margin = np.maximum(2.0, 1.0 + 4.0 / np.sqrt(np.maximum(spectra.counts, 1)))
+    bins = np.arange(1, spectra.mean.shape[1] + 1)
+    highest = np.where(spectra.mean > (sigma**2 * margin)[:, None], bins, 1).max(axis=1)
+    return sigma, np.where(spectra.counts > 0, highest * rate / spectra.block, np.nan)
 
 
 def _channels(samples: ArrayLike) -> Floats:
-    """(C, N), each channel in one piece."""
+    """The channels as rows (C, N), contiguous."""
     values = np.asarray(samples, dtype=np.float64)
     return np.ascontiguousarray(np.atleast_2d(values.T))
 
 
 def _block(channels: Floats) -> int:
-    """Samples of a block that resolves the band: a third of the record at most."""
+    """Samples in a block for the bandwidth: a power of two, at most a third of the record."""
     return int(min(256, 2 ** int(np.log2(max(channels.shape[1] // 3, 16)))))
 
 
-def _sigma(channels: Floats, seen: BlockSpectra | None) -> Floats:
-    """(C,) noise of the channels, of which `seen` may be known."""
+def _sigma(channels: Floats, computed: BlockSpectra | None) -> Floats:
+    """Noise (C,) of the channels, whose spectra may be `computed` already."""
     sigma = np.full(len(channels), np.nan)
     for block, fewest in _FEWEST.items():
-        untold = np.isnan(sigma)
-        if not untold.any():
+        pending = np.isnan(sigma)
+        if not pending.any():
             break
-        known = seen is not None and seen.block == block and untold.all()
-        look = seen if seen is not None and known else _look(channels[untold], block)
-        sigma[untold] = np.sqrt(_shared_level(look, fewest))
+        reusable = computed is not None and computed.block == block and pending.all()
+        spectra = computed if computed is not None and reusable else _spectra(channels[pending], block)
+        sigma[pending] = np.sqrt(_levels(spectra, fewest))
     return sigma
 
 
-def _shared_level(look: BlockSpectra, fewest: int) -> Floats:
-    """(C,) power that the quiet cells of each channel share, NaN with fewer than so many whole blocks."""
-    deep = _CELLS[look.block][1]
-    if look.cells.shape[1] >= fewest and (look.counts == look.cells.shape[1]).all():
-        return _quiet_level(look.cells, deep)
-    level = np.full(len(look.cells), np.nan)
-    for channel, cells in enumerate(look.cells):
-        if look.counts[channel] >= fewest:
-            level[channel] = _quiet_level(cells[np.isfinite(cells[:, 0])][None], deep)[0]
+def _levels(spectra: BlockSpectra, fewest: int) -> Floats:
+    """Noise power (C,) of each channel, NaN with fewer than `fewest` complete blocks."""
+    depth = _CELLS[spectra.block][1]
+    if spectra.cells.shape[1] >= fewest and (spectra.counts == spectra.cells.shape[1]).all():
+        return _noise_level(spectra.cells, depth)
+    level = np.full(len(spectra.cells), np.nan)
+    for channel, cells in enumerate(spectra.cells):
+        if spectra.counts[channel] >= fewest:
+            level[channel] = _noise_level(cells[np.isfinite(cells[:, 0])][None], depth)[0]
     return level
 
 
-def _quiet_level(power: Floats, deep: int) -> Floats:
-    """(C,) mean power of the cells that hold noise alone; power (C, B, G), all finite, cells `deep` blocks long."""
+def _noise_level(power: Floats, depth: int) -> Floats:
+    """Mean power (C,) of the cells without motion, from the finite `power` (C, B, G); a cell has `depth` blocks."""
     channels, blocks, groups = power.shape
-    deep = min(deep, blocks)
-    columns = power[:, : blocks // deep * deep].reshape(channels, -1, deep, groups)
-    cells = np.sort(columns.sum(axis=2).reshape(channels, -1) / deep, axis=1)
-    total, every = np.cumsum(cells, axis=1), np.arange(channels)
-    level = cells[:, int(_QUIET * cells.shape[1])] / _QUIET_LEVEL
+    depth = min(depth, blocks)
+    columns = power[:, : blocks // depth * depth].reshape(channels, -1, depth, groups)
+    cells = np.sort(columns.sum(axis=2).reshape(channels, -1) / depth, axis=1)
+    total, rows = np.cumsum(cells, axis=1), np.arange(channels)
+    level = cells[:, int(_QUANTILE * cells.shape[1])] / _QUANTILE_LEVEL
     for _ in range(5):
-        last = np.maximum(np.sum(cells <= _LOUD * level[:, None], axis=1) - 1, 0)
-        level = total[every, last] / (last + 1)
+        last = np.maximum(np.sum(cells <= _MOTION * level[:, None], axis=1) - 1, 0)
+        level = total[rows, last] / (last + 1)
     return np.asarray(level)
 
 
-def _look(channels: Floats, block: int) -> BlockSpectra:
-    """At `channels` (C, N), in blocks of so many samples."""
-    hann, unit, groups = _spectrum(block)
+def _spectra(channels: Floats, block: int) -> BlockSpectra:
+    """Spectra of `channels` (C, N) in blocks of `block` samples."""
+    hann, unit, groups = _window_and_bins(block)
     blocks = max(0, (channels.shape[1] - _ORDER - block) // (block // 2) + 1)
     total, counts = np.zeros((len(channels), len(groups))), np.zeros(len(channels), dtype=int)
     cells = np.empty((len(channels), blocks, groups.shape[1]))
-    steep = np.empty(max(channels.shape[1] - _ORDER, block))
-    pieces = np.lib.stride_tricks.sliding_window_view(steep, block)[:: block // 2]
+    differences = np.empty(max(channels.shape[1] - _ORDER, block))
+    pieces = np.lib.stride_tricks.sliding_window_view(differences, block)[:: block // 2]
     for channel, samples in enumerate(channels if blocks else ()):
-        steep[:] = np.correlate(samples, _DIFFERENCES)
-        for first in range(0, blocks, _AT_ONCE):
-            waves = np.fft.rfft(pieces[first : first + _AT_ONCE] * hann)[:, 1:-1].view(np.float64)
+        differences[:] = np.correlate(samples, _DIFFERENCES)
+        for first in range(0, blocks, _CHUNK):
+            waves = np.fft.rfft(pieces[first : first + _CHUNK] * hann)[:, 1:-1].view(np.float64)
             waves *= waves
-            part = cells[channel, first : first + _AT_ONCE]
+            part = cells[channel, first : first + _CHUNK]
             np.matmul(waves, groups, out=part)
-            whole = np.isfinite(part[:, 0])
-            total[channel] += (waves if whole.all() else waves[whole]).sum(axis=0)
-            counts[channel] += np.count_nonzero(whole)
+            complete = np.isfinite(part[:, 0])
+            total[channel] += (waves if complete.all() else waves[complete]).sum(axis=0)
+            counts[channel] += np.count_nonzero(complete)
     mean = total.reshape(len(channels), -1, 2).sum(axis=2) * unit / np.maximum(counts, 1)[:, None]
     return BlockSpectra(block, mean, counts, cells)
 
 
 @lru_cache(maxsize=32)
-def _spectrum(block: int) -> tuple[Floats, Floats, Floats]:
-    """The Hann window (block,), what takes the power of white noise, once differenced, to 1 in each bin (K,), and what takes
-    squares of cosines and sines in turn to such power in groups of the bins where noise is looked for, (2 K, G).
+def _window_and_bins(block: int) -> tuple[Floats, Floats, Floats]:
+    """The Hann window (block,), the factor (K,) that makes the power of differenced white noise 1 in each bin, and the matrix
+    (2 K, G) from squared cosine and sine parts, alternating, to power in G groups of bins.
     """
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(block) + 0.5) / block)
     bins = np.arange(1, block // 2)
@@ -184,6 +189,6 @@ def _spectrum(block: int) -> tuple[Floats, Floats, Floats]:
     wide, lowest = _CELLS[block][0], int(_LOWEST * block)
     groups = np.zeros((len(bins), (block // 2 - lowest) // wide))
     for group in range(groups.shape[1]):
-        here = slice(lowest - 1 + group * wide, lowest - 1 + (group + 1) * wide)
-        groups[here, group] = unit[here] / wide
+        members = slice(lowest - 1 + group * wide, lowest - 1 + (group + 1) * wide)
+        groups[members, group] = unit[members] / wide
     return hann, unit, np.repeat(groups, 2, axis=0)

@@ -1,7 +1,6 @@
-"""Two smoothers that differentiate: local polynomials (Savitzky-Golay) and a smoothing spline that finds its own smoothness.
+"""Smoothers with derivatives: local polynomials (Savitzky-Golay) and a smoothing spline with cross-validated smoothness.
 
-Both take evenly sampled channels (N, C) without gaps and are linear in them, so noise passes through as it does through
-a filter.
+Both take evenly sampled channels (N, C) without gaps and are linear, so they act on noise as filters do.
 """
 
 from __future__ import annotations
@@ -16,11 +15,11 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 
-_VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120  # quintic B-splines and their derivatives at a knot
+_VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120  # quintic B-splines and their derivatives at the knots
 _SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24
-_BEND = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6
-_MARGIN = 1.4  # cut-off of a Savitzky-Golay window in bandwidths: the best derivatives at 20 to 60 dB
-_PENALTY = 4  # order of the differences that are penalised: with 4 the second derivative comes out best
+_CURVATURE = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6
+_MARGIN = 1.4  # cut-off of a Savitzky-Golay window in bandwidths; gives the best derivatives at 20 to 60 dB
+_PENALTY = 4  # order of the penalised differences; 4 gives the best second derivatives
 _SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/200 of the sampling rate
 
 
@@ -29,42 +28,42 @@ def savitzky_golay(
 ) -> tuple[Floats, Floats, Floats]:
     """Value, first and second time derivative, each (N, C), of the polynomial fitted to 2 `half` + 1 samples around each.
 
-    Nearer than `half` to an end the polynomial of the first or last whole window is evaluated off its centre. (Savitzky, Golay
-    1964.) `rate` in Hz. Raises RecordError for a window longer than the record or too short for the degree.
+    Closer than `half` to an end, the polynomial of the first or last complete window is evaluated off its centre (Savitzky and
+    Golay 1964). `rate` in Hz. Raises RecordError for a window longer than the record or too short for the degree.
     """
     values = _columns(samples)
     length = 2 * half + 1
     if length <= degree or length > len(values):
         raise RecordError(
-            f"a Savitzky-Golay window of {length} samples cannot carry a polynomial of degree {degree} through a record of "
-            f"{len(values)} samples; it needs more samples than the degree and fewer than the record"
+            f"a Savitzky-Golay window for degree {degree} must have more than {degree} and at most {len(values)} samples (the "
+            f"record), got {length}"
         )
     u = np.arange(-half, half + 1) / half
     fit = np.linalg.pinv(np.vander(u, degree + 1, increasing=True))  # (degree + 1, length)
-    answers = []
+    derivatives = []
     for order in range(3):
         unit = (rate / half) ** order
         kernel = fit[order] * factorial(order) * unit
-        answer = np.empty_like(values)
+        derivative = np.empty_like(values)
         for channel in range(values.shape[1]):
-            answer[half : len(values) - half, channel] = np.correlate(
+            derivative[half : len(values) - half, channel] = np.correlate(
                 values[:, channel], kernel, mode="valid"
             )
         slopes = _derivative_rows(u, degree, order) * unit @ fit
-        answer[:half] = slopes[:half] @ values[:length]
-        answer[len(values) - half :] = slopes[half + 1 :] @ values[-length:]
-        answers.append(answer)
-    return answers[0], answers[1], answers[2]
+        derivative[:half] = slopes[:half] @ values[:length]
+        derivative[len(values) - half :] = slopes[half + 1 :] @ values[-length:]
+        derivatives.append(derivative)
+    return derivatives[0], derivatives[1], derivatives[2]
 
 
 def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> int:
     """Half width in samples of the Savitzky-Golay window for motion up to `bandwidth` in Hz, at the sampling rate in Hz.
 
-    Its -3 dB cut-off lies at 1.4 times the bandwidth, since a second derivative is damped well before the value is. Schafer,
+    The -3 dB cut-off is at 1.4 times the bandwidth, since the second derivative is attenuated well before the value. Schafer,
     "What is a Savitzky-Golay filter?", 2011, Eq. (12): f_c = (degree + 1) / (3.2 half - 4.6) in half sampling rates.
     """
     cut = 2 * _MARGIN * bandwidth / rate
-    even = degree // 2 * 2  # by symmetry the value passes as through the even degree below
+    even = degree // 2 * 2  # by symmetry the value is smoothed as with the even degree below
     return max(ceil(((even + 1) / cut + 4.6) / 3.2), degree // 2 + 1)
 
 
@@ -89,7 +88,7 @@ class SmoothingSpline:
 
     def second(self) -> Floats:
         """(N, C) second derivative by time."""
-        return _stencil(self.coefficients, _BEND) * self.rate**2
+        return _stencil(self.coefficients, _CURVATURE) * self.rate**2
 
     @property
     def reach(self) -> int:
@@ -107,9 +106,9 @@ def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None
     """
     values = _columns(samples)
     if len(values) < 16:
-        raise RecordError(f"{len(values)} samples are too few for a smoothing spline; it needs 16")
+        raise RecordError(f"{len(values)} samples are too few for a smoothing spline, which needs 16")
     if smoothing is not None and not _SMOOTHINGS[0] <= smoothing <= _SMOOTHINGS[-1]:
-        raise RecordError(f"a smoothing of {smoothing!r} was given; it must lie between 1e-8 and 1e12")
+        raise RecordError(f"smoothing must be between 1e-8 and 1e12, got {smoothing!r}")
     weights = _SMOOTHINGS if smoothing is None else np.array([smoothing])
     best = np.full(values.shape[1], np.inf)
     coefficients, chosen = np.zeros((len(values) + 4, values.shape[1])), np.zeros(values.shape[1])
@@ -131,7 +130,7 @@ def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None
 
 
 def _refined(factor: Floats, solved: Floats, values: Floats, weight: float) -> Floats:
-    """Spline coefficients with the digits that a strong penalty costs: two corrections against the residual."""
+    """Spline coefficients after two steps of iterative refinement, for the digits that a strong penalty costs."""
     for _ in range(2):
         rest = _transposed(values - _stencil(solved, _VALUE), _VALUE)
         rest -= weight * _transposed(_stencil(solved, _differences()), _differences())
@@ -145,8 +144,8 @@ def _columns(samples: ArrayLike) -> Floats:
     missing = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if missing.size:
         raise RecordError(
-            f"{missing.size} samples are missing, the first is number {missing[0]}; no smoother bridges a gap: smooth the "
-            "complete pieces one by one"
+            f"{missing.size} samples are missing, the first at index {missing[0]}; smoothers cannot bridge a gap: smooth the "
+            "complete pieces separately"
         )
     return values
 
@@ -184,14 +183,14 @@ def _differences() -> Floats:
 def _normal_bands(stencil: Floats, rows: int) -> Floats:
     """S'S in LAPACK's lower banded form, S (rows, rows + len - 1) with `stencil` along its diagonals."""
     bands = np.zeros((len(stencil), rows + len(stencil) - 1))
-    for left, one in enumerate(stencil):
+    for left, weight in enumerate(stencil):
         for right in range(left, len(stencil)):
-            bands[right - left, left : left + rows] += one * stencil[right]
+            bands[right - left, left : left + rows] += weight * stencil[right]
     return bands
 
 
 def _trace(weight: float, samples: int) -> float:
-    """Degrees of freedom of the smoother: its gain averaged over the band, and one for each free coefficient of a cubic."""
+    """Degrees of freedom of the smoother: its gain averaged over the band, plus one for each coefficient of a cubic."""
     angle = (np.arange(4096) + 0.5) * np.pi / 4096
     gain = ((66 + 52 * np.cos(angle) + 2 * np.cos(2 * angle)) / 120) ** 2
     passed = np.mean(gain / (gain + weight * (2 * np.sin(angle / 2)) ** (2 * _PENALTY)))

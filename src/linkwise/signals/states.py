@@ -1,7 +1,7 @@
-"""States by differentiation: what the paper's way to equations needs (its section 3, step 3).
+"""Displacements, velocities and accelerations by differentiation, as in the paper (its section 3, step 3).
 
-What was measured is taken as measured. What was not is derived from the channel next to it: v from x, a from v where
-there is a v, else from x; a channel that had to be smoothed for that is replaced by its smoothed self.
+Measured quantities are used as measured. The others are derived from the next channel: v from x, and a from v if it is
+measured, else from x. A channel that is smoothed for this is replaced by its smoothed samples.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth
 from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
 
-Method = Literal["spline", "savgol", "differences"]
+DifferentiationMethod = Literal["spline", "savgol", "differences"]
 
 _METHODS = {
     "spline": "smoothing spline, smoothness by generalised cross-validation",
@@ -30,10 +30,33 @@ _METHODS = {
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """Motion of n masses at N times: `time` (N,) s, `x`, `v`, `a` (N, n) in m, m/s, m/s^2, `masses` (n,) their names.
+    """Motion of n masses at N times, measured and derived.
 
-    `forces` (N, n) N are the applied forces, zero where none was recorded; `base` and `base_velocity` (N,) the motion
-    of the base in m and m/s, None without one. `driven` names the masses with a force channel.
+    Attributes
+    ----------
+    time : array of shape (N,)
+        Times in s.
+    masses : tuple of str
+        Names of the masses.
+    x, v, a : array of shape (N, n)
+        Displacements in m, velocities in m/s and accelerations in m/s^2.
+    forces : array of shape (N, n)
+        Applied forces in N, zero where none was recorded.
+    driven : tuple of str
+        Names of the masses with a force channel.
+    base, base_velocity : array of shape (N,) or None
+        Motion of the base in m and m/s; None without a base channel.
+
+    See Also
+    --------
+    differentiate : Derive them from a record.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> lw.differentiate(record, "differences").a.shape
+    (501, 2)
     """
 
     time: Floats
@@ -50,32 +73,52 @@ class States:
         return len(self.time)
 
 
-def differentiate(record: Record, method: Method = "spline", *, order: int = 4) -> States:
-    """States of every mass with a sensor.
+def differentiate(record: Record, method: DifferentiationMethod = "spline", *, order: int = 4) -> States:
+    """Displacement, velocity and acceleration of every mass with a sensor.
 
-    `method` is "spline" (quintic smoothing spline, smoothness found by cross-validation), "savgol" (Savitzky-Golay,
-    degree 5, window from the bandwidth) or "differences" (central, of `order` 2, 4 or 6, no smoothing). Samples at both
-    ends that one-sided derivatives would spoil are left out, so `time` may be shorter than the record; nothing is lost
-    where x, v and a are measured.
+    Parameters
+    ----------
+    record : Record
+        A record without missing samples, with a displacement channel for every mass.
+    method : {"spline", "savgol", "differences"}, optional
+        Quintic smoothing spline with cross-validated smoothness; Savitzky-Golay filter of degree 5 with a window from the
+        bandwidth; or central differences without smoothing.
+    order : {2, 4, 6}, optional
+        Order of the differences.
 
-    Raises RecordError for a mass without displacement, a base known only by its velocity or acceleration, missing samples, an
-    unknown method or order.
+    Returns
+    -------
+    States
+        The motion. Samples near both ends, where derivatives are one-sided, are left out unless x, v and a are measured.
+
+    Raises
+    ------
+    RecordError
+        If a mass or the base has no displacement channel, samples are missing, or the method or order is unknown.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+    >>> states = lw.differentiate(record.with_noise(40.0, seed=1))
+    >>> states.masses
+    ('m1', 'm2')
     """
     if method not in _METHODS:
         listed = ", ".join(f'"{name}" ({what})' for name, what in _METHODS.items())
-        raise RecordError(f"{method!r} is no way to differentiate; there are {listed}")
+        raise RecordError(f"unknown method {method!r}; choose from {listed}")
     _require_complete(record)
     if not record.masses:
         raise RecordError(
             f"the record has no response channel to differentiate, only {', '.join(record.channels)}"
         )
     bodies = (*record.masses, *(["base"] if any(name.endswith(":base") for name in record.channels) else []))
-    x, v, a, lost = _motions(record, bodies, method, order)
-    if len(record) <= 2 * lost:
+    x, v, a, margin = _motions(record, bodies, method, order)
+    if len(record) <= 2 * margin:
         raise RecordError(
-            f"{len(record)} samples are too few: {lost} at each end have only one-sided derivatives"
+            f"{len(record)} samples are too few, since {margin} at each end have one-sided derivatives only"
         )
-    kept = slice(lost, len(record) - lost)
+    kept = slice(margin, len(record) - margin)
     count = len(record.masses)
     driven = tuple(mass for mass in record.masses if f"force:{mass}" in record.channels)
     forces = np.zeros((len(record), count))
@@ -101,34 +144,36 @@ def finite_differences(samples: Floats, rate: float, derivative: int, *, order: 
     """
     if order not in (2, 4, 6) or derivative not in (1, 2):
         raise RecordError(
-            f"differences come in order 2, 4 and 6 for derivatives 1 and 2; got order {order!r} for {derivative!r}"
+            f"differences have order 2, 4 or 6 and derivative 1 or 2, got order {order!r} and derivative {derivative!r}"
         )
     half = order // 2
-    length = order + derivative  # points that a one-sided stencil of this order needs
+    length = order + derivative  # points of a one-sided stencil of this order
     if len(samples) < max(length, 2 * half + 1):
         raise RecordError(f"{len(samples)} samples are too few for differences of order {order}")
-    answer = np.zeros_like(samples)
+    result = np.zeros_like(samples)
     count = len(samples) - 2 * half
     for lag, weight in enumerate(_stencil(2 * half + 1, half, derivative)):
-        answer[half : half + count] += weight * samples[lag : lag + count]
+        result[half : half + count] += weight * samples[lag : lag + count]
     for row in range(half):
         weights = _stencil(length, row, derivative)
-        answer[row] = np.tensordot(weights, samples[:length], axes=1)
-        answer[-1 - row] = (-1) ** derivative * np.tensordot(weights, samples[: -length - 1 : -1], axes=1)
-    return answer * rate**derivative
+        result[row] = np.tensordot(weights, samples[:length], axes=1)
+        result[-1 - row] = (-1) ** derivative * np.tensordot(weights, samples[: -length - 1 : -1], axes=1)
+    return result * rate**derivative
 
 
 def _motions(
-    record: Record, bodies: tuple[str, ...], method: Method, order: int
+    record: Record, bodies: tuple[str, ...], method: DifferentiationMethod, order: int
 ) -> tuple[Floats, Floats, Floats, int]:
-    """x, v, a (N, len(bodies)) of masses or the base, and how many samples at each end are poor."""
+    """x, v, a (N, len(bodies)) of masses or the base, and the number of inaccurate samples at each end."""
     sources = {body: source for body in bodies if (source := _source(record, body))}
     derived: dict[str, tuple[Floats, ...]] = {}
-    lost = 0
+    margin = 0
     if sources:
         samples = np.column_stack([record.channel(source) for source in sources.values()])
-        *found, lost = _derivatives(samples, record.rate, method, order)
-        derived = {body: tuple(one[:, column] for one in found) for column, body in enumerate(sources)}
+        *derivatives, margin = _derivatives(samples, record.rate, method, order)
+        derived = {
+            body: tuple(values[:, column] for values in derivatives) for column, body in enumerate(sources)
+        }
     motions: list[dict[str, Floats]] = []
     for body in bodies:
         motion = {
@@ -136,31 +181,31 @@ def _motions(
         }
         first = sources.get(body, "a")[0]  # the kind that was differentiated, "x" or "v"
         for kind, values in zip("xva"["xva".index(first) :], derived.get(body, ()), strict=False):
-            # A differentiated channel is replaced by its smoothed self; what else was measured stays.
+            # a differentiated channel is replaced by its smoothed samples; other measured ones are kept
             motion[kind] = values if kind == first or kind not in motion else motion[kind]
         motions.append(motion)
     x, v, a = (np.column_stack([motion[kind] for motion in motions]) for kind in "xva")
-    return x, v, a, lost
+    return x, v, a, margin
 
 
 def _source(record: Record, body: str) -> str | None:
-    """The channel that has to be differentiated for a mass or the base; None where x, v and a are measured."""
-    has = {kind: f"{kind}:{body}" in record.channels for kind in "xva"}
-    if not has["x"]:
-        given = " and ".join(f"{kind}:{body}" for kind in "va" if has[kind])
+    """The channel to differentiate for a mass or the base; None where x, v and a are measured."""
+    measured = {kind: f"{kind}:{body}" in record.channels for kind in "xva"}
+    if not measured["x"]:
+        given = " and ".join(f"{kind}:{body}" for kind in "va" if measured[kind])
         raise RecordError(
-            f"{body} has {given} but no displacement x:{body}, and integrating a record drifts; add the channel, or use a "
-            "method that works from the raw record (weak, ml)"
+            f"{body} has {given} but no displacement x:{body}, and integrating a record causes drift; add the channel, or "
+            "use a method that needs no derivatives ('weak', 'ml')"
         )
-    if not has["v"]:
+    if not measured["v"]:
         return f"x:{body}"
-    return None if has["a"] else f"v:{body}"
+    return None if measured["a"] else f"v:{body}"
 
 
 def _derivatives(
-    samples: Floats, rate: float, method: Method, order: int
+    samples: Floats, rate: float, method: DifferentiationMethod, order: int
 ) -> tuple[Floats, Floats, Floats, int]:
-    """Value, first and second derivative of channels (N, C), and the number of samples at each end that are poor."""
+    """Value, first and second derivative of channels (N, C), and the number of inaccurate samples at each end."""
     if method == "differences":
         first, second = (finite_differences(samples, rate, which, order=order) for which in (1, 2))
         return samples, first, second, 0
@@ -168,19 +213,21 @@ def _derivatives(
         spline = smoothing_spline(samples, rate)
         return spline.value(), spline.first(), spline.second(), spline.reach
     halves = [savitzky_golay_half(float(band), rate) for band in bandwidth(samples, rate)]
-    found = [savitzky_golay(samples[:, column], rate, half=half) for column, half in enumerate(halves)]
-    value, first, second = (np.concatenate([one[kind] for one in found], axis=1) for kind in range(3))
+    smoothed = [savitzky_golay(samples[:, column], rate, half=half) for column, half in enumerate(halves)]
+    value, first, second = (
+        np.concatenate([column[kind] for column in smoothed], axis=1) for kind in range(3)
+    )
     return value, first, second, max(halves)
 
 
 def _require_complete(record: Record) -> None:
-    """Raise RecordError, with the first place and the longest complete piece, where samples are missing."""
-    holes = record.missing
-    if not holes.any():
+    """Raise RecordError where samples are missing, with the first time and the longest complete piece."""
+    missing = record.missing
+    if not missing.any():
         return
-    column = int(np.argmax(holes.sum(axis=0)))
-    first = float(record.time[int(np.argmax(holes[:, column]))])
-    edges = np.flatnonzero(np.concatenate([[True], holes.any(axis=1), [True]]))
+    column = int(np.argmax(missing.sum(axis=0)))
+    first = float(record.time[int(np.argmax(missing[:, column]))])
+    edges = np.flatnonzero(np.concatenate([[True], missing.any(axis=1), [True]]))
     longest = int(np.argmax(np.diff(edges)))
     piece = record.time[edges[longest] : edges[longest + 1] - 1]
     advice = (
@@ -189,7 +236,7 @@ def _require_complete(record: Record) -> None:
         else "no row is complete"
     )
     raise RecordError(
-        f"{int(holes[:, column].sum())} samples are missing, the first at {first:g} s, and derivatives do not cross a gap; "
+        f"{int(missing[:, column].sum())} samples are missing, the first at {first:g} s, and derivatives cannot cross a gap; "
         f"{advice}, and the weak form needs no derivatives",
         channel=record.channels[column],
     )
@@ -197,7 +244,7 @@ def _require_complete(record: Record) -> None:
 
 @lru_cache(maxsize=64)
 def _stencil(points: int, at: int, derivative: int) -> tuple[float, ...]:
-    """Weights of evenly spaced samples (step 1) for a derivative at sample `at`, exact for the highest degree possible."""
+    """Weights of samples at spacing 1 for a derivative at sample `at`, exact for the highest possible degree."""
     powers = np.vander(np.arange(points, dtype=np.float64) - at, points, increasing=True).T
     right = np.zeros(points)
     right[derivative] = factorial(derivative)

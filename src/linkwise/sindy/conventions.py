@@ -16,7 +16,7 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
-from linkwise.signals.states import Method, States, differentiate
+from linkwise.signals.states import DifferentiationMethod, States, differentiate
 
 Convention = Literal["displacement", "states", "differenced", "derivatives"]
 
@@ -33,7 +33,12 @@ MEANING: dict[Convention, str] = {
 
 
 def noisy_states(
-    record: Record, convention: Convention, snr_db: float, *, seed: int, derivative: Method = "spline"
+    record: Record,
+    convention: Convention,
+    snr_db: float,
+    *,
+    seed: int,
+    derivative: DifferentiationMethod = "spline",
 ) -> States:
     """States of a clean simulated record as a study of noise would see them.
 

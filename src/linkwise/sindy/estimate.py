@@ -17,7 +17,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import noise_variance
-from linkwise.signals.states import Method as Derivative
+from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.signals.states import States, differentiate
 from linkwise.sindy.library import link_columns
 from linkwise.sindy.regression import REGRESSORS

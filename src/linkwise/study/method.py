@@ -13,7 +13,7 @@ from linkwise.estimates.estimator import Estimator
 from linkwise.identification.force_error import nmse
 from linkwise.identification.identify import IdentificationMethod, identify
 from linkwise.records.record import Record
-from linkwise.signals.states import Method as Derivative
+from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.sindy.estimate import PhysicsInformedSindy
 from linkwise.study.subject import Subject
 
