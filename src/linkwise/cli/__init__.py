@@ -10,27 +10,39 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import MutableMapping, Sequence
+from typing import cast
 
 import click
 
 from linkwise import __version__
 from linkwise.atomic import is_disk_fault
-from linkwise.cli.absorb import absorb
 from linkwise.cli.console import fail
-from linkwise.cli.discover import discover
 from linkwise.cli.flags import with_flags
-from linkwise.cli.identify import identify
-from linkwise.cli.limit import limit
-from linkwise.cli.simulate import simulate
-from linkwise.cli.structure import structure
-from linkwise.cli.study import study
 from linkwise.errors import LinkwiseError
+from linkwise.registry import Registry
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
+COMMANDS: Registry[click.Command] = Registry(
+    "command",
+    {
+        "structure": "linkwise.cli.structure:structure",
+        "limit": "linkwise.cli.limit:limit",
+        "simulate": "linkwise.cli.simulate:simulate",
+        "identify": "linkwise.cli.identify:identify",
+        "discover": "linkwise.cli.discover:discover",
+        "absorb": "linkwise.cli.absorb:absorb",
+        "study": "linkwise.cli.study:study",
+    },
+)
+"""The commands by name; each is loaded when it is run, or described."""
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+
+@click.group(
+    commands=cast(MutableMapping[str, click.Command], COMMANDS),  # click reads it only
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__)
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def linkwise(debug: bool) -> None:
@@ -44,10 +56,6 @@ def linkwise(debug: bool) -> None:
       linkwise identify run.csv unknown.toml -o answer
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 -o found
     """
-
-
-for command in (structure, limit, simulate, identify, discover, absorb, study):
-    linkwise.add_command(command)
 
 
 def run(arguments: Sequence[str]) -> int:
