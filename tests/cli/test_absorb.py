@@ -191,7 +191,11 @@ def test_a_sweep_as_json(chain: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["nes1.alpha=-200:20:5:log"], 2, "cannot go in equal ratios; both ends need one sign and no zero"),
         (["nes1.alpha=-200:20:5", "nes1.alpha=1:2:3"], 2, "--sweep is given twice for 'nes1.alpha'"),
         (["nes1.gamma=1:2:3"], 2, 'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
-        (["nes1.alpha=-9:-1:2", "nes1.beta=1:2:2", "nes1.c=1:2:2"], 2, "a sweep takes one or two parameters, got 3"),
+        (
+            ["nes1.alpha=-9:-1:2", "nes1.beta=1:2:2", "nes1.c=1:2:2"],
+            2,
+            "a sweep takes one or two parameters, got 3",
+        ),
     ],
 )
 def test_what_cannot_be_swept_is_one_paragraph(
