@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from functools import singledispatch
 from math import floor, isfinite, log10
 
+_MARKED = ("=", "+", "-", "@", "\t", "\r", "'")  # with which a formula may begin, and the apostrophe itself
 LONGEST = 2000  # characters of a message: what a screen shows beside what was typed
 
 
@@ -17,6 +18,20 @@ def shortened(message: str, most: int = LONGEST) -> str:
     half = most // 2
     left_out = len(message) - 2 * half
     return f"{message[:half]} [... {left_out} characters ...] {message[-half:]}"
+
+
+def csv_cell(value: object) -> object:
+    """`value` for a cell of a CSV file: a text that a spreadsheet would run as a formula gets an apostrophe in front.
+
+    >>> [csv_cell(value) for value in ("nes1", "=1+1", "'quoted", -2.5)]
+    ['nes1', "'=1+1", "''quoted", -2.5]
+    """
+    return f"'{value}" if isinstance(value, str) and value.startswith(_MARKED) else value
+
+
+def from_csv_cell(cell: str) -> str:
+    """The text that `csv_cell` has written."""
+    return cell[1:] if cell.startswith("'") else cell
 
 
 @singledispatch

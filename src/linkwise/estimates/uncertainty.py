@@ -16,6 +16,7 @@ from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
+from linkwise.text import csv_cell, from_csv_cell
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -93,7 +94,8 @@ def write_covariance(knowledge: Posterior, path: Path) -> None:
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow(_HEADER)
         for i, j in zip(first.tolist(), second.tolist(), strict=True):
-            lines.writerow((knowledge.names[i], knowledge.names[j], repr(float(knowledge.covariance[i, j]))))
+            names = (csv_cell(knowledge.names[k]) for k in (i, j))
+            lines.writerow((*names, repr(float(knowledge.covariance[i, j]))))
 
 
 def read_posterior(folder: str | Path) -> Posterior:
@@ -132,7 +134,7 @@ def _bounds(names: Sequence[str]) -> tuple[Floats, Floats]:
 def _entry(path: Path, number: int, line: list[str]) -> tuple[str, str, float]:
     try:
         first, second, value = line
-        return first, second, float(value)
+        return from_csv_cell(first), from_csv_cell(second), float(value)
     except ValueError:
         text = ",".join(line)
         raise RecordError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from linkwise.report.absorption_page import (
     map_page,
 )
 from linkwise.report.section import Reported, sections_of, write_figures
+from linkwise.text import csv_cell
 
 
 def write_absorption(
@@ -70,9 +72,9 @@ def _finish(partial: Path, result: dict[str, Any]) -> None:
 
 def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) -> None:
     """A CSV file with a header."""
-    np.savetxt(
-        path, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(names), comments=""
-    )
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow([csv_cell(name) for name in names])
+        np.savetxt(file, np.column_stack(columns), fmt="%.10g", delimiter=",")
 
 
 def _write_histories(answer: Answer, folder: Path) -> None:
@@ -98,5 +100,9 @@ def _write_histories(answer: Answer, folder: Path) -> None:
         ]
         columns += [side.supplied, side.stored, *side.dissipated.T]
     _write_columns(folder / "energy.csv", names, columns)
-    rows = [f"{work.sink.link},{time:.12g}" for work in found.sinks for time in work.crossings]
-    (folder / "crossings.csv").write_text("\n".join(["sink,time", *rows]) + "\n", encoding="utf-8")
+    with (folder / "crossings.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("sink", "time"))
+        writer.writerows(
+            (csv_cell(work.sink.link), f"{time:.12g}") for work in found.sinks for time in work.crossings
+        )

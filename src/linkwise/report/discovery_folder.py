@@ -18,6 +18,7 @@ from linkwise.report.discovery_page import SECTIONS, discovery_page
 from linkwise.report.estimate_folder import write_numbers, write_page
 from linkwise.report.estimate_page import estimate_figures
 from linkwise.report.section import Reported, sections_of, write_figures
+from linkwise.text import csv_cell
 
 
 def write_discovery(
@@ -74,4 +75,4 @@ def _cell(value: object) -> str:
         return str(value).lower()
     if isinstance(value, float):
         return f"{value:.10g}" if math.isfinite(value) else ""
-    return str(value)
+    return str(csv_cell(str(value)))

@@ -17,6 +17,7 @@ from linkwise.report.section import embedded
 from linkwise.report.study_figures import STUDY_FIGURES
 from linkwise.report.study_page import Illustration, StudyReport, study_page
 from linkwise.study.store import read_rows, stored_study
+from linkwise.text import csv_cell
 
 _FIGURES = "figures"
 
@@ -66,7 +67,7 @@ def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> No
     with atomic_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         names = [f"{method}: {column}" for method in methods for column in columns]
-        writer.writerow(["snr_db", "masses", "paper: percent", *names])
+        writer.writerow(["snr_db", "masses", "paper: percent", *map(csv_cell, names)])
         for cell in comparison.cells:
             line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
             for method in methods:

@@ -14,6 +14,7 @@ from linkwise.atomic import atomic_file
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows
 from linkwise.study.summary import cell_record, study_summary
+from linkwise.text import csv_cell
 
 ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
 
@@ -65,4 +66,4 @@ def _write_csv(path: Path, names: Sequence[str], records: Sequence[dict[str, Any
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, names, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(records)
+        writer.writerows({name: csv_cell(value) for name, value in record.items()} for record in records)
