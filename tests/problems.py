@@ -37,7 +37,7 @@ class Problem:
     def errors(self, fit: lw.Estimate) -> np.ndarray:
         """(p,) errors of the coefficients that `fit` found, in its standard errors."""
         deviations = np.sqrt(fit.covariance.diagonal())
-        return np.asarray((fit.values - truth(self.structure, fit.asked)) / deviations)
+        return np.asarray((fit.values - truth(self.structure, fit.given_structure)) / deviations)
 
 
 def paper_speed(masses: int) -> float:

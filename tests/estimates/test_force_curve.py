@@ -44,5 +44,5 @@ def test_curve_of_a_measured_record_has_what_was_measured(measured: lw.Estimate,
 
 
 def test_curve_without_any_force_has_no_samples(measured: lw.Estimate) -> None:
-    blind = replace(measured, moved=lambda: replace(measured.motion, leave=lambda: None))
+    blind = replace(measured, compute_motion=lambda: replace(measured.motion, compute_residual=lambda: None))
     assert len(force_curve(blind, "nes1").sample_d) == 0

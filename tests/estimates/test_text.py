@@ -76,7 +76,7 @@ def answer() -> lw.Estimate:
         fit_verdicts=(lw.Verdict.CONVERGED,),
         message="The laws explain the record to within its noise.",
         seconds=0.0123,
-        asked=asked,
+        given_structure=asked,
         parameters=asked.parameters,
         values=np.array([values[each.name] for each in asked.parameters]),
         covariance=np.diag([errors[each.name] ** 2 for each in asked.parameters]),
@@ -84,13 +84,13 @@ def answer() -> lw.Estimate:
         noise={"x:m1": NoiseEstimate(1.1512e-4, "m", 20.02), "x:m2": NoiseEstimate(0.0, "m", np.inf)},
         chi_square_per_sample=1.0031,
         samples=12002,
-        moved=lambda: LinkMotion(
+        compute_motion=lambda: LinkMotion(
             structure=asked.with_values(values),
             time=np.arange(5) / 1000.0,
             d=steps * [0.005, 0.03],
             v=steps * [0.9, 5.6],
-            visited=np.array([[-0.00563, 0.00567], [-0.03054, 0.02969]]),
-            leave=lambda: None,
+            d_range=np.array([[-0.00563, 0.00567], [-0.03054, 0.02969]]),
+            compute_residual=lambda: None,
         ),
         record=lw.Record(0.0, 1000.0, ("x:m1",), steps),
     )

@@ -141,7 +141,7 @@ def test_records_are_cut_into_segments_with_their_own_steps(three: lw.Structure)
     assert segments.count == 81 + 21
     assert not segments.linked[80] and segments.linked.sum() == 100
     assert set(segments.step[:81]) == {5e-4} and set(segments.step[81:]) == {1e-3}
-    assert segments.seen[:, 0].sum() == 401 + 101
+    assert segments.observed[:, 0].sum() == 401 + 101
     assert segments.samples[1, 2, 81] == slow.channel("x:m3")[1]
     assert list(segments.sensors.offset) == [-1, 0, -1]
 

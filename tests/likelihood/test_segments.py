@@ -161,10 +161,10 @@ def test_missing_samples_carry_no_residual(
     segments: Segments, scales: Scales, point: Iterate, records: list[lw.Record], asked: lw.Structure
 ) -> None:
     misfit = evaluate(segments, point, scales, Gaussian())
-    assert segments.seen.sum() == 5 * (5 * (FIRST + SECOND) - 2) - 7
-    assert not misfit.residuals[~segments.seen].any()
-    assert misfit.residuals[segments.seen].all()
-    lost = np.where(segments.seen, segments.samples, 1e6)
+    assert segments.observed.sum() == 5 * (5 * (FIRST + SECOND) - 2) - 7
+    assert not misfit.residuals[~segments.observed].any()
+    assert misfit.residuals[segments.observed].all()
+    lost = np.where(segments.observed, segments.samples, 1e6)
     other = evaluate(replace(segments, samples=lost), point, scales, Gaussian())
     assert np.array_equal(other.residuals, misfit.residuals)
     a = linearise(segments, misfit, scales, Student()).equations(0.1)
@@ -193,7 +193,7 @@ def test_an_offset_moves_its_channel_and_no_other(segments: Segments, scales: Sc
         segments, replace(point, offsets=point.offsets + np.array([0.5, 0.0])), scales, Gaussian()
     )
     change = moved.residuals - misfit.residuals
-    assert change[:, 1][segments.seen[:, 1]] == pytest.approx(-0.5 / scales.sigma[1], rel=1e-12)
+    assert change[:, 1][segments.observed[:, 1]] == pytest.approx(-0.5 / scales.sigma[1], rel=1e-12)
     assert not np.delete(change, 1, axis=1).any()
 
 

@@ -177,7 +177,7 @@ def test_names_with_dollar_signs_are_printed_as_they_are(fitted: lw.Estimate) ->
     )
     odd = replace(
         fitted,
-        moved=lambda: replace(fitted.motion, structure=structure),
+        compute_motion=lambda: replace(fitted.motion, structure=structure),
         record=replace(fitted.record, simulated=None, source=f"{ODD}.csv"),
     )
     for figure in (lw.plot.force_figure(odd, ODD), lw.plot.histories_figure(odd.record)):

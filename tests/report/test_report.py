@@ -47,7 +47,7 @@ def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) 
     odd = replace(
         fitted,
         remarks=("The sink never left one well.",),
-        moved=lambda: replace(
+        compute_motion=lambda: replace(
             fitted.motion, structure=replace(fitted.structure, name="<script>alert(1)</script>")
         ),
     )

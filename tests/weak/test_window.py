@@ -80,8 +80,8 @@ def test_places_stand_for_all_samples(thin: int) -> None:
     for row in range(windows):
         here = slice(row * window.stride, row * window.stride + window.length)
         everywhere[:, :, here] += rows[:, row, None, None] * window.kernels
-    found = window.spread(rows, thin)
-    assert len(window.places(windows, thin)) == found.shape[2]
+    found = window.adjoint(rows, thin)
+    assert len(window.adjoint_windows(windows, thin)) == found.shape[2]
     edges = np.concatenate([everywhere[:, :, : window.half], everywhere[:, :, -window.half :]], axis=2)
     assert found[:, :, -2 * window.half :] == pytest.approx(edges, abs=1e-13)
     energy = np.sum(found**2, axis=2), np.sum(everywhere**2, axis=2)
@@ -96,10 +96,10 @@ def test_a_record_shorter_than_a_window_has_no_rows() -> None:
 
 def test_window_follows_the_band() -> None:
     """Twice the frequency, half the window; never narrower than the sampling or wider than 400 samples of deviation."""
-    halves = [Window.for_band(highest, 1000.0, quiet=False).half for highest in (5.0, 10.0, 20.0)]
+    halves = [Window.for_band(highest, 1000.0, noise_free=False).half for highest in (5.0, 10.0, 20.0)]
     assert halves[0] == pytest.approx(2 * halves[1], abs=2) and halves[1] == pytest.approx(
         2 * halves[2], abs=2
     )
-    assert Window.for_band(500.0, 1000.0, quiet=False).half == 8
-    assert Window.for_band(500.0, 1000.0, quiet=True).half > 8
-    assert Window.for_band(1e-6, 1000.0, quiet=False) == Window.of_deviation(400.0, 1e-3)
+    assert Window.for_band(500.0, 1000.0, noise_free=False).half == 8
+    assert Window.for_band(500.0, 1000.0, noise_free=True).half > 8
+    assert Window.for_band(1e-6, 1000.0, noise_free=False) == Window.of_deviation(400.0, 1e-3)

@@ -102,7 +102,7 @@ def inactive_terms(
         first, second = (row[end] for end in candidates.pairs[entry.pair].between)
         active = 0
         for motion, rate in zip(motions, rates, strict=True):
-            d = motion.ends[first] - motion.ends[second]
+            d = motion.displacements[first] - motion.displacements[second]
             present = np.ones(len(d), dtype=bool)
             if motion.missing is not None:
                 for end in {first, second} & set(range(len(motion.missing))):

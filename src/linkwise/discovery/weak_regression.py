@@ -45,7 +45,9 @@ class WeakRegression:
         That fit leaves the noise bias in, so that its normal matrix is always positive definite.
         """
         parameters = patches[0][1].parameters
-        numbers = np.unique(np.concatenate([patch.layout.parameter for some, _ in patches for patch in some]))
+        numbers = np.unique(
+            np.concatenate([patch.layout.free_parameters for some, _ in patches for patch in some])
+        )
         weights: Weights = tuple(tuple(1.0 / patch.largest() for patch in some) for some, _ in patches)
         for _ in range(_REWEIGHTINGS):
             values = np.zeros(len(parameters))

@@ -53,22 +53,21 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Values `values` (p,) of the unknowns `parameters` of `asked`, with their `covariance` (p, p), from `record`.
+    """Values `values` (p,) of the unknowns `parameters` of `given_structure`, with their `covariance` (p, p), from `record`.
 
     `fit_verdicts` are what can be said of the fit as a whole, and `message` says what the first of them means here; without
-    convergence, or with residuals that noise does not explain
-    (`chi_square_per_sample` far from 1), no interval is given.
-    `moved` tells, when asked, how the identified links moved; `profile` gives, for a likelihood fit, the profile-likelihood
-    interval of a parameter, from its name, its standard error and a function that is told each value tried.
-    `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals` is False
-    for methods whose covariance tells no more than the size of the residuals.
+    convergence, or with residuals that noise does not explain (`chi_square_per_sample` far from 1), no interval is given.
+    `compute_motion` tells, when asked, how the identified links moved; `profile` gives, for a likelihood fit, the
+    profile-likelihood interval of a parameter, from its name, its standard error and a function that is told each value
+    tried. `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals`
+    is False for methods whose covariance tells no more than the size of the residuals.
     """
 
     method: str
     fit_verdicts: tuple[Verdict, ...]
     message: str
     seconds: float
-    asked: Structure
+    given_structure: Structure
     parameters: tuple[Parameter, ...]
     values: Floats
     covariance: Floats | csc_array
@@ -76,7 +75,7 @@ class Estimate:
     noise: Mapping[str, NoiseEstimate]
     chi_square_per_sample: float | None
     samples: int
-    moved: Callable[[], LinkMotion]
+    compute_motion: Callable[[], LinkMotion]
     record: Record
     remarks: tuple[str, ...] = ()
     intervals: bool = True
@@ -119,7 +118,7 @@ class Estimate:
     @cached_property
     def motion(self) -> LinkMotion:
         """How the identified links moved."""
-        return self.moved()
+        return self.compute_motion()
 
     @cached_property
     def structure(self) -> Structure:
@@ -228,7 +227,7 @@ class Estimate:
                 )
                 for name in link.coefficients
             ),
-            d_range=(float(self.motion.visited[index, 0]), float(self.motion.visited[index, 1])),
+            d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),
             v_range=_range(self.motion.v[:, index]),
             free=free,
             covariance=covariance if self.trusted and self.intervals else None,
@@ -239,7 +238,7 @@ class Estimate:
         """The coefficients of a link that were found (q,), and their covariance (q, q)."""
         numbers = {
             name: self._places[index, name]
-            for name in self.asked.links[index].coefficients
+            for name in self.given_structure.links[index].coefficients
             if (index, name) in self._places
         }
         which = np.array(list(numbers.values()), dtype=int)

@@ -19,18 +19,18 @@ _DETERMINED = 1e-9  # smallest singular value of the incidence, relative, that s
 class LinkMotion:
     """`time` (R,) s, elongations `d` (R, L) m and rates `v` (R, L) m/s of the links of `structure`, identified.
 
-    `visited` (L, 2) m is the range of every elongation; it may be wider than that of a smoothed `d`.
+    `d_range` (L, 2) m is the range of every elongation; it may be wider than that of a smoothed `d`.
 
-    `leave` gives, when asked, what the identified laws leave of the equation of motion of every mass, m a + B f - w, (R, n)
-    in N; NaN where it is not seen, None where no mass is.
+    `compute_residual` gives, when asked, what the identified laws leave of the equation of motion of every mass, m a + B f
+    - w, (R, n) in N; NaN where it is not seen, None where no mass is.
     """
 
     structure: Structure
     time: Floats
     d: Floats
     v: Floats
-    visited: Floats
-    leave: Callable[[], Floats | None]
+    d_range: Floats
+    compute_residual: Callable[[], Floats | None]
 
     @cached_property
     def force(self) -> Floats | None:
@@ -39,7 +39,7 @@ class LinkMotion:
         What is seen of a force is smoothed; the residual is that of smoothed equations, so their sum is not bent by it. NaN
         where masses do not tell a force, None where they tell none: links that close circles, masses without a sensor.
         """
-        residual = self.leave()
+        residual = self.compute_residual()
         if residual is None:
             return None
         incidence = self.structure.incidence

@@ -122,7 +122,7 @@ class Limit:
     def findings(self) -> tuple[str, ...]:
         """Sentences on what the sensors cannot tell; empty where they tell everything."""
         told = []
-        for group in self.precision.confused:
+        for group in self.precision.confounded:
             names = [self.parameters[i].name for i in group]
             told.append(
                 f"{names[0]} leaves no trace in these sensors: this test cannot tell it at all."

@@ -37,29 +37,31 @@ class AnnealingStatus(Enum):
 class AnnealingSchedule:
     """q falls from loose to tight by factors between fast and slow, as far as Gauss-Newton can be trusted.
 
-    What a step leaves of its predicted drop grows about as q^-4/3 with the next q; more than `trust` per sample
+    What a step leaves of its predicted drop grows about as q^-4/3 with the next q; more than `trust_per_sample` per sample
     keeps q where it is. The end is reached when less than `tolerance` is left of the whole cost. Where the laws are so wrong
-    that the cost per sample passes `ceiling`, q falls no further: the end is as tight as they allow.
+    that the cost per sample passes `cost_ceiling`, q falls no further: the end is as tight as they allow.
     """
 
-    loose: float = 1.0
-    tight: float = 1e-5
-    fast: float = 0.03
-    slow: float = 0.5
-    trust: float = 3.0
+    initial_q: float = 1.0
+    final_q: float = 1e-5
+    smallest_factor: float = 0.03
+    largest_factor: float = 0.5
+    trust_per_sample: float = 3.0
     tolerance: float = 0.02
-    steps: int = 100
-    ceiling: float = np.inf
+    max_steps: int = 100
+    cost_ceiling: float = np.inf
 
     def held(self, taken: AnnealingStep, misfit: Misfit, samples: int) -> AnnealingSchedule:
         """The schedule that ends where q is, if the cost is above the ceiling and will be when this q is used up."""
-        if misfit.cost(taken.q) - taken.left > self.ceiling * samples:
-            return replace(self, tight=max(self.tight, taken.q))
+        if misfit.cost(taken.q) - taken.remaining > self.cost_ceiling * samples:
+            return replace(self, final_q=max(self.final_q, taken.q))
         return self
 
     def factor(self, left: float) -> float:
         """On q, when the last step left `left` per sample of its predicted drop."""
-        return float(np.clip((left / self.trust) ** 0.75, self.fast, self.slow))
+        return float(
+            np.clip((left / self.trust_per_sample) ** 0.75, self.smallest_factor, self.largest_factor)
+        )
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,8 @@ class AnnealingStep:
     step: int
     q: float
     cost: float
-    predicted: float
-    gained: float
+    predicted_reduction: float
+    reduction: float
     data_per_sample: float
     damping: float
 
@@ -84,25 +86,29 @@ class AnnealingStep:
         return cls(step, control.q, cost, predicted, gained, trial.data / samples, control.damping)
 
     @property
-    def left(self) -> float:
+    def remaining(self) -> float:
         """About what the next step can still take off."""
-        return abs(self.predicted - self.gained) if self.damping == 0 else max(self.predicted, self.gained)
+        return (
+            abs(self.predicted_reduction - self.reduction)
+            if self.damping == 0
+            else max(self.predicted_reduction, self.reduction)
+        )
 
     @property
-    def best_stride(self) -> float:
+    def best_length(self) -> float:
         """Where the parabola through what a full step promised and gave has its minimum, in full steps."""
-        return 1.0 / (2.0 - self.quality)
+        return 1.0 / (2.0 - self.gain_ratio)
 
     @property
     def report(self) -> ProgressReport:
         """For whoever waits: the way of q from 1 to its last decade, and how well the laws fit."""
-        fraction = min(max(log10(self.q) / log10(AnnealingSchedule.tight), 0.0), 1.0)
+        fraction = min(max(log10(self.q) / log10(AnnealingSchedule.final_q), 0.0), 1.0)
         activity = f"q {self.q:.0e}, cost {self.cost:.6g}, chi-square {self.data_per_sample:.3f}"
         return ProgressReport(fraction, activity, self)
 
     @property
-    def quality(self) -> float:
-        return self.gained / self.predicted if self.predicted > 0 else 0.0
+    def gain_ratio(self) -> float:
+        return self.reduction / self.predicted_reduction if self.predicted_reduction > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +143,10 @@ class _SearchState:
 
     def after(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
         """What to try next, once a step has been `taken`."""
-        if taken.gained > 0.0:
+        if taken.reduction > 0.0:
             return self._onward(taken, schedule, samples)
-        if self.stride == 1.0 and taken.quality > _WILD:
-            return replace(self, stride=taken.best_stride)
+        if self.stride == 1.0 and taken.gain_ratio > _WILD:
+            return replace(self, stride=taken.best_length)
         if self.q < self.settled:
             back = float(np.sqrt(self.q * self.settled)) if self.q < 0.9 * self.settled else self.settled
             return replace(self, q=back, stride=1.0)
@@ -151,14 +157,14 @@ class _SearchState:
     def _onward(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
         """After a step that lowered the cost: less damping (Nielsen 1999), and a tighter q when this one is used up."""
         damping = self.damping * (
-            max(1 / 3, 1 - (2 * taken.quality - 1) ** 3) if taken.quality < 1.5 else 1 / 3
+            max(1 / 3, 1 - (2 * taken.gain_ratio - 1) ** 3) if taken.gain_ratio < 1.5 else 1 / 3
         )
-        stride = taken.best_stride if self.stride == 1.0 and taken.quality < 0.5 else 1.0
+        stride = taken.best_length if self.stride == 1.0 and taken.gain_ratio < 0.5 else 1.0
         q, settled = self.q, self.settled
-        if taken.left < schedule.trust * samples:
-            settled, q = q, max(schedule.tight, q * schedule.factor(taken.left / samples))
-        elif taken.gained < 0.01 * taken.cost:
-            q = max(schedule.tight, q * schedule.slow)
+        if taken.remaining < schedule.trust_per_sample * samples:
+            settled, q = q, max(schedule.final_q, q * schedule.factor(taken.remaining / samples))
+        elif taken.reduction < 0.01 * taken.cost:
+            q = max(schedule.final_q, q * schedule.largest_factor)
         return _SearchState(q, settled, damping if damping >= 1e-3 else 0.0, 2.0, stride)
 
 
@@ -177,10 +183,10 @@ def anneal(
     Raises IdentificationError where the flow from the start is not finite.
     """
     path: list[AnnealingStep] = []
-    control, status = _SearchState(schedule.loose, schedule.loose), AnnealingStatus.EXHAUSTED
-    samples = int(segments.seen.sum())
+    control, status = _SearchState(schedule.initial_q, schedule.initial_q), AnnealingStatus.EXHAUSTED
+    samples = int(segments.observed.sum())
     misfit = evaluate(segments, start, scales, loss)
-    if not np.isfinite(misfit.cost(schedule.loose)):
+    if not np.isfinite(misfit.cost(schedule.initial_q)):
         raise IdentificationError(
             "from the states that the record shows the motion runs to infinity within a few samples: the time may be in "
             "another unit than s (write time[ms]), a channel in another than its header says, or a law is not finite where "
@@ -188,7 +194,7 @@ def anneal(
         )
     linear = linearise(segments, misfit, scales, loss, executor)
     try:
-        while len(path) < schedule.steps:
+        while len(path) < schedule.max_steps:
             if control.damping > _HOPELESS:
                 status = AnnealingStatus.STUCK
                 break
@@ -200,14 +206,17 @@ def anneal(
             taken = AnnealingStep.of(len(path), control, misfit, trial, attempt[1], samples)
             path.append(taken)
             progress(taken.report)
-            if taken.gained > 0.0:
+            if taken.reduction > 0.0:
                 misfit = trial
                 schedule = schedule.held(taken, misfit, samples)
-            if control.q <= schedule.tight and taken.left < schedule.tolerance + _ROUNDING * taken.cost:
+            if (
+                control.q <= schedule.final_q
+                and taken.remaining < schedule.tolerance + _ROUNDING * taken.cost
+            ):
                 status = AnnealingStatus.CONVERGED
                 break
             control = control.after(taken, schedule, samples)
-            if taken.gained > 0.0:
+            if taken.reduction > 0.0:
                 linear = linearise(segments, misfit, scales, loss, executor)
     except KeyboardInterrupt:
         status = AnnealingStatus.INTERRUPTED
@@ -227,7 +236,7 @@ def _fit(
     theta = misfit.point.border
     lower, upper = _bounds(segments)
     free = (theta > lower) & (theta < upper)
-    samples = int(segments.seen.sum())
+    samples = int(segments.observed.sum())
     return AnnealingFit(
         misfit.point,
         misfit,
@@ -279,7 +288,7 @@ def _bounds(segments: Segments) -> tuple[Floats, Floats]:
 
 def _freedom(segments: Segments) -> float:
     """Share of the samples that is left when each chain has one free state and all share theta."""
-    samples = int(segments.seen.sum())
+    samples = int(segments.observed.sum())
     return (
         1.0 - float(segments.chains * 2 * segments.system.incidence.shape[0] + segments.parameters) / samples
     )

@@ -92,7 +92,7 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         fit_verdicts=(verdict,),
         message=message,
         seconds=0.0,
-        asked=structure,
+        given_structure=structure,
         parameters=structure.parameters,
         values=fit.values,
         covariance=fit.covariance,
@@ -100,7 +100,7 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
         chi_square_per_sample=fit.chi_square,
         samples=fit.samples,
-        moved=partial(_motion, fit, identified, records),
+        compute_motion=partial(_motion, fit, identified, records),
         record=records[0],
         remarks=_remarks(fit),
         profile=partial(profile_ends, fit.optimum),
@@ -141,7 +141,7 @@ def _start(
 def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
     """The links along the fitted orbit, at the samples of all records; residuals as the weak form sees them."""
     segments, samples = fit.segments, len(fit.segments.samples)
-    states = fit.misfit.orbit.states[: segments.steps : segments.refine]
+    states = fit.misfit.trajectories.states[: segments.steps : segments.refine]
     x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
     v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
     whole = [-(-len(record) // samples) * samples for record in records]
@@ -158,8 +158,8 @@ def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]
         time=np.concatenate([record.time for record in records]),
         d=np.concatenate(d),
         v=np.concatenate(rates),
-        visited=extremes(np.concatenate(d)),
-        leave=partial(_residual, identified, records),
+        d_range=extremes(np.concatenate(d)),
+        compute_residual=partial(_residual, identified, records),
     )
 
 

@@ -24,27 +24,31 @@ _RELATED = 0.01  # cosine between the blind parts of two parameters that are con
 
 @dataclass(frozen=True, eq=False)
 class FisherInformation:
-    """`fisher` (p, p) with the starts of all segments unknown, `beside` (p,) its diagonal if they were known."""
+    """`fisher` (p, p) with the starts of all segments unknown, `diagonal_known_states` (p,) its diagonal if they were
+    known.
+    """
 
     fisher: Floats
-    beside: Floats
+    diagonal_known_states: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Precision:
     """How well p parameters are told: covariance = `root` root', over what is told at all.
 
-    `blind` (p, b) holds orthonormal directions of `scale` * theta that leave no trace in the sensors.
+    `null_directions` (p, b) holds orthonormal directions of `scale` * theta that leave no trace in the sensors.
     """
 
     root: Floats
-    blind: Floats
+    null_directions: Floats
     scale: Floats
 
     @classmethod
     def of(cls, information: FisherInformation) -> Precision:
         """From the eigenvalues of the information, each parameter in units of what would be known of it alone."""
-        scale = np.sqrt(np.where(information.beside > 0.0, information.beside, 1.0))
+        scale = np.sqrt(
+            np.where(information.diagonal_known_states > 0.0, information.diagonal_known_states, 1.0)
+        )
         values, vectors = np.linalg.eigh(information.fisher / np.outer(scale, scale))
         told = values > _BLIND
         return cls(vectors[:, told] / np.sqrt(values[told]) / scale[:, None], vectors[:, ~told], scale)
@@ -52,16 +56,16 @@ class Precision:
     def variance(self, gradient: Floats) -> Floats:
         """(...) of gradient (..., p) times theta; infinite where blind directions have a part in it."""
         scaled = gradient / self.scale
-        lost = np.linalg.norm(scaled @ self.blind, axis=-1)
+        lost = np.linalg.norm(scaled @ self.null_directions, axis=-1)
         variance = np.sum((gradient @ self.root) ** 2, axis=-1)
         return np.where(lost > _SEEN_TOGETHER * np.linalg.norm(scaled, axis=-1), np.inf, variance)
 
     @property
-    def confused(self) -> tuple[Indices, ...]:
+    def confounded(self) -> tuple[Indices, ...]:
         """Groups of parameters that are seen only together; a group of one leaves no trace at all."""
-        shares = np.linalg.norm(self.blind, axis=1)
+        shares = np.linalg.norm(self.null_directions, axis=1)
         lost = np.flatnonzero(shares > _SEEN_TOGETHER)
-        part = self.blind[lost] / shares[lost, None]
+        part = self.null_directions[lost] / shares[lost, None]
         _, labels = scipy.sparse.csgraph.connected_components(
             np.abs(part @ part.T) > _RELATED, directed=False
         )
@@ -75,7 +79,7 @@ def fisher_information(segments: Segments, point: Iterate, scales: Scales) -> Fi
     without losing digits; order 4 in the step, as the tangents are.
     """
     p, m = segments.system.parameters.size, len(scales.state)
-    per_segment = segments.seen[..., 0].size * (m + p)
+    per_segment = segments.observed[..., 0].size * (m + p)
     size = max(1, _NUMBERS // per_segment)
     fisher, beside = np.zeros((p, p)), np.zeros(p)
     for first in range(0, segments.count, size):
@@ -98,7 +102,7 @@ def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) ->
     """(k, C, 2n + p) sample by sample."""
     mechanics, step = segments.system.at(point.theta), segments.step[part]
     orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, segments.inputs.part(part))
-    seen, sensors = segments.seen[..., part], segments.sensors
+    seen, sensors = segments.observed[..., part], segments.sensors
     rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2}
     for sample, (state, acceleration) in enumerate(
         tangents(mechanics, orbit, step, scales.state, scales.theta)

@@ -24,10 +24,10 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 
 _NEAR = AnnealingSchedule(
-    loose=0.1, fast=0.01, trust=10.0
+    initial_q=0.1, smallest_factor=0.01, trust_per_sample=10.0
 )  # from a start with known deviations: the weak fit's
 _WARM = AnnealingSchedule(
-    loose=0.01, fast=0.003, trust=10.0
+    initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0
 )  # from the states of a fit to nearly the same laws
 _FLOW_ERROR = 0.02  # of a noise deviation: what the steps of the flow may be wrong by
 _FINEST = 8
@@ -85,7 +85,7 @@ class LikelihoodOptions:
     progress: Progress = silent
     nodes: Floats | None = None
     ceiling: float = np.inf
-    steps: int = AnnealingSchedule.steps
+    steps: int = AnnealingSchedule.max_steps
 
 
 def _workers() -> int:
@@ -130,7 +130,9 @@ def _fitted(
         )
     else:
         point, schedule = replace(point, nodes=options.nodes), _WARM
-    schedule = replace(schedule, ceiling=options.ceiling, steps=min(schedule.steps, options.steps))
+    schedule = replace(
+        schedule, cost_ceiling=options.ceiling, max_steps=min(schedule.max_steps, options.steps)
+    )
     fit = annealer(segments, point, scales, schedule)
     limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
     joined = _joined(whole, fit, limit, annealer) if whole.chains < segments.chains else None
@@ -231,11 +233,11 @@ def _predicted(segments: Segments, point: Iterate, scales: Scales, every: int) -
     some = replace(
         segments,
         samples=segments.samples[..., which],
-        seen=segments.seen[..., which],
+        observed=segments.observed[..., which],
         step=segments.step[which],
         linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
         inputs=segments.inputs.part(which),
-        loudness=None if segments.loudness is None else segments.loudness[:, which],
+        relative_noise=None if segments.relative_noise is None else segments.relative_noise[:, which],
     )
     return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
 
@@ -245,7 +247,7 @@ def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer
     if fit.status is not AnnealingStatus.CONVERGED:
         return None
     joined = annealer(
-        whole, carry_through_gaps(whole, fit.point), fit.scales, AnnealingSchedule(steps=_JOINING)
+        whole, carry_through_gaps(whole, fit.point), fit.scales, AnnealingSchedule(max_steps=_JOINING)
     )
     return (
         joined

@@ -236,13 +236,13 @@ class _TangentForces:
         self, mechanics: NumericSystem, links: Floats, accelerations: Floats, step: Floats, unit: Floats
     ) -> None:
         system, step2, first = mechanics.system, step * step, 2 * len(mechanics.masses)
-        slopes = mechanics.slopes(links[:, 0], links[:, 1])
-        units = np.array([unit[column] for _, column, _ in system.slopes])[:, None]
+        slopes = mechanics.partials(links[:, 0], links[:, 1])
+        units = np.array([unit[column] for _, column, _ in system.interactions])[:, None]
         self.by_d = (slopes.by_d * step2).astype(np.float32)
         self.by_v = (slopes.by_v * step).astype(np.float32)
         self.by_parameter = (slopes.by_parameter * (units * step2)).astype(np.float32)
-        self.rows = np.array([link for link, _, _ in system.slopes], dtype=int)
-        self.columns = np.array([first + column for _, column, _ in system.slopes], dtype=int)
+        self.rows = np.array([link for link, _, _ in system.interactions], dtype=int)
+        self.columns = np.array([first + column for _, column, _ in system.interactions], dtype=int)
         self.width = first + len(unit)
         self.pushed: list[tuple[Indices, Indices, Single]] = []
         self.masses = []

@@ -24,10 +24,10 @@ def split_at_gaps(segments: Segments) -> Segments:
     through the gap from its near side.
     """
     linked = segments.linked.copy()
-    for first, last in _gaps(segments.seen):
+    for first, last in _gaps(segments.observed):
         linked[max(first - 1, 0) : last] = False
     for mass in np.unique(segments.sensors.mass):
-        for _, last in _gaps(segments.seen[:, segments.sensors.mass == mass]):
+        for _, last in _gaps(segments.observed[:, segments.sensors.mass == mass]):
             linked[last - 1 : last] = False
     return replace(segments, linked=linked)
 
@@ -44,7 +44,7 @@ def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
     n = point.nodes.shape[1]
     silent = np.zeros((n, segments.count), dtype=bool)
     for mass in np.unique(segments.sensors.mass):
-        silent[mass] = ~segments.seen[:, segments.sensors.mass == mass].any(axis=(0, 1))
+        silent[mass] = ~segments.observed[:, segments.sensors.mass == mass].any(axis=(0, 1))
     silent[:, 0] = False
     silent[:, 1:] &= segments.linked
     depth = np.zeros(segments.count, dtype=int)

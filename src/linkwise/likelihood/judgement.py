@@ -64,6 +64,6 @@ def _systematic(missing: MissingForce) -> str:
 def _share(fit: LikelihoodFit, identified: Structure) -> float:
     """Root mean square of the model's force error over that of the forces, the worst mass counting."""
     n = identified.size
-    acceleration = fit.misfit.orbit.accelerations.reshape(-1, n, fit.segments.count)
+    acceleration = fit.misfit.trajectories.accelerations.reshape(-1, n, fit.segments.count)
     forces = identified.mass_values * np.sqrt(np.mean(acceleration**2, axis=(0, 2)))
     return float(np.max(fit.force_error / np.maximum(forces, np.finfo(float).tiny)))

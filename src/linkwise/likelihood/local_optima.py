@@ -73,7 +73,9 @@ def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats) -> bool:
         replace(optimum.point, theta=theta),
         optimum.scales,
         AnnealingSchedule(
-            loose=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)), tight=optimum.q, steps=_STEPS
+            initial_q=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)),
+            final_q=optimum.q,
+            max_steps=_STEPS,
         ),
         loss=optimum.loss,
     )

@@ -72,7 +72,7 @@ def _ladder_search(
     An interrupt from the keyboard ends the climb on the rung where it was."""
     best, worse = None, 0
     for q in rungs:
-        fit = annealer(segments, point, scales, AnnealingSchedule(loose=q, tight=q))
+        fit = annealer(segments, point, scales, AnnealingSchedule(initial_q=q, final_q=q))
         if fit.status is AnnealingStatus.INTERRUPTED:
             return ModelErrorCandidate(fit, q, 1.0, np.inf)
         if fit.status is not AnnealingStatus.CONVERGED:
@@ -95,7 +95,7 @@ def _evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tu
     if factor is None:
         return 1.0, np.inf
     defects = 2 * segments.system.incidence.shape[0] * int(segments.linked.sum())
-    nodes = 2 * segments.system.incidence.shape[0] * int((~segments.lone).sum())
+    nodes = 2 * segments.system.incidence.shape[0] * int((~segments.unconstrained).sum())
     free = ~fit.at_bound
     freedom = fit.samples + defects - nodes - int(free.sum())
     noise = np.sqrt(fit.misfit.cost(q) / (freedom * loss.expected))

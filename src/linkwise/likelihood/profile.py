@@ -120,7 +120,9 @@ class _Profile:
             replace(optimum.segments, system=system),
             start,
             optimum.scales,
-            AnnealingSchedule(loose=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)), tight=optimum.q),
+            AnnealingSchedule(
+                initial_q=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)), final_q=optimum.q
+            ),
             loss=optimum.loss,
         )
         if fit.status is not AnnealingStatus.CONVERGED:

@@ -51,7 +51,7 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
     with one_blas_thread():
         segments, scales = optimum.segments, optimum.scales
         misfit = evaluate(segments, optimum.point, scales, optimum.loss)
-        pushes, units = _candidate_forces(optimum, misfit.orbit, forces)
+        pushes, units = _candidate_forces(optimum, misfit.trajectories, forces)
         linear = linearise(segments, misfit, scales, optimum.loss, pushes=pushes)
         factor = linear.equations(optimum.q).factor()
         if factor is None:

@@ -52,12 +52,12 @@ def cut_segments(
         system=system,
         sensors=sensor_arrays(channels, structure, offsets, gains),
         samples=np.where(seen, data, 0.0),
-        seen=seen,
+        observed=seen,
         step=step,
         linked=linked,
         inputs=flow_inputs(records, structure, counts, samples=samples, refine=refine),
         refine=refine,
-        loudness=None if loudness is None else np.repeat(np.stack(loudness, axis=1), counts, axis=1),
+        relative_noise=None if loudness is None else np.repeat(np.stack(loudness, axis=1), counts, axis=1),
     )
 
 

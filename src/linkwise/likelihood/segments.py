@@ -57,12 +57,12 @@ class Segments:
     system: System
     sensors: Sensors
     samples: Floats
-    seen: Bools
+    observed: Bools
     step: Floats
     linked: Bools
     inputs: Inputs
     refine: int = 1
-    loudness: Floats | None = None
+    relative_noise: Floats | None = None
 
     @property
     def count(self) -> int:
@@ -77,15 +77,15 @@ class Segments:
         return int(self.system.parameters.size + self.sensors.offsets + self.sensors.gains)
 
     @cached_property
-    def lone(self) -> Bools:
+    def unconstrained(self) -> Bools:
         """(K,) segments of which nothing is known: neither a sample nor a link."""
         before, after = np.append(False, self.linked), np.append(self.linked, False)
-        return np.asarray(~(before | after | self.seen.any(axis=(0, 1))))
+        return np.asarray(~(before | after | self.observed.any(axis=(0, 1))))
 
     @property
     def chains(self) -> int:
         """Runs of linked segments, each with one free state at its head."""
-        return 1 + int((~self.linked).sum()) - int(self.lone.sum())
+        return 1 + int((~self.linked).sum()) - int(self.unconstrained.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class Misfit:
     """What a point leaves: orbit, residuals / sigma (M, C, K) (0 where missing), defects / state scale (2, n, K - 1)."""
 
     point: Iterate
-    orbit: Trajectories
+    trajectories: Trajectories
     residuals: Floats
     defects: Floats
     data: float
@@ -147,10 +147,10 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         )
     for channel in np.flatnonzero(sensors.offset >= 0):
         residuals[:, channel] -= point.offsets[sensors.offset[channel]]
-    residuals *= segments.seen
+    residuals *= segments.observed
     residuals /= scales.sigma[:, None]
-    if segments.loudness is not None:
-        residuals /= segments.loudness
+    if segments.relative_noise is not None:
+        residuals /= segments.relative_noise
     ends = orbit.states[-1].copy()
     ends[1] *= rate
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state.reshape(2, -1, 1)
@@ -255,7 +255,7 @@ def linearise(
             strict=False,
         ):
             total += share
-    data.state[segments.lone] = np.eye(m)  # these nodes stay where they are
+    data.state[segments.unconstrained] = np.eye(m)  # these nodes stay where they are
     return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
 
 
@@ -275,15 +275,15 @@ def _chunk(
     P, width = 2 * n + segments.parameters + added, 2 * n + p + added
     mechanics = segments.system.at(misfit.point.theta)
     residuals = misfit.residuals[..., part]
-    root = np.sqrt(loss.weight(residuals)) * segments.seen[..., part]
+    root = np.sqrt(loss.weight(residuals)) * segments.observed[..., part]
     jacobian = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * residuals).transpose(2, 0, 1)
     whiten = (root / scales.sigma[:, None]).astype(np.float32)
-    if segments.loudness is not None:
-        whiten /= segments.loudness[:, part].astype(np.float32)
+    if segments.relative_noise is not None:
+        whiten /= segments.relative_noise[:, part].astype(np.float32)
     chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A)]
     rates = (1.0, 1.0 / step, 1.0 / step**2)
-    orbit = misfit.orbit.part(part).thinned(segments.refine)
+    orbit = misfit.trajectories.part(part).thinned(segments.refine)
     for sample, (state, acceleration) in enumerate(
         tangents(mechanics, orbit, step, scales.state, scales.theta[:p], pushes and pushes.part(part))
     ):
@@ -317,7 +317,7 @@ def _calibrate_gains(
     first = len(point.theta) + len(point.offsets)
     for channel in np.flatnonzero(sensors.gain >= 0):
         number = sensors.gain[channel]
-        loud = 1.0 if segments.loudness is None else segments.loudness[channel, part]
+        loud = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
         sigma = scales.sigma[channel] * loud
         shown = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
         if sensors.offset[channel] >= 0:

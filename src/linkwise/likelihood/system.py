@@ -40,7 +40,7 @@ class LawGroup:
         return _force_program(self.law)
 
     @cached_property
-    def slopes(self) -> Program:
+    def partials(self) -> Program:
         """The law's partials by d, v and the free coefficients."""
         return _slope_program(self.law, self.free)
 
@@ -115,7 +115,7 @@ class System:
         )
 
     @cached_property
-    def slopes(self) -> tuple[tuple[int, int, tuple[tuple[int, float], ...]], ...]:
+    def interactions(self) -> tuple[tuple[int, int, tuple[tuple[int, float], ...]], ...]:
         """Each (link, parameter) pair that interacts, with the rows of free coefficients and factors to sum for it."""
         found: dict[tuple[int, int], list[tuple[int, float]]] = {}
         rows = 0
@@ -132,7 +132,7 @@ class System:
 
     @cached_property
     def free_rows(self) -> int:
-        """Rows of partials by coefficients that `NumericSystem.slopes` evaluates."""
+        """Rows of partials by coefficients that `NumericSystem.partials` evaluates."""
         return sum(len(group.free) * group.size for group in self.groups)
 
 
@@ -206,19 +206,19 @@ class NumericSystem:
         for group, values in zip(self.system.groups, self._values, strict=True):
             out[group.links] = group.force(d[group.links], v[group.links], *values)[0]
 
-    def slopes(self, d: Floats, v: Floats) -> ForcePartials:
+    def partials(self, d: Floats, v: Floats) -> ForcePartials:
         """Partials at elongations and rates (..., L, K)."""
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))
         rows = 0
         for group, values in zip(self.system.groups, self._values, strict=True):
             here = (..., group.links, slice(None))
-            found = group.slopes(d[here], v[here], *values)
+            found = group.partials(d[here], v[here], *values)
             by_d[here], by_v[here] = found[0], found[1]
             for slope in found[2:]:
                 by_coefficient[..., rows : rows + group.size, :] = slope
                 rows += group.size
-        pairs = self.system.slopes
+        pairs = self.system.interactions
         by_parameter = np.empty((*d.shape[:-2], len(pairs), d.shape[-1]))
         for index, (_, _, terms) in enumerate(pairs):
             (row, factor), *rest = terms

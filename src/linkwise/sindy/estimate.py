@@ -70,7 +70,7 @@ class PhysicsInformedSindy(Estimator):
             fit_verdicts=(verdict,),
             message=message,
             seconds=0.0,
-            asked=structure,
+            given_structure=structure,
             parameters=structure.parameters,
             values=values,
             covariance=np.diag(fit.standard_error[:, 0] ** 2),
@@ -79,7 +79,9 @@ class PhysicsInformedSindy(Estimator):
             noise=_noise(record),
             chi_square_per_sample=None,
             samples=len(states) * len(states.masses),
-            moved=partial(_moved, states, identified, partial(_residual, system, values, structure.size)),
+            compute_motion=partial(
+                _moved, states, identified, partial(_residual, system, values, structure.size)
+            ),
             record=record,
             remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),
         )
@@ -90,7 +92,9 @@ def _moved(states: States, identified: Structure, leave: Callable[[], Floats]) -
     order = [states.masses.index(name) for name in identified.mass_names]
     d = identified.elongations(states.x[:, order], states.base)
     v = identified.elongations(states.v[:, order], states.base_velocity)
-    return LinkMotion(structure=identified, time=states.time, d=d, v=v, visited=extremes(d), leave=leave)
+    return LinkMotion(
+        structure=identified, time=states.time, d=d, v=v, d_range=extremes(d), compute_residual=leave
+    )
 
 
 def _residual(system: DenseSystem, values: Floats, size: int) -> Floats:

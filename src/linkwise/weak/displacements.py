@@ -19,55 +19,57 @@ _QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when
 
 @dataclass(frozen=True, eq=False)
 class MeasuredDisplacements:
-    """Displacements `ends` (n + 2, N) in m of what links hold on to: masses, the base and the ground, 0 where not seen.
+    """Displacements `displacements` (n + 2, N) in m of what links hold on to: masses, the base and the ground, 0 where not
+    seen.
 
     `variance` (n,) and `base_variance` are those of their noise in m^2, `power` (n + 2,) their mean squares where seen;
-    `seen` (n,) says which masses have a displacement channel, `missing` (n, N) which samples are lost (None: no sample is),
-    `base` (N,) is None where it has no channel. `highest` is the frequency in Hz up to which motion stands above noise.
+    `measured` (n,) says which masses have a displacement channel, `missing` (n, N) which samples are lost (None: no sample
+    is), `base` (N,) is None where it has no channel. `bandwidth` is the frequency in Hz up to which motion stands above
+    noise.
     """
 
-    ends: Floats
+    displacements: Floats
     base: Floats | None
     variance: Floats
     base_variance: float
     power: Floats
-    seen: Bools
+    measured: Bools
     missing: Bools | None
-    highest: float
+    bandwidth: float
 
     @property
     def x(self) -> Floats:
         """(n, N) displacements of the masses."""
-        return self.ends[:-2]
+        return self.displacements[:-2]
 
     @property
-    def measured(self) -> Floats:
+    def x_or_nan(self) -> Floats:
         """(n, N) displacements of the masses, NaN where a sample is missing."""
         return self.x if self.missing is None else np.where(self.missing, np.nan, self.x)
 
     @property
     def samples(self) -> int:
         """Displacement samples that were seen."""
-        lost = 0 if self.missing is None else int(np.sum(self.missing[self.seen]))
-        return int(np.sum(self.seen) * self.ends.shape[1]) - lost
+        lost = 0 if self.missing is None else int(np.sum(self.missing[self.measured]))
+        return int(np.sum(self.measured) * self.displacements.shape[1]) - lost
 
     @property
-    def quiet(self) -> bool:
+    def noise_free(self) -> bool:
         """Whether there is no noise to speak of."""
-        return bool(np.all(self.variance[self.seen] < _QUIET**2 * self.power[:-2][self.seen]))
+        return bool(np.all(self.variance[self.measured] < _QUIET**2 * self.power[:-2][self.measured]))
 
     @cached_property
-    def noise(self) -> Floats:
-        """(n + 2,) variances of the noise in `ends`."""
+    def noise_variance(self) -> Floats:
+        """(n + 2,) variances of the noise in `displacements`."""
         return np.append(self.variance, [self.base_variance, 0.0])
 
     @cached_property
-    def doubt(self) -> Floats:
-        """(n + 2,) variances in `ends` of noise and of what sums over samples do not resolve of integrals.
+    def floored_variance(self) -> Floats:
+        """(n + 2,) variances in `displacements` of noise and of what sums over samples do not resolve of integrals.
 
         So a record without noise is not held to its rounding.
         """
-        return np.maximum(self.noise, _RESOLVED**2 * self.power)
+        return np.maximum(self.noise_variance, _RESOLVED**2 * self.power)
 
 
 def differences(values: Floats, ends: Indices) -> Floats:
@@ -109,14 +111,14 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     variance = np.zeros(len(names))
     variance[there] = sigma**2
     return MeasuredDisplacements(
-        ends=ends,
+        displacements=ends,
         base=ends[-2] if there[-1] else None,
         variance=variance[:-1],
         base_variance=float(variance[-1]),
         power=np.einsum("ij,ij->i", ends, ends) / whole,
-        seen=seen,
+        measured=seen,
         missing=missing[:-2] | missing[-2] if gaps else None,
-        highest=highest,
+        bandwidth=highest,
     )
 
 

@@ -31,21 +31,21 @@ _SMOOTHER = 4  # the slopes by which noise meets itself are smoother still
 
 @dataclass(frozen=True, eq=False)
 class WeakEquations:
-    """All weak equations of one record, in `patches`; every `thin`-th window tells their noise.
+    """All weak equations of one record, in `patches`; every `thinning`-th window tells their noise.
 
     Beside them what the windows saw: `d`, `v` (L, R) smoothed elongations in m and rates in m/s, `acceleration` (n, R) in
-    m/s2, `push` (R, n) in N (None: no force), `time` (R,) in s.
+    m/s2, `force` (R, n) in N (None: no force), `time` (R,) in s.
     """
 
     structure_layout: StructureLayout
     window: Window
     motion: MeasuredDisplacements
     patches: tuple[Patch, ...]
-    thin: int
+    thinning: int
     d: Floats
     v: Floats
     acceleration: Floats
-    push: Floats | None
+    force: Floats | None
     time: Floats
 
     @property
@@ -64,14 +64,14 @@ class WeakEquations:
         return len(self.time)
 
     @cached_property
-    def places(self) -> Indices:
-        """The windows near the places of `Window.spread`."""
-        return self.window.places(self.windows, self.thin)
+    def adjoint_windows(self) -> Indices:
+        """The windows near the places of `Window.adjoint`."""
+        return self.window.adjoint_windows(self.windows, self.thinning)
 
     @property
-    def every(self) -> int:
+    def slope_stride(self) -> int:
         """Every so many windows `Patch.slopes` are known."""
-        return _SMOOTHER * self.thin
+        return _SMOOTHER * self.thinning
 
 
 def weak_equations(
@@ -88,7 +88,7 @@ def weak_equations(
     `values` are the present values of parameters that enter a law nonlinearly (else their starts);
     `together` is the most masses in a patch. Raises IdentificationError where the record is too short or too broken.
     """
-    window = window or Window.for_band(motion.highest, record.rate, motion.quiet)
+    window = window or Window.for_band(motion.bandwidth, record.rate, motion.noise_free)
     windows = window.rows(len(record))
     if windows < _FEWEST:
         raise IdentificationError(
@@ -101,19 +101,19 @@ def weak_equations(
         for mass, name in enumerate(structure.mass_names)
         if f"force:{name}" in record.channels
     }
-    smooth = window.filter(motion.ends, window.kernels)
+    smooth = window.filter(motion.displacements, window.kernels)
     layout = structure_layout(structure)
     context = PatchContext(
         structure_layout=layout,
         values=layout.values(values or {}),
         motion=motion,
         window=window,
-        smooth=smooth,
-        pushes={
+        filtered=smooth,
+        forces={
             mass: -window.filter(np.nan_to_num(push)[None], window.kernels[:1])[0, 0]
             for mass, push in pushes.items()
         },
-        every=_SMOOTHER * thin,
+        slope_stride=_SMOOTHER * thin,
     )
     area = window.kernels[PHI].sum()
     return WeakEquations(
@@ -121,11 +121,11 @@ def weak_equations(
         window=window,
         motion=motion,
         patches=_patches(context, pushes, together),
-        thin=thin,
+        thinning=thin,
         d=differences(_sharpened(smooth, window), layout.ends),
         v=differences(-smooth[PHI_1] / area, layout.ends),
         acceleration=smooth[PHI_2, :-2] / area,
-        push=_placed(context.pushes, area, structure.size, windows) if pushes else None,
+        force=_placed(context.forces, area, structure.size, windows) if pushes else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
 
@@ -154,16 +154,16 @@ def _patches(context: PatchContext, pushes: dict[int, Floats], together: int) ->
     Masses in one patch miss the same windows, and either each of their equations holds a parameter or none does.
     """
     layout = context.structure_layout
-    seen = [*context.motion.seen.tolist(), context.motion.base is not None, True]
-    whole = np.ones(context.smooth.shape[2])
+    seen = [*context.motion.measured.tolist(), context.motion.base is not None, True]
+    whole = np.ones(context.filtered.shape[2])
     alike: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-    for mass, around in enumerate(layout.around):
+    for mass, around in enumerate(layout.neighbourhoods):
         if all(seen[end] for end in around):
             lost = _lost(context.motion, [end for end in around if end >= 0], pushes.get(mass))
-            if mass in layout.rated:
+            if mass in layout.masses_needing_rate:
                 lost = _without_rate(lost, context)
             valid = whole if lost is None else _valid(lost, context.window)
-            key = (b"" if lost is None else valid.tobytes(), mass in layout.asking)
+            key = (b"" if lost is None else valid.tobytes(), mass in layout.masses_with_parameters)
             alike.setdefault(key, (valid, []))[1].append(mass)
     patches = [
         context.patch(masses[first : first + together], valid)
@@ -178,7 +178,7 @@ def _lost(motion: MeasuredDisplacements, masses: list[int], push: Floats | None)
     """(N,) where a sample of `masses` or of the force `push` (N,) is missing, or None where none is."""
     if motion.missing is None and push is None:
         return None
-    lost = np.zeros(motion.ends.shape[1], dtype=bool)
+    lost = np.zeros(motion.displacements.shape[1], dtype=bool)
     if motion.missing is not None:
         lost |= np.any(motion.missing[masses], axis=0)
     if push is not None:
@@ -189,7 +189,7 @@ def _lost(motion: MeasuredDisplacements, masses: list[int], push: Floats | None)
 def _without_rate(lost: Bools | None, context: PatchContext) -> Bools:
     """(N,) where v cannot be told, since a window around the sample misses one or leaves the record."""
     if lost is None:
-        lost = np.zeros(context.motion.ends.shape[1], dtype=bool)
+        lost = np.zeros(context.motion.displacements.shape[1], dtype=bool)
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(lost, context.window.half, constant_values=True), context.window.length
     )

@@ -66,7 +66,7 @@ class WeakForm(Estimator):
             fit_verdicts=(verdict,),
             message=message,
             seconds=0.0,
-            asked=structure,
+            given_structure=structure,
             parameters=structure.parameters,
             values=fit.values,
             covariance=fit.covariance,
@@ -74,7 +74,7 @@ class WeakForm(Estimator):
             noise=_noise(structure, motion),
             chi_square_per_sample=fit.excess,
             samples=motion.samples,
-            moved=partial(_moved, structure, equations, fit.values),
+            compute_motion=partial(_moved, structure, equations, fit.values),
             record=record,
             remarks=tuple(_remarks(record, structure, fit.excess)),
         )
@@ -148,7 +148,7 @@ def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Ver
             "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
             f"record, or the noise is not white{larger}. The values are the best of these laws."
         )
-    if fit.excess < lowest and not equations.motion.quiet:
+    if fit.excess < lowest and not equations.motion.noise_free:
         how, advice = (
             ("stated", "State it right, or not at all")
             if record.noise
@@ -158,7 +158,7 @@ def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Ver
             f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
             f"{how} or not white, and taking out its bias has bent the values. {advice}."
         )
-    if has_outliers(equations.motion.measured.T, np.sqrt(equations.motion.variance)):
+    if has_outliers(equations.motion.x_or_nan.T, np.sqrt(equations.motion.variance)):
         return Verdict.OUTLIERS, (
             "The noise has more large errors than normal noise, and the weak form takes out its bias as if it had not, so no "
             'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
@@ -193,8 +193,8 @@ def _moved(structure: Structure, equations: WeakEquations, values: Floats) -> Li
         time=equations.time,
         d=equations.d.T,
         v=equations.v.T,
-        visited=_visited(equations.motion, equations),
-        leave=partial(weak_residual, equations, values),
+        d_range=_visited(equations.motion, equations),
+        compute_residual=partial(weak_residual, equations, values),
     )
 
 
@@ -203,19 +203,21 @@ def _visited(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
     found = []
     for first in range(0, len(equations.ends), _LINKS_AT_ONCE):
         ends = equations.ends[first : first + _LINKS_AT_ONCE]
-        d = differences(motion.ends, ends)
+        d = differences(motion.displacements, ends)
         if motion.missing is not None:
             lost = np.concatenate([motion.missing, np.zeros((2, d.shape[1]), dtype=bool)])
             d[lost[ends].any(axis=1)] = np.nan
-        found.append(extremes(d.T, np.sqrt(motion.doubt[ends].sum(axis=1))))
+        found.append(extremes(d.T, np.sqrt(motion.floored_variance[ends].sum(axis=1))))
     return np.concatenate(found)
 
 
 def _noise(structure: Structure, motion: MeasuredDisplacements) -> dict[str, NoiseEstimate]:
     names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
-    there = np.flatnonzero([*motion.seen, motion.base is not None]).tolist()
+    there = np.flatnonzero([*motion.measured, motion.base is not None]).tolist()
     return {
-        names[i]: NoiseEstimate.beside(float(motion.power[i]), names[i], float(np.sqrt(motion.noise[i])))
+        names[i]: NoiseEstimate.beside(
+            float(motion.power[i]), names[i], float(np.sqrt(motion.noise_variance[i]))
+        )
         for i in there
     }
 

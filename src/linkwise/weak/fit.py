@@ -53,7 +53,7 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     _require_reached(system, structure)
     lower = np.array([parameter.lower for parameter in structure.parameters])
     upper = np.array([parameter.upper for parameter in structure.parameters])
-    patches = [patch for patch in system.patches if len(patch.layout.asked)]
+    patches = [patch for patch in system.patches if len(patch.layout.free_terms)]
     after = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
     for _ in range(_ROUNDS):
         weights = after
@@ -68,19 +68,19 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
 
 
 def _require_reached(system: WeakEquations, structure: Structure) -> None:
-    reached = {number for patch in system.patches for number in patch.layout.parameter.tolist()}
+    reached = {number for patch in system.patches for number in patch.layout.free_parameters.tolist()}
     lost = [name for number, name in enumerate(system.parameters) if number not in reached]
     if lost:
         unseen = [
             f"x:{name}"
-            for name, seen in zip(structure.mass_names, system.motion.seen, strict=True)
+            for name, seen in zip(structure.mass_names, system.motion.measured, strict=True)
             if not seen
         ]
         raise IdentificationError(
             f"the record says nothing of {', '.join(lost)}: the weak form needs the displacement of a mass and of all its "
             f"neighbours; missing {', '.join(unseen) or 'x:base'}"
         )
-    if not any(len(patch.layout.asked) and patch.fixed.any() for patch in system.patches):
+    if not any(len(patch.layout.free_terms) and patch.fixed.any() for patch in system.patches):
         raise IdentificationError(
             "nothing sets the scale of the forces: every mass and coefficient is unknown and no force is in the record; give "
             "one mass or coefficient a number, or a channel force:MASS"
@@ -108,9 +108,9 @@ def normal_equations(
     for patch, weight in zip(patches, weights, strict=True):
         moments = patch.moments if bias == 0.0 else (1.0 - bias) * patch.moments + bias * patch.products
         weighted = moments * ((patch.signs.T * weight) @ patch.signs)
-        asked, which = weighted[patch.layout.asked], patch.layout.parameter
+        asked, which = weighted[patch.layout.free_terms], patch.layout.free_parameters
         g -= np.bincount(which, asked @ patch.fixed, count)
-        blocks.append((which, asked[:, patch.layout.asked]))
+        blocks.append((which, asked[:, patch.layout.free_terms]))
     return assemble_blocks(blocks, count), g
 
 
@@ -219,7 +219,7 @@ def _covariance(
 def _within_links(structure_layout: StructureLayout, free: Bools) -> tuple[Indices, Indices]:
     """Pairs of free parameters of one link, or twice the same one."""
     members: dict[int, list[int]] = {}
-    for (index, _), number in structure_layout.places.items():
+    for (index, _), number in structure_layout.parameter_index.items():
         if free[number]:
             members.setdefault(index, []).append(number)
     pairs = sorted({(one, two) for numbers in members.values() for one in numbers for two in numbers})

@@ -40,91 +40,94 @@ class TermCoefficients:
 
 @dataclass(frozen=True, eq=False)
 class WeakLawGroup:
-    """Links, `at` (m,) of some that are looked at, that share a law and which of its nonlinear coefficients are to be found.
+    """Links, `positions` (m,) of some that are looked at, that share a law and which of its nonlinear coefficients are to
+    be found.
 
     `links` (m,) are their numbers in the structure.
     """
 
-    weak: WeakLaw
-    at: Indices
+    weak_law: WeakLaw
+    positions: Indices
     links: Indices
     coefficients: Mapping[str, TermCoefficients]
 
 
 @dataclass(frozen=True, eq=False)
 class GroupTerms:
-    """One `part` of the law of group number `group`, at all its links: the terms `at` of a layout."""
+    """One `part` of the law of group number `group`, at all its links: the terms `terms` of a layout."""
 
     part: WeakPart
     group: int
-    at: slice
+    terms: slice
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseCoupling:
     """How noise enters the equation of one mass.
 
-    Through its terms with a parameter, at `terms` (s,) of `PatchLayout.asked`, of `parameter` (s,) with `sign` (s,), and over
-    its links, at `links` (k,) of `PatchLayout.links`, from the masses `others` (k) at their other ends.
+    Through its terms with a parameter, at `terms` (s,) of `PatchLayout.free_terms`, of `parameter` (s,) with `sign` (s,),
+    and over its links, at `links` (k,) of `PatchLayout.links`, from the masses `far_ends` (k) at their other ends.
     """
 
     terms: Indices
     parameter: Indices
     sign: Floats
     links: Indices
-    others: tuple[int, ...]
+    far_ends: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class PatchLayout:
     """The q terms in the equations of `masses` (m,), which `links` (l,) hold: those of the laws, inertia, forces.
 
-    The laws' are listed by `parts`; the masses in `forced` feel a force. A term has `signs` (m, q) in the equations, meets
-    kernel number `kernel` (q,) and is multiplied by `numbers` (q,), less the parameter's present value where it is an
-    `increment` (q,). It is a function of the displacement between two of the `nodes` (c,) (masses, -1 the ground, -2 the
-    base), 1 and -1 in `incidence` (q, c). `holds` (m, l) is the incidence of the links, and `others` (m, l) what they hold
-    on to at their other ends, the ground where they do not hold the mass.
+    The laws' are listed by `group_terms`; the masses in `forced` feel a force. A term has `signs` (m, q) in the equations,
+    meets kernel number `kernel` (q,) and is multiplied by `coefficients` (q,), less the parameter's present value where it
+    is an `increment` (q,). It is a function of the displacement between two of the `nodes` (c,) (masses, -1 the ground, -2
+    the base), 1 and -1 in `incidence` (q, c). `link_incidence` (m, l) is the incidence of the links, and `far_ends` (m, l)
+    what they hold on to at their other ends, the ground where they do not hold the mass.
     """
 
     masses: Indices
     links: Indices
     forced: tuple[int, ...]
     groups: tuple[WeakLawGroup, ...]
-    parts: tuple[GroupTerms, ...]
+    group_terms: tuple[GroupTerms, ...]
     inertia: TermCoefficients
     kernel: Indices
     signs: Floats
-    numbers: TermCoefficients
+    coefficients: TermCoefficients
     increment: Bools
     nodes: Indices
     incidence: Floats
-    holds: Floats
-    others: Indices
+    link_incidence: Floats
+    far_ends: Indices
 
     @cached_property
-    def asked(self) -> Indices:
+    def free_terms(self) -> Indices:
         """The terms with a parameter."""
-        return np.flatnonzero(self.numbers.parameter >= 0)
+        return np.flatnonzero(self.coefficients.parameter >= 0)
 
     @cached_property
-    def parameter(self) -> Indices:
+    def free_parameters(self) -> Indices:
         """The parameters of those terms."""
-        return self.numbers.parameter[self.asked]
+        return self.coefficients.parameter[self.free_terms]
 
     @cached_property
-    def asked_under(self) -> tuple[Indices, ...]:
+    def free_terms_by_kernel(self) -> tuple[Indices, ...]:
         """The terms with a parameter that meet each of the kernels."""
-        return tuple(self.asked[self.kernel[self.asked] == kernel] for kernel in range(3))
+        return tuple(self.free_terms[self.kernel[self.free_terms] == kernel] for kernel in range(3))
 
     @cached_property
-    def ears(self) -> tuple[NoiseCoupling, ...]:
+    def noise_couplings(self) -> tuple[NoiseCoupling, ...]:
         """One for each mass."""
         found = []
-        for signs, holds, others in zip(self.signs[:, self.asked], self.holds, self.others, strict=True):
+        for signs, holds, others in zip(
+            self.signs[:, self.free_terms], self.link_incidence, self.far_ends, strict=True
+        ):
             terms, links = np.flatnonzero(signs), np.flatnonzero(holds)
             found.append(
                 NoiseCoupling(
-                    terms, self.parameter[terms], signs[terms], links, tuple(others[links].tolist())
+                    terms, self.free_parameters[terms], signs[terms], links, tuple(others[links].tolist())
                 )
             )
         return tuple(found)
@@ -134,13 +137,14 @@ class PatchLayout:
 class StructureLayout:
     """The parameters of `structure`, its masses and its links by number.
 
-    `names` (p,) are the parameters, `places` the number of the parameter at a (link, or -1 - mass; coefficient) that has one.
-    `ends` (L, 2) are the masses at the ends of the links (-1 the ground, -2 the base), `links_at` the links that hold a mass.
+    `names` (p,) are the parameters, `parameter_index` the number of the parameter at a (link, or -1 - mass; coefficient)
+    that has one. `ends` (L, 2) are the masses at the ends of the links (-1 the ground, -2 the base), `links_at` the links
+    that hold a mass.
     """
 
     structure: Structure
     names: tuple[str, ...]
-    places: Mapping[tuple[int, str], int]
+    parameter_index: Mapping[tuple[int, str], int]
     ends: Indices
     links_at: tuple[tuple[int, ...], ...]
     _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], PatchLayout] = field(
@@ -148,18 +152,18 @@ class StructureLayout:
     )
 
     @cached_property
-    def asking(self) -> frozenset[int]:
+    def masses_with_parameters(self) -> frozenset[int]:
         """The masses whose equation holds a parameter."""
-        asked = {index for index, _ in self.places}
+        asked = {index for index, _ in self.parameter_index}
         return frozenset(
             mass for mass, links in enumerate(self.links_at) if not asked.isdisjoint((*links, -1 - mass))
         )
 
     @cached_property
-    def rated(self) -> frozenset[int]:
+    def masses_needing_rate(self) -> frozenset[int]:
         """The masses whose equation holds a law that wants a smoothed v."""
         groups = self.groups(range(len(self.ends)))
-        rated = {link for group in groups if group.weak.needs_rate for link in group.links.tolist()}
+        rated = {link for group in groups if group.weak_law.needs_rate for link in group.links.tolist()}
         return frozenset(mass for mass, links in enumerate(self.links_at) if not rated.isdisjoint(links))
 
     def values(self, given: Mapping[str, float]) -> Floats:
@@ -168,7 +172,7 @@ class StructureLayout:
         return np.array([np.nan if value is None else value for value in found], dtype=float)
 
     @cached_property
-    def around(self) -> tuple[frozenset[int], ...]:
+    def neighbourhoods(self) -> tuple[frozenset[int], ...]:
         """Every mass with what its links hold on to."""
         ends = self.ends.tolist()
         return tuple(
@@ -182,7 +186,7 @@ class StructureLayout:
         looked = np.array(links, dtype=np.intp)
         for at, index in enumerate(looked.tolist()):
             law = self.structure.links[index].law
-            free = frozenset(name for name in law.nonlinear if (index, name) in self.places)
+            free = frozenset(name for name in law.nonlinear if (index, name) in self.parameter_index)
             found.setdefault((law, free), []).append(at)
         for (law, free), places in found.items():
             which = looked[places].tolist()
@@ -203,13 +207,13 @@ class StructureLayout:
         groups = tuple(self.groups(links))
         parts, numbers, stop = [], [], 0
         for index, group in enumerate(groups):
-            for part in group.weak.parts:
+            for part in group.weak_law.parts:
                 start, stop = stop, stop + len(group.links)
                 parts.append(GroupTerms(part, index, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
-        sizes = [*(each.at.stop - each.at.start for each in parts), len(masses), len(forced)]
+        sizes = [*(each.terms.stop - each.terms.start for each in parts), len(masses), len(forced)]
         between = [*(self.ends[groups[each.group].links] for each in parts), *_nodes_of(masses, forced)]
         nodes, incidence = _incidence(np.concatenate([*between, self.ends[links]]))
         acting = incidence[:, np.searchsorted(nodes, masses)].T
@@ -220,16 +224,16 @@ class StructureLayout:
             links=links,
             forced=forced,
             groups=groups,
-            parts=tuple(parts),
+            group_terms=tuple(parts),
             inertia=inertia,
             kernel=np.repeat([*(each.part.kernel for each in parts), PHI_2, PHI], sizes),
             signs=signs,
-            numbers=TermCoefficients.joined([*numbers, inertia, forces]),
+            coefficients=TermCoefficients.joined([*numbers, inertia, forces]),
             increment=np.repeat([*(each.part.increment for each in parts), False, False], sizes),
             nodes=nodes,
             incidence=incidence[: sum(sizes)],
-            holds=holds,
-            others=np.where(holds == 0.0, _GROUND, self.ends[links].sum(axis=1) - masses[:, None]),
+            link_incidence=holds,
+            far_ends=np.where(holds == 0.0, _GROUND, self.ends[links].sum(axis=1) - masses[:, None]),
         )
 
     def _numbers(self, where: Iterable[tuple[int, str]]) -> TermCoefficients:
@@ -240,7 +244,7 @@ class StructureLayout:
             links[index].coefficients[name].value if index >= 0 else masses[-1 - index].mass.value
             for index, name in places
         ]
-        parameter = [self.places.get(place, -1) for place in places]
+        parameter = [self.parameter_index.get(place, -1) for place in places]
         return TermCoefficients(
             np.array(parameter), np.array([np.nan if each is None else each for each in known])
         )
@@ -260,7 +264,7 @@ def structure_layout(structure: Structure) -> StructureLayout:
     return StructureLayout(
         structure=structure,
         names=tuple(parameter.name for parameter in parameters),
-        places={place: number for number, each in enumerate(parameters) for place in each.members},
+        parameter_index={place: number for number, each in enumerate(parameters) for place in each.members},
         ends=np.array(ends, dtype=np.intp).reshape(-1, 2),
         links_at=tuple(tuple(links) for links in links_at),
     )

@@ -42,7 +42,7 @@ def noise_bias(
     bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
     coverage: dict[int, Floats] = {}
     for number, one in enumerate(atoms):
-        first, here, samples = one.part.kernel, one.at, np.shape(one.slope)[-1]
+        first, here, samples = one.part.kernel, one.terms, np.shape(one.slope)[-1]
         if first not in coverage:
             coverage[first] = window.coverage(window.kernels[first] * window.kernels, valid, samples)
         linear = covariance[here] * (one.part.sign * (one.slope @ coverage[first].T))[:, kernel] * slope
@@ -50,17 +50,19 @@ def noise_bias(
         bias[:, here] += linear.T
         for two in atoms[number:]:
             sign = one.part.sign * two.part.sign
-            mixed = sign * _product_bias(one, two, covariance[here, two.at], coverage[first][two.part.kernel])
-            bias[here, two.at] += mixed
+            mixed = sign * _product_bias(
+                one, two, covariance[here, two.terms], coverage[first][two.part.kernel]
+            )
+            bias[here, two.terms] += mixed
             if two is not one:
-                bias[two.at, here] += mixed.T
+                bias[two.terms, here] += mixed.T
     return np.asarray(bias)
 
 
 def _product_bias(one: LawTerms, two: LawTerms, covariance: Floats, weight: Floats) -> Floats:
     """(m, m'): the bias of the products of two sets of curved functions, summed over samples with `weight` (N,)."""
     total, factor = np.zeros(covariance.shape), -1.0
-    for order, (h, g) in enumerate(zip(one.chain[1:], two.chain[1:], strict=False), start=1):
+    for order, (h, g) in enumerate(zip(one.derivatives[1:], two.derivatives[1:], strict=False), start=1):
         factor /= -order
         weighted = h * weight
         products = g * weighted.sum(axis=-1, keepdims=True) if isinstance(g, float) else weighted @ g.T

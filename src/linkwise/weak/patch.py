@@ -31,10 +31,10 @@ class Patch:
     """The equations of the masses of `layout`, one a window: `signs` (m, q) times the terms' numbers times `rows` (q, R) is
     zero.
 
-    The number of a term is its parameter, if it has one, plus `fixed` (q,). `products` (q, q) are sums of the products of the
-    rows, `moments` the same without the bias of noise. `valid` (R,) is 1 for windows without a missing sample; `rows` are
-    zero in others. `slopes` (q, K) are slopes by d of the terms' functions at the centre of every `PatchContext.every`-th
-    window.
+    The number of a term is its parameter, if it has one, plus `fixed` (q,). `products` (q, q) are sums of the products of
+    the rows, `moments` the same without the bias of noise. `valid` (R,) is 1 for windows without a missing sample; `rows`
+    are zero in others. `slopes` (q, K) are slopes by d of the terms' functions at the centre of every
+    `PatchContext.slope_stride`-th window.
     """
 
     layout: PatchLayout
@@ -62,7 +62,7 @@ class Patch:
 
     def numbers(self, values: Floats) -> Floats:
         """(q,) the terms' numbers at the parameters (p,)."""
-        return np.append(values, 0.0)[self.layout.numbers.parameter] + self.fixed
+        return np.append(values, 0.0)[self.layout.coefficients.parameter] + self.fixed
 
     def residual(self, values: Floats) -> Floats:
         """(m, R) what the equations leave at the parameters (p,)."""
@@ -77,28 +77,28 @@ class Patch:
 class PatchContext:
     """What all patches are cut from.
 
-    `smooth` (3, n + 2, R) are the displacements of the masses, the base and the ground under the kernels of `window`; `pushes`
-    the negative applied forces (R,) under phi by mass; `values` (p,) those of the parameters, NaN where they have none. Every
-    `every`-th window tells `Patch.slopes`.
+    `filtered` (3, n + 2, R) are the displacements of the masses, the base and the ground under the kernels of `window`;
+    `forces` the negative applied forces (R,) under phi by mass; `values` (p,) those of the parameters, NaN where they have
+    none. Every `slope_stride`-th window tells `Patch.slopes`.
     """
 
     structure_layout: StructureLayout
     values: Floats
     motion: MeasuredDisplacements
     window: Window
-    smooth: Floats
-    pushes: Mapping[int, Floats]
-    every: int
+    filtered: Floats
+    forces: Mapping[int, Floats]
+    slope_stride: int
 
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
         """The patch of `masses` (m,) in windows weighted by `valid` (R,)."""
-        layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.pushes))
-        ends, noise = self.structure_layout.ends, self.motion.noise
+        layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
+        ends, noise = self.structure_layout.ends, self.motion.noise_variance
         atoms = law_terms(
             self.structure_layout,
             layout,
             self.values,
-            elongations=lambda links: differences(self.motion.ends, ends[links]),
+            elongations=lambda links: differences(self.motion.displacements, ends[links]),
             rates=self._rates,
             variance=lambda links: noise[ends[links]].sum(axis=1),
         )
@@ -109,10 +109,10 @@ class PatchContext:
         slope = _straight_slopes(layout, atoms)
         curved = [each for each in atoms if not isinstance(each.slope, float)]
         bias = noise_bias(layout, curved, slope, noise[layout.nodes], self.window, valid)
-        present = np.append(self.values, 0.0)[layout.numbers.parameter]
+        present = np.append(self.values, 0.0)[layout.coefficients.parameter]
         return Patch(
             layout=layout,
-            fixed=np.where(layout.numbers.parameter < 0, layout.numbers.known, 0.0)
+            fixed=np.where(layout.coefficients.parameter < 0, layout.coefficients.known, 0.0)
             - np.where(layout.increment, present, 0.0),
             rows=rows,
             products=products,
@@ -129,28 +129,32 @@ class PatchContext:
 
     def _rows(self, layout: PatchLayout, atoms: Sequence[LawTerms]) -> Floats:
         """(q, R): the terms in all windows."""
-        rows = np.empty((len(layout.kernel), self.smooth.shape[2]))
+        rows = np.empty((len(layout.kernel), self.filtered.shape[2]))
         for each in atoms:
-            kernel, sign, first = each.part.kernel, each.part.sign, each.chain[0]
+            kernel, sign, first = each.part.kernel, each.part.sign, each.derivatives[0]
             if each.part.plain:
                 ends = self.structure_layout.ends[each.links]
-                rows[each.at] = differences(self.smooth[kernel], ends if sign > 0.0 else ends[:, ::-1])
+                rows[each.terms] = differences(self.filtered[kernel], ends if sign > 0.0 else ends[:, ::-1])
             elif isinstance(first, float):
-                rows[each.at] = sign * first * self.window.kernels[kernel].sum()
+                rows[each.terms] = sign * first * self.window.kernels[kernel].sum()
             else:
-                rows[each.at] = self.window.filter(first, sign * self.window.kernels[kernel : kernel + 1])[0]
+                rows[each.terms] = self.window.filter(first, sign * self.window.kernels[kernel : kernel + 1])[
+                    0
+                ]
         forces = len(rows) - len(layout.forced)
-        rows[forces - len(layout.masses) : forces] = self.smooth[PHI_2, layout.masses]
+        rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2, layout.masses]
         for row, mass in enumerate(layout.forced, start=forces):
-            rows[row] = self.pushes[mass]
+            rows[row] = self.forces[mass]
         return rows
 
     def _slopes(self, straight: Floats, curved: Sequence[LawTerms]) -> Floats:
-        """(q, K): slopes of the terms' functions at the centres of every `every`-th window."""
-        centres = self.window.half + np.arange(0, self.smooth.shape[2], self.every) * self.window.stride
+        """(q, K): slopes of the terms' functions at the centres of every `slope_stride`-th window."""
+        centres = (
+            self.window.half + np.arange(0, self.filtered.shape[2], self.slope_stride) * self.window.stride
+        )
         slopes = np.repeat(straight[:, None], len(centres), axis=1)
         for each in curved:
-            slopes[each.at] = each.part.sign * np.asarray(each.slope)[:, centres]
+            slopes[each.terms] = each.part.sign * np.asarray(each.slope)[:, centres]
         return slopes
 
 
@@ -159,7 +163,7 @@ def _straight_slopes(layout: PatchLayout, atoms: Sequence[LawTerms]) -> Floats:
     slopes = np.zeros(len(layout.kernel))
     for each in atoms:
         if isinstance(each.slope, float):
-            slopes[each.at] = each.part.sign * each.slope
+            slopes[each.terms] = each.part.sign * each.slope
     forces = len(slopes) - len(layout.forced)
     slopes[forces - len(layout.masses) : forces] = 1.0
     return slopes

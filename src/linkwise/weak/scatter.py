@@ -34,7 +34,7 @@ _MEETING = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PH
 @dataclass(frozen=True, eq=False)
 class SlopeStatistics:
     """Slopes of a patch's laws by d (N/m) and by v (N s/m), `mean` (2, l, P) and, summed over the links of a mass, `own`
-    (2, m, P), at the windows `places` (P,) of `Window.places`, of which the first `inside` are those that were kept.
+    (2, m, P), at the windows `places` (P,) of `Window.adjoint_windows`, of which the first `inside` are those that were kept.
 
     They are means over one deviation of noise over sqrt(2) to both sides, and `square` (2, l, P) the means of their squares:
     what noise makes of a curved law, right to its fourth power. `masses` (m,) are in kg.
@@ -50,12 +50,12 @@ class SlopeStatistics:
     @classmethod
     def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> SlopeStatistics:
         """Along the smoothed motion, at the parameters (p,)."""
-        layout, places = patch.layout, system.places
-        deviation = np.sqrt(0.5 * system.motion.doubt[system.ends[layout.links]].sum(axis=1))
+        layout, places = patch.layout, system.adjoint_windows
+        deviation = np.sqrt(0.5 * system.motion.floored_variance[system.ends[layout.links]].sum(axis=1))
         mean, square = np.empty((2, 2, len(layout.links), len(places)))
         for group in layout.groups:
-            program, constant = _slopes(group.weak.law)
-            at, links, here = group.at, group.links[:, None], places[:1] if constant else places
+            program, constant = _slopes(group.weak_law.law)
+            at, links, here = group.positions, group.links[:, None], places[:1] if constant else places
             aside = deviation[at, None, None] * np.array([[-1.0], [1.0]])
             coefficients = [each.at(values)[:, None, None] for each in group.coefficients.values()]
             slopes = program(
@@ -66,7 +66,7 @@ class SlopeStatistics:
                 square[by, at] = 0.5 * (low**2 + high**2)
         inside = len(places) - 2 * system.window.half
         masses = layout.inertia.at(values)
-        return cls(places, inside, masses, mean, square, np.abs(layout.holds) @ mean)
+        return cls(places, inside, masses, mean, square, np.abs(layout.link_incidence) @ mean)
 
 
 @lru_cache(maxsize=512)
@@ -82,7 +82,7 @@ def residual_excess(
 ) -> float:
     """Power of the residuals at the parameters (p,) over the power that the noise gives them."""
     gram = system.window.kernels @ system.window.kernels.T
-    by_slope, doubt = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.doubt
+    by_slope, doubt = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
     total = count = 0.0
     for patch, here in noisy:
         mean, square, own = (
@@ -90,13 +90,13 @@ def residual_excess(
             here.square[..., : here.inside],
             here.own[..., : here.inside],
         )
-        masses, holds = here.masses[:, None], np.abs(patch.layout.holds)
+        masses, holds = here.masses[:, None], np.abs(patch.layout.link_incidence)
         passed = by_slope[0] * square[0] + by_slope[1] * square[1]
         curved = passed - by_slope[0] * mean[0] ** 2 - by_slope[1] * mean[1] ** 2
         near = by_slope[0] * own[0] ** 2 + by_slope[1] * own[1] ** 2
         near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
         near += holds @ curved
-        expected = doubt[patch.masses, None] * near + (holds * doubt[patch.layout.others]) @ passed
+        expected = doubt[patch.masses, None] * near + (holds * doubt[patch.layout.far_ends]) @ passed
         expected += FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
         kept = here.places[: here.inside]
         residual = patch.residual(values)[:, kept]
@@ -110,7 +110,7 @@ def score_blocks(
     noisy: Sequence[tuple[Patch, SlopeStatistics]], weights: Sequence[Floats], system: WeakEquations
 ) -> Iterator[tuple[Indices, Floats]]:
     """The covariance of the sum that is solved, in blocks: parameters (s,), some perhaps twice, and their (s, s)."""
-    doubt = system.motion.doubt
+    doubt = system.motion.floored_variance
     awaited = Counter(channel for patch, _ in noisy for channel in _coupled_channels(patch, system))
     heard: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in awaited}
     for (patch, here), weight in zip(noisy, weights, strict=True):
@@ -127,25 +127,25 @@ def score_blocks(
 
 def _coupled_channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
     """Whose noise the equations of a patch hear: of the masses, and over each link of what is at its other end."""
-    for mass, ear in zip(patch.masses.tolist(), patch.layout.ears, strict=True):
+    for mass, ear in zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True):
         yield mass
-        yield from (other for other in ear.others if system.motion.doubt[other] > 0.0)
+        yield from (other for other in ear.far_ends if system.motion.floored_variance[other] > 0.0)
 
 
 def _noise_contributions(
     patch: Patch, here: SlopeStatistics, weight: Floats, system: WeakEquations
 ) -> Iterator[tuple[int, tuple[Indices, Floats, Floats]]]:
     """For each of `_coupled_channels`: parameters (s,), and G (s, P), to be scaled by (s,)."""
-    spread = system.window.spread(patch.rows[patch.layout.asked], system.thin)
-    doubt = system.motion.doubt
-    for i, (mass, ear) in enumerate(zip(patch.masses.tolist(), patch.layout.ears, strict=True)):
+    spread = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
+    doubt = system.motion.floored_variance
+    for i, (mass, ear) in enumerate(zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True)):
         scale = weight[i] * ear.sign
         phi, phi_1, phi_2 = spread[ear.terms].transpose(1, 0, 2)
         stiffness, damping = here.mean[:, ear.links, None]
         far = damping * phi_1
         far -= stiffness * phi
         yield mass, (ear.parameter, scale, here.masses[i] * phi_2 - far.sum(axis=0))
-        for link, other in enumerate(ear.others):
+        for link, other in enumerate(ear.far_ends):
             if doubt[other] > 0.0:
                 yield other, (ear.parameter, scale, far[link])
 
@@ -158,19 +158,23 @@ def _quadratic_noise(
     Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs.
     """
     window = system.window
-    at = np.flatnonzero(here.places[: here.inside] % system.every == 0)
+    at = np.flatnonzero(here.places[: here.inside] % system.slope_stride == 0)
     stiffness, damping = here.own[:, :, at]
     kernels = np.stack([stiffness, -damping, np.broadcast_to(here.masses[:, None], stiffness.shape)]).reshape(
         3, -1
     )
-    amount = system.every * (weight * system.motion.doubt[patch.masses]) ** 2
+    amount = system.slope_stride * (weight * system.motion.floored_variance[patch.masses]) ** 2
     total = np.zeros(patch.products.shape)
-    layout, terms = patch.layout, patch.layout.asked_under
+    layout, terms = patch.layout, patch.layout.free_terms_by_kernel
     for one, two in _MEETING:
         first, second = terms[one], terms[two]
         if len(first) and len(second):
-            both = ((window.echoes[one, two].T @ kernels) * kernels).sum(axis=0).reshape(stiffness.shape)
+            both = (
+                ((window.cross_correlations[one, two].T @ kernels) * kernels)
+                .sum(axis=0)
+                .reshape(stiffness.shape)
+            )
             sums = (patch.slopes[first] * both[:, None]) @ patch.slopes[second].T
             holds = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
             total[first[:, None], second] = (amount[:, None, None] * holds * sums).sum(axis=0)
-    return layout.parameter, total[np.ix_(layout.asked, layout.asked)]
+    return layout.free_parameters, total[np.ix_(layout.free_terms, layout.free_terms)]

@@ -15,20 +15,20 @@ from linkwise.weak.weak_form import WeakPart
 
 @dataclass(frozen=True, eq=False)
 class LawTerms:
-    """sign * int kernel h(d) of one `part` of a law at all of `links` (m,), the terms `at` of a layout.
+    """sign * int kernel h(d) of one `part` of a law at all of `links` (m,), the terms `terms` of a layout.
 
-    `chain` is [h, h', h'', ...]: arrays (m, N) over all samples, numbers where constant.
+    `derivatives` is [h, h', h'', ...]: arrays (m, N) over all samples, numbers where constant.
     """
 
     part: WeakPart
     links: Indices
-    at: slice
-    chain: tuple[Floats | float, ...]
+    terms: slice
+    derivatives: tuple[Floats | float, ...]
 
     @property
     def slope(self) -> Floats | float:
         """h'."""
-        return self.chain[1] if len(self.chain) > 1 else 0.0
+        return self.derivatives[1] if len(self.derivatives) > 1 else 0.0
 
 
 def law_terms(
@@ -48,21 +48,21 @@ def law_terms(
     """
     evaluated = []
     for group in layout.groups:
-        inside = {name: group.coefficients[name].at(values)[:, None] for name in group.weak.inside}
+        inside = {name: group.coefficients[name].at(values)[:, None] for name in group.weak_law.inside}
         _require_starts(structure_layout, group, inside)
-        d = elongations(group.links) if group.weak.curved else np.zeros((len(group.links), 1))
-        v = rates(d) if group.weak.needs_rate else 0.0
-        evaluated.append(iter(group.weak.evaluate(d, v, variance(group.links)[:, None], inside)))
+        d = elongations(group.links) if group.weak_law.curved else np.zeros((len(group.links), 1))
+        v = rates(d) if group.weak_law.needs_rate else 0.0
+        evaluated.append(iter(group.weak_law.evaluate(d, v, variance(group.links)[:, None], inside)))
     return [
-        LawTerms(each.part, layout.groups[each.group].links, each.at, tuple(next(evaluated[each.group])))
-        for each in layout.parts
+        LawTerms(each.part, layout.groups[each.group].links, each.terms, tuple(next(evaluated[each.group])))
+        for each in layout.group_terms
     ]
 
 
 def _require_starts(
     structure_layout: StructureLayout, group: WeakLawGroup, inside: dict[str, Floats]
 ) -> None:
-    law = group.weak.law
+    law = group.weak_law.law
     for name in (name for name in law.nonlinear if name in inside):
         for lost in np.flatnonzero(np.isnan(inside[name])):
             raise IdentificationError(

@@ -37,14 +37,14 @@ class Window:
         return _window(ceil(deviation * sqrt(2 * ORDER + 3)), max(1, round(1.6 * deviation)), step)
 
     @classmethod
-    def for_band(cls, highest: float, rate: float, quiet: bool) -> Window:
+    def for_band(cls, highest: float, rate: float, noise_free: bool) -> Window:
         """The window for motion up to `highest` Hz at `rate` Hz: phi passes it and no more.
 
         Where the noise bias is removed the accuracy hardly depends on the width while phi stays shorter than the fastest
-        motion; its cut at 2 pi f deviation = 1 is safe on that side. `quiet` records (no noise to speak of) get at least a
-        width at which the alias of phi is small.
+        motion; its cut at 2 pi f deviation = 1 is safe on that side. `noise_free` records (no noise to speak of) get at
+        least a width at which the alias of phi is small.
         """
-        narrowest = _NARROWEST_EXACT if quiet else _NARROWEST
+        narrowest = _NARROWEST_EXACT if noise_free else _NARROWEST
         return cls.of_deviation(min(max(rate / (2.0 * pi * highest), narrowest), _WIDEST), 1.0 / rate)
 
     @property
@@ -91,7 +91,7 @@ class Window:
         return strided_filter(signals, kernels, self.stride)
 
     @cached_property
-    def echoes(self) -> Floats:
+    def cross_correlations(self) -> Floats:
         """(3, 3, 3, 3): sums over windows j of <a, b at j> <c, d at -j>, at [a, c, b, d], for kernels a, b, c, d.
 
         <a, b at j> is the sum over samples of kernel a times kernel b that is j windows later.
@@ -123,15 +123,15 @@ class Window:
         np.matmul(windows, taps.reshape(len(kernels), reach, self.stride)[:, ::-1], out=inside)
         return covered[:, :samples]
 
-    def places(self, windows: int, thin: int) -> Indices:
-        """(P,) the window that is nearest to each place of `spread`.
+    def adjoint_windows(self, windows: int, thin: int) -> Indices:
+        """(P,) the window that is nearest to each place of `adjoint`.
 
         First every second of every `thin`-th window, then the others of them, then `half` times the first and the last.
         """
         kept = np.arange(0, windows, thin)
         return np.concatenate([kept[::2], kept[1::2], np.repeat(kept[[0, -1]], self.half)])
 
-    def spread(self, rows: Floats, thin: int) -> Floats:
+    def adjoint(self, rows: Floats, thin: int) -> Floats:
         """(S, 3, P) sums of kernels over all windows, weighted by `rows` (S, R), at places that stand for all samples.
 
         Places lie near the centre of every `thin`-th window, every second of them moved half a stride, so that what they see
@@ -154,7 +154,7 @@ class Window:
         return found.transpose(1, 0, 2)
 
     def _edges(self, rows: Floats) -> Floats:
-        """(3, S, 2 half) the sums of `spread` at every sample before the first and after the last centre."""
+        """(3, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
         count = min(self.neighbours + 1, rows.shape[1])
         taps = np.zeros((2, 3, count, self.half))
         for later in range(count):

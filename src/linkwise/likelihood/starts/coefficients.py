@@ -76,7 +76,7 @@ def _improved(
     for _ in range(_ROUNDS):
         lines = drift_candidates(windows, link, values)
         pick = lines.cost.argmin(axis=0)
-        line = lines.line[:, pick, np.arange(len(pick))]
+        line = lines.lines[:, pick, np.arange(len(pick))]
         cost = float(lines.cost.min(axis=0).sum())
         if cost < best:
             settled = cost > (1.0 - _SETTLED) * best
@@ -103,9 +103,9 @@ def _projected_step(
     error = windows.force - found.force
     columns = np.stack([np.broadcast_to(found.by_coefficient[name], d.shape) for name in free], axis=2)
     own = [np.broadcast_to(found.by_d, d.shape)]
-    if windows.lost > 1:
-        own.append(own[0] * windows.at + found.by_v)
-    if windows.lost:
+    if windows.integration_order > 1:
+        own.append(own[0] * windows.time + found.by_v)
+    if windows.integration_order:
         q, _ = np.linalg.qr(np.stack(own, axis=2))
         columns = columns - q @ (q.transpose(0, 2, 1) @ columns)
         error = error - (q @ (q.transpose(0, 2, 1) @ error[..., None]))[..., 0]

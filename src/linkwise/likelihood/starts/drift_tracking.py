@@ -27,22 +27,24 @@ def viterbi_path(windows: DriftWindows, lines: DriftCandidates, seen: LinkSignal
 
     It is the chain of candidates that explains the forces best while offset and slope drift no more than noise drives them.
     """
-    length = len(windows.at)
+    length = len(windows.time)
     best = lines.cost.min(axis=0)
-    noise = float(np.median(best)) / max(length - windows.lost, 1)
+    noise = float(np.median(best)) / max(length - windows.integration_order, 1)
     strides = np.diff(windows.center)
     weight = float(strides[0]) / length if len(strides) else 1.0
     price = np.minimum(lines.cost / max(noise, np.finfo(float).tiny), length * _DEAR) * weight
-    value, slope = lines.line - windows.taken[:, None]
+    value, slope = lines.lines - windows.removed_line[:, None]
     spread = lines.spread * np.sqrt(noise)
     total, back = price[:, 0], np.zeros(price.shape, dtype=np.intp)
     for k in range(1, price.shape[1]):
         lag = strides[k - 1] * seen.step
-        roam = seen.jitter[link] * seen.step * np.sqrt(strides[k - 1])  # of the rate that was summed up
+        roam = (
+            seen.random_walk_intensity[link] * seen.step * np.sqrt(strides[k - 1])
+        )  # of the rate that was summed up
         jump = value[:, k] - value[:, k - 1, None] - 0.5 * lag * (slope[:, k] + slope[:, k - 1, None])
-        drift = roam if windows.lost == 1 else roam * lag
+        drift = roam if windows.integration_order == 1 else roam * lag
         toll = jump**2 / (drift**2 + spread[0, :, k] ** 2 + spread[0, :, k - 1, None] ** 2)
-        if windows.lost > 1:
+        if windows.integration_order > 1:
             turn = slope[:, k] - slope[:, k - 1, None]
             toll += turn**2 / (roam**2 + spread[1, :, k] ** 2 + spread[1, :, k - 1, None] ** 2)
         sums = total[:, None] + np.minimum(toll, _IMPASSABLE)
@@ -61,7 +63,7 @@ def elongations_from_forces(seen: LinkSignals, links: tuple[Link, ...]) -> tuple
     d, v = seen.d.copy(), seen.v.copy()
     at = np.arange(seen.d.shape[1])
     for number, link in enumerate(links):
-        if seen.lost[number] == 0:
+        if seen.integration_order[number] == 0:
             continue
         half = window_half(seen, number, _PERIODS)
         windows = DriftWindows.of(seen, number, half=half, stride=max(1, half // _OVERLAP))

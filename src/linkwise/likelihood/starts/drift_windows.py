@@ -27,19 +27,20 @@ _SAME = 1e-3  # of the largest offset: minima nearer than that are one
 
 @dataclass(frozen=True, eq=False)
 class DriftWindows:
-    """K windows of T samples of a link: `d`, `v` (K, T) without their polynomial, `force` (K, T), `at` (T,) s from the centre.
+    """K windows of T samples of a link: `d`, `v` (K, T) without their polynomial, `force` (K, T), `time` (T,) s from the
+    centre.
 
-    `taken` (2, K) is the polynomial that was taken out, value and slope at the centre; `center` (K,) its sample; `lost` how
-    many of the two are unknown; `step` s a sample.
+    `removed_line` (2, K) is the polynomial that was taken out, value and slope at the centre; `center` (K,) its sample;
+    `integration_order` how many of the two are unknown; `step` s a sample.
     """
 
     d: Floats
     v: Floats
     force: Floats
-    at: Floats
-    taken: Floats
+    time: Floats
+    removed_line: Floats
     center: Indices
-    lost: int
+    integration_order: int
     step: float
 
     @classmethod
@@ -49,7 +50,7 @@ class DriftWindows:
         pieces = [sliding_window_view(each[link], length)[::stride] for each in (seen.d, seen.v, seen.force)]
         at = (np.arange(length) - half) * seen.step
         d, v = pieces[0], pieces[1]
-        lost = int(seen.lost[link])
+        lost = int(seen.integration_order[link])
         taken = np.zeros((2, len(d)))
         if lost > 0:
             taken[0] = d.mean(axis=1)
@@ -69,14 +70,14 @@ class DriftWindows:
     def motion(self, line: Floats) -> tuple[Floats, Floats]:
         """d, v (..., K, T) with a line (2, ..., K) of value and slope at the centre put back."""
         offset, slope = line[0][..., None], line[1][..., None]
-        return self.d + offset + slope * self.at, self.v + slope
+        return self.d + offset + slope * self.time, self.v + slope
 
 
 @dataclass(frozen=True, eq=False)
 class DriftCandidates:
-    """Candidates: `line` (2, C, K), squared force error `cost` (C, K), and `spread` (2, C, K) a unit of force error makes."""
+    """Candidates: `lines` (2, C, K), squared force error `cost` (C, K), and `spread` (2, C, K) a unit of force error makes."""
 
-    line: Floats
+    lines: Floats
     cost: Floats
     spread: Floats
 
@@ -88,15 +89,15 @@ def drift_candidates(
 
     In each of so many `rounds` a window also tries what its neighbours found.
     """
-    if windows.lost == 0:
+    if windows.integration_order == 0:
         line = np.zeros((2, 1, len(windows.d)))
         return DriftCandidates(line, _normal(windows, link, values, line)[0], np.zeros_like(line))
     lines = _distinct(_polished(windows, link, values, _minima(windows, link, values)))
     for _ in range(rounds):
-        from_neighbours = _polished(windows, link, values, _passed_on(windows, lines.line))
+        from_neighbours = _polished(windows, link, values, _passed_on(windows, lines.lines))
         lines = _distinct(
             DriftCandidates(
-                np.concatenate([lines.line, from_neighbours.line], axis=1),
+                np.concatenate([lines.lines, from_neighbours.lines], axis=1),
                 np.concatenate([lines.cost, from_neighbours.cost]),
                 np.concatenate([lines.spread, from_neighbours.spread], axis=1),
             )
@@ -106,21 +107,21 @@ def drift_candidates(
 
 def _passed_on(windows: DriftWindows, line: Floats) -> Floats:
     """(2, 2 C, K) what the line of a window is in the windows after and before it; at the ends they keep their own."""
-    drift = line - windows.taken[:, None]
+    drift = line - windows.removed_line[:, None]
     lag = np.diff(windows.center) * windows.step
     after, before = drift.copy(), drift.copy()
     after[:, :, 1:] = drift[:, :, :-1]
     after[0, :, 1:] += drift[1, :, :-1] * lag
     before[:, :, :-1] = drift[:, :, 1:]
     before[0, :, :-1] -= drift[1, :, 1:] * lag
-    return np.concatenate([after, before], axis=1) + windows.taken[:, None]
+    return np.concatenate([after, before], axis=1) + windows.removed_line[:, None]
 
 
 def _distinct(lines: DriftCandidates) -> DriftCandidates:
     """The `_KEPT` best lines of every window, of which no two are the same minimum."""
     order = np.argsort(lines.cost, axis=0)
     cost = np.take_along_axis(lines.cost, order, axis=0)
-    line = np.take_along_axis(lines.line, order[None], axis=1)
+    line = np.take_along_axis(lines.lines, order[None], axis=1)
     spread = np.take_along_axis(lines.spread, order[None], axis=1)
     reach = np.abs(line[0]).max() * _SAME
     apart = np.abs(line[0][:, None] - line[0][None]) > reach
@@ -160,7 +161,9 @@ def _normal(
     found = link.law.partials(d, v, values)
     error = windows.force - found.force
     by_offset = np.broadcast_to(found.by_d, d.shape)
-    by_slope = by_offset * windows.at + found.by_v if windows.lost > 1 else np.zeros_like(by_offset)
+    by_slope = (
+        by_offset * windows.time + found.by_v if windows.integration_order > 1 else np.zeros_like(by_offset)
+    )
     rows = (by_offset, by_slope)
     h = np.array([[np.einsum("ckt,ckt->ck", a, b) for b in rows] for a in rows])
     gradient = np.array([np.einsum("ckt,ckt->ck", a, error) for a in rows])
@@ -182,15 +185,17 @@ def _inverse(h: Floats, damping: Floats) -> Floats:
 
 def _minima(windows: DriftWindows, link: Link, values: dict[str, float]) -> Floats:
     """(2, C, K) the lowest local minima on a grid of offsets and slopes."""
-    thin = slice(None, None, max(1, len(windows.at) // _COARSE))
+    thin = slice(None, None, max(1, len(windows.time) // _COARSE))
     d, v, force, at = (
         windows.d[:, thin],
         windows.v[:, thin],
         windows.force[:, thin],
-        windows.at[thin],
+        windows.time[thin],
     )
     offsets = np.linspace(-1.0, 1.0, _OFFSETS) * _REACH * np.abs(d).max()
-    slopes = np.linspace(-1.0, 1.0, _SLOPES) * np.abs(v).max() if windows.lost > 1 else np.zeros(1)
+    slopes = (
+        np.linspace(-1.0, 1.0, _SLOPES) * np.abs(v).max() if windows.integration_order > 1 else np.zeros(1)
+    )
     cost = np.empty((len(slopes), len(offsets), len(d)))
     for i, slope in enumerate(slopes):
         with np.errstate(over="ignore", invalid="ignore"):  # an exponential, far off

@@ -27,16 +27,16 @@ _SHORTEST = 6  # samples to each side that tell two unknowns from noise
 class LinkSignals:
     """`d`, `v`, `force` (L, N) of the links in m, m/s, N; `step` in s.
 
-    `lost` (L,) is how many integrations the elongation has behind it: it is known up to a polynomial with so many numbers.
-    `jitter` (L,) is the standard deviation of the noise that drives this polynomial, in units of its highest derivative, per
-    sample.
+    `integration_order` (L,) is how many integrations the elongation has behind it: it is known up to a polynomial with so
+    many numbers. `random_walk_intensity` (L,) is the standard deviation of the noise that drives this polynomial, in units
+    of its highest derivative, per sample.
     """
 
     d: Floats
     v: Floats
     force: Floats
-    lost: Indices
-    jitter: Floats
+    integration_order: Indices
+    random_walk_intensity: Floats
     step: float
 
 
@@ -82,8 +82,8 @@ def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) 
         d=structure.elongations(x.T, base).T,
         v=structure.elongations(v.T, None if base is None else np.gradient(base, record.step)).T,
         force=np.linalg.solve(incidence, pushes - structure.mass_values[:, None] * a),
-        lost=most,
-        jitter=np.sqrt((driven * np.square(noise)).sum(axis=1)),
+        integration_order=most,
+        random_walk_intensity=np.sqrt((driven * np.square(noise)).sum(axis=1)),
         step=record.step,
     )
 
