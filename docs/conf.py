@@ -44,7 +44,11 @@ python_maximum_signature_line_length = 88
 autosummary_generate = True
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = True
-numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS}  # these point to pages of Python and NumPy
+numpydoc_xref_aliases = {
+    **{name: name for name in DEFAULT_LINKS},  # these point to pages of Python and NumPy
+    **{name: f"linkwise.{name}" for name in lw.__all__},
+}
+numpydoc_xref_ignore = {"default", "of", "optional", "or", "shape", "to"}
 
 # Without a network nothing outside this package can be linked to; names of it that are not public are no links.
 nitpick_ignore_regex = [("py:.*", r"(?!linkwise\.).*"), ("py:.*", r"linkwise\.[a-z_]+\..*")]

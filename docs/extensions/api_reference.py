@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import ast
 import inspect
+from dataclasses import dataclass
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
@@ -70,25 +72,50 @@ def comment(name: str, module: str) -> list[str]:
     return comments["", name]
 
 
-def folder_of(value: object) -> str:
-    """The folder of a page: `Limit` and `limit` are one file where capitals do not count."""
-    if inspect.ismodule(value):
-        return "modules"
-    return "classes" if inspect.isclass(value) else "functions" if callable(value) else "constants"
+@dataclass(frozen=True)
+class PublicName:
+    """A public name, `plot.force` for a function of a public module, its value, and the module that it is imported from."""
+
+    name: str
+    value: object
+    home: str
+
+    @property
+    def package(self) -> str:
+        """The package that it is listed under."""
+        return self.home.split(".")[1]
+
+    @property
+    def kind(self) -> str:
+        """The folder of its page: `Limit` and `limit` are one file where capitals do not count."""
+        if inspect.isclass(self.value):
+            return "classes"
+        return "functions" if callable(self.value) else "constants"
+
+    @property
+    def page(self) -> str:
+        """Its page."""
+        head = f"{self.name}\n{'=' * len(self.name)}\n\n.. currentmodule:: linkwise\n\n"
+        if inspect.isclass(self.value):
+            return f"{head}.. autoclass:: linkwise.{self.name}\n   :members:\n{members(self.value)}"
+        if callable(self.value):
+            return f"{head}.. autofunction:: linkwise.{self.name}\n"
+        text = "\n   ".join(comment(self.name.rpartition(".")[2], self.home))
+        return f"{head}.. py:data:: {self.name}\n   :value: {self.value!r}\n\n   {text}\n"
 
 
-def page(name: str, home: str) -> str:
-    """The page of one public name."""
-    value = getattr(lw, name)
-    head = f"{name}\n{'=' * len(name)}\n\n.. currentmodule:: linkwise\n\n"
-    if inspect.isclass(value):
-        return f"{head}.. autoclass:: {name}\n   :members:\n{members(value)}"
-    if inspect.ismodule(value):
-        return f"{head}.. automodule:: linkwise.{name}\n   :members:\n"
-    if callable(value):
-        return f"{head}.. autofunction:: {name}\n"
-    text = "\n   ".join(comment(name, home))
-    return f"{head}.. py:data:: {name}\n   :value: {value!r}\n\n   {text}\n"
+def public_names(module: ModuleType = lw, prefix: str = "") -> list[PublicName]:
+    """The names in `__all__` of a module; of a module among them its names."""
+    home, found = imported(module.__name__), []
+    for name in module.__all__:
+        value = getattr(module, name)
+        if inspect.ismodule(value):
+            found += public_names(value, f"{prefix}{name}.")
+        elif name not in home:
+            raise ExtensionError(f'the public name "{prefix}{name}" is not imported for type checkers')
+        else:
+            found.append(PublicName(f"{prefix}{name}", value, home[name]))
+    return found
 
 
 def members(value: type) -> str:
@@ -98,33 +125,28 @@ def members(value: type) -> str:
     return "\n.. rubric:: Members\n\n" + "".join(f"``{each.name}``\n   {each.value}\n\n" for each in value)
 
 
-def section(title: str, names: list[str]) -> str:
+def section(title: str, names: list[PublicName]) -> str:
     """A section of the index: a table of what can be called, a line of constants."""
-    values = {name: getattr(lw, name) for name in names}
-    table = "".join(
-        f"   {name}\n" for name, value in values.items() if callable(value) or inspect.ismodule(value)
-    )
-    constants = ", ".join(f":py:data:`{name}`" for name in names if folder_of(values[name]) == "constants")
-    tree = "".join(f"   {folder_of(value)}/{name}\n" for name, value in values.items())
+    table = "".join(f"   {each.name}\n" for each in names if callable(each.value))
+    constants = ", ".join(f":py:data:`{each.name}`" for each in names if each.kind == "constants")
+    tree = "".join(f"   {each.kind}/{each.name}\n" for each in names)
     return (
-        f"{title}\n{'-' * len(title)}\n\n.. autosummary::\n   :nosignatures:\n\n{table}\n"
+        f"\n{title}\n{'-' * len(title)}\n\n.. autosummary::\n   :nosignatures:\n\n{table}\n"
         f"{'Constants: ' + constants if constants else ''}\n\n.. toctree::\n   :hidden:\n\n{tree}\n"
     )
 
 
 def pages() -> dict[str, str]:
     """All pages of the reference by path, the index among them."""
-    home = imported("linkwise")
-    if missing := sorted(set(lw.__all__) - set(home)):
-        raise ExtensionError(f"public names that are not imported for type checkers: {', '.join(missing)}")
-    package = {name: f"{home[name]}.{name}".split(".")[1] for name in lw.__all__}
-    written = {f"{folder_of(getattr(lw, name))}/{name}": page(name, home[name]) for name in lw.__all__}
-    index = INDEX
-    others = {folder: folder.capitalize() for folder in sorted(set(package.values()) - set(PACKAGES))}
-    for folder, title in {**PACKAGES, **others}.items():
-        if names := sorted((name for name in lw.__all__ if package[name] == folder), key=str.lower):
-            index += "\n" + section(title, names)
-    return {**written, "index": index}
+    names = sorted(public_names(), key=lambda each: each.name.lower())
+    packages = {each.package for each in names}
+    titles = {**PACKAGES, **{package: package.capitalize() for package in sorted(packages - set(PACKAGES))}}
+    sections = [
+        section(title, [each for each in names if each.package == package])
+        for package, title in titles.items()
+        if package in packages
+    ]
+    return {f"{each.kind}/{each.name}": each.page for each in names} | {"index": INDEX + "".join(sections)}
 
 
 def write(app: Sphinx) -> None:

@@ -8,7 +8,6 @@ fit.
 """
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 import linkwise as lw
 
@@ -20,13 +19,8 @@ fit = lw.identify(record, chain.unknown("nes"))
 print(fit)
 
 # %%
-# The identified law over the elongations that were never measured:
+# The identified law, over elongations that were never measured:
 
-d = np.linspace(*fit.link("nes1").d_range, 300)
-fig, (seen, found) = plt.subplots(1, 2)
-seen.plot(record.time, record.channel("a:m2"), linewidth=0.4)
-seen.set(xlabel="time, s", ylabel="acceleration of m2, m/s$^2$", title="measured")
-found.plot(1e3 * d, chain.link("nes1").force(d), "k", linewidth=3, alpha=0.25, label="true")
-found.plot(1e3 * d, fit.structure.link("nes1").force(d), label="identified")
-found.set(xlabel="elongation, mm", ylabel="force, N", title="identified")
-found.legend()
+fig, (seen, found) = plt.subplots(1, 2, figsize=(7.6, 3.4))
+lw.plot.histories(record, ["a:m2"], ax=seen)
+lw.plot.force(fit, "nes1", ax=found)

@@ -7,7 +7,6 @@ with its 95 % band.
 """
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 import linkwise as lw
 
@@ -22,26 +21,10 @@ fit = lw.identify(record, chain.unknown("nes"))
 print(fit)
 
 # %%
-# The band is drawn ten times as wide as it is, else it would hide behind the line, although the
-# noise is a third of the motion.
+# The whole range that the record visited, and the piece between the wells. The noise is a third of
+# the motion, yet the band is hardly wider than the line.
 
-d = np.linspace(-0.016, 0.016, 301)
-force, lower, upper = fit.force_band("nes1", d)
-
-print(f"95 % band at {1e3 * d[-1]:.0f} mm: {lower[-1]:.2f} to {upper[-1]:.2f} N")
-
-fig, ax = plt.subplots()
-ax.plot(1e3 * d, chain.link("nes1").force(d), "k", linewidth=3, alpha=0.25, label="true")
-ax.plot(1e3 * d, force, label="identified")
-ax.fill_between(
-    1e3 * d,
-    force + 10 * (lower - force),
-    force + 10 * (upper - force),
-    alpha=0.3,
-    linewidth=0,
-    label="95 % band x 10",
-)
-for well in fit.link("nes1").wells:
-    ax.plot(1e3 * well.value, 0.0, "o", color="C1")
-ax.set(xlabel="elongation, mm", ylabel="force, N", title="a spring with two wells")
-ax.legend()
+fig, (whole, near) = plt.subplots(1, 2, figsize=(7.6, 3.4))
+lw.plot.force(fit, "nes1", ax=whole)
+lw.plot.force(fit, "nes1", near_wells=True, legend=False, ax=near)
+near.set_title("near the wells")

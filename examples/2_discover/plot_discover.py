@@ -19,18 +19,13 @@ found = lw.discover(record, masses)
 print(found)
 
 # %%
-# The evidence for every term that was kept, and for those dropped that came nearest. Left of
-# the line the decision would be in doubt.
+# The structure that was found:
 
-kept = [term for term in found.terms if term.kept]
-dropped = [term for term in found.terms if not term.kept]
-shown = kept + sorted(dropped, key=lambda term: term.margin)[:5]
+fig, ax = plt.subplots(figsize=(6.6, 4.0))
+lw.plot.graph(found, ax=ax)
 
-fig, ax = plt.subplots(figsize=(6.6, 4.2))
-for place, term in enumerate(shown):
-    ax.barh(place, term.margin, color="C0" if term.kept else "0.75")
-ax.axvline(10.0, color="k", linewidth=0.8)
-ax.set_yticks(range(len(shown)), [f"{term.link}: {term.term}" for term in shown])
-ax.invert_yaxis()
-ax.set(xscale="log", xlim=(1, None), xlabel="margin of the decision")
-ax.set_title("kept (blue) and dropped (grey)")
+# %%
+# What each term explains, and what those would that came nearest among the dropped ones:
+
+fig, ax = plt.subplots(figsize=(6.6, 4.6))
+lw.plot.evidence(found, ax=ax)

@@ -25,10 +25,6 @@ print([quantity.name for quantity in answer.quantities])
 # it in one well, and where the wells are shallow (right) and the blow is soft it does little. The
 # speckle is real: which well it ends in is chaotic.
 
-share = answer["sinks_share"]
-alpha, speed = (axis.values for axis in answer.axes)
-fig, ax = plt.subplots()
-mesh = ax.pcolormesh(alpha, speed, 100 * share.T, shading="nearest", cmap="viridis")
-fig.colorbar(mesh, label="energy taken by the sink, %")
-ax.set(xlabel="alpha, N/m", ylabel="release of m1, m/s")
-ax.grid(False)
+fig, (share, reduction) = plt.subplots(1, 2, figsize=(7.6, 3.2))
+lw.plot.map(answer, "sinks_share", ax=share)
+lw.plot.map(answer, "rms_reduction", ax=reduction)

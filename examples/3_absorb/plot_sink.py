@@ -15,23 +15,15 @@ answer = lw.absorb(chain, duration=6.0, release={"v:m1": 1.0})
 print(answer)
 
 # %%
-# The envelope of the main mass, and the share of the energy that the sink has taken:
+# The main mass with the sink and without it:
 
-fig, (decay, energy) = plt.subplots(1, 2)
-for run, label in ((answer.without, "without sink"), (answer.with_sinks, "with sink")):
-    decay.semilogy(answer.time, 1e3 * run.envelope[:, 0], label=label)
-decay.set(xlabel="time, s", ylabel="envelope of m1, mm", xlim=(0, 5), ylim=(0.03, None))
-decay.legend()
+fig, ax = plt.subplots()
+lw.plot.absorption(answer, ax=ax)
 
-shares = answer.with_sinks.shares
-energy.stackplot(
-    answer.time,
-    100 * shares[:, 1],
-    100 * shares[:, 0],
-    100 * answer.with_sinks.remaining,
-    colors=["C1", "C0", "0.85"],
-)
-energy.set(xlabel="time, s", ylabel="energy, %", ylim=(0, 100), xlim=(0, 5))
-energy.text(3, 28, "taken by the sink", ha="center", color="white")
-energy.text(3, 78, "taken by the spring", ha="center", color="white")
-energy.text(0.15, 92, "left")
+# %%
+# Where the energy went, and how the sink crossed from well to well to take it:
+
+fig, (energy, sink) = plt.subplots(1, 2, figsize=(7.6, 3.4))
+lw.plot.energy(answer, ax=energy)
+energy.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3)
+lw.plot.crossings(answer, ax=sink)

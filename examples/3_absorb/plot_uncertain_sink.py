@@ -23,17 +23,6 @@ answer = lw.absorption_intervals(fit, duration=3.0, release={"v:m1": 1.0}, draws
 taken = answer.quantity("sinks_share")
 print(f"the sink takes {100 * taken.value:.1f} %, 95 % {100 * taken.lower:.1f} to {100 * taken.upper:.1f} %")
 
-found = answer.found
-fig, ax = plt.subplots()
-ax.semilogy(found.time, 1e3 * found.without.envelope[:, 0], color="0.6", label="without sink")
-ax.semilogy(found.time, 1e3 * found.with_sinks.envelope[:, 0], label="with sink")
-ax.fill_between(
-    found.time,
-    1e3 * answer.lower[:, 0],
-    1e3 * answer.upper[:, 0],
-    alpha=0.3,
-    linewidth=0,
-    label="95 % of the draws",
-)
-ax.set(xlabel="time, s", ylabel="envelope of m1, mm", xlim=(0, 2.9), ylim=(0.1, None))
-ax.legend()
+fig, ax = plt.subplots(figsize=(6.6, 4.0))
+lw.plot.absorption(answer, ax=ax)
+ax.legend(loc="upper left", bbox_to_anchor=(0.0, -0.15), ncols=3)
