@@ -59,6 +59,10 @@ class Verdict(Enum):
         "Around the values found the likelihood has other optima, or not the shape that intervals assume. Give starts that "
         "are nearer, a shorter piece of the record, or less noise."
     )
+    COVARIANCE_NOT_POSITIVE = (
+        "The covariance of the coefficients found is not positive: the record hardly determines some of them beside its "
+        "noise. Hold some at known values, or record a motion that stands farther above the noise."
+    )
     ENERGY_FED = (
         "A link gives energy to the motion, which no spring or damper does: a force that is not in the record, or a term that "
         "is missing, looks like that."

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from problems import truth
 
 import linkwise as lw
 from linkwise.likelihood.whiteness import is_coloured
@@ -139,3 +140,40 @@ def test_clean_records_are_trusted(seed: int, chain: lw.Structure) -> None:
     for snr_db in (10.0, 20.0, 40.0):
         fit = lw.identify(record(chain).with_noise(snr_db, seed=3000 + seed), chain.unknown("all"))
         assert fit.verdicts == (lw.Verdict.CONVERGED,)
+
+
+def test_steps_of_the_flow_bend_no_coefficient() -> None:
+    """Eight samples a period, 40 dB: an error of 2 % of the noise in each of many segments would add up."""
+    number = lw.Coefficient.number
+    masses = (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.3)))
+    values = ({"k": 2e4, "k3": 1e8, "c": 1.0}, {"k": 9e3, "k3": 3e7, "c": 0.5})
+    links = tuple(
+        lw.Link(
+            name,
+            ends,
+            lw.Law.parse("k*d + k3*d**3 + c*v"),
+            {key: number(value) for key, value in each.items()},
+        )
+        for name, ends, each in zip(("outer", "inner"), (("m1", "ground"), ("m2", "m1")), values, strict=True)
+    )
+    structure = lw.Structure("pair", masses, links)
+    rate = 8.0 * float(np.nanmax(lw.modes(structure).frequencies))
+    clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=12000 / rate, rate=rate)
+    asked = structure.unknown("all")
+    errors = []
+    for seed in range(4):
+        fit = lw.identify(clean.with_noise(40.0, seed=seed), asked)
+        assert fit.trusted, fit.explanation
+        errors.append((fit.values - truth(structure, asked)) / np.sqrt(fit.covariance.diagonal()))
+    assert np.sqrt(np.mean(np.square(errors))) < 1.46  # 24 normal errors: beyond once in 1000
+
+
+def test_a_negative_variance_is_not_trusted(fitted: lw.Estimate) -> None:
+    """Errors in variables may take more from a variance than there is."""
+    size = len(fitted.values)
+    covariance = np.diag(np.full(size, 1e-4))
+    assert replace(fitted, covariance=covariance).trusted
+    covariance[0, 0] = -1e-4
+    bad = replace(fitted, covariance=covariance)
+    assert lw.Verdict.COVARIANCE_NOT_POSITIVE in bad.verdicts and not bad.trusted
+    assert bad.coefficient(bad.parameters[0].name).standard_error is None

@@ -25,6 +25,8 @@ from linkwise.records.record import Record
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted, status_of
 
+_ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the square of it is zero
+
 
 @dataclass(frozen=True)
 class NoiseEstimate:
@@ -89,7 +91,19 @@ class Estimate:
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """What can be said of the answer as a whole: of the fit, and of the laws that it found."""
-        return (*self.fit_verdicts, Verdict.ENERGY_FED) if self.supplies else self.fit_verdicts
+        laws = (
+            (Verdict.COVARIANCE_NOT_POSITIVE, self._has_negative_variance),
+            (Verdict.ENERGY_FED, bool(self.supplies)),
+        )
+        return (*self.fit_verdicts, *(verdict for verdict, holds in laws if holds))
+
+    @property
+    def _has_negative_variance(self) -> bool:
+        """Whether a variance is negative beyond the rounding of its coefficient."""
+        if not (self.intervals and is_trusted(self.fit_verdicts)):
+            return False
+        variance = self.covariance.diagonal()[self.free]
+        return bool(np.any(~(variance >= -((_ROUNDING * self.values[self.free]) ** 2))))
 
     @cached_property
     def supplies(self) -> dict[str, float]:

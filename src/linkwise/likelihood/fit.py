@@ -29,7 +29,7 @@ _NEAR = AnnealingSchedule(
 _WARM = AnnealingSchedule(
     initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0
 )  # from the states of a fit to nearly the same laws
-_FLOW_ERROR = 0.02  # of a noise deviation: what the steps of the flow may be wrong by
+_FLOW_ERROR = 1e-3  # of a noise deviation: what steps may be wrong by; the same way in every one of thousands of segments
 _FINEST = 8
 _TRIED = 150  # segments that tell how fine the steps must be
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
