@@ -12,13 +12,18 @@ from linkwise.errors import StructureError, StudyError
 from linkwise.text import near_miss
 
 Table = TypeVar("Table", bound=msgspec.Struct)
+LARGEST = 50_000_000  # bytes: 300 000 masses; a pipe or a device may have no end
 FileError = type[StructureError] | type[StudyError]
 
 
 def read_toml_text(path: str | Path, error: FileError) -> str:
     """The text of a UTF-8 file. Raises `error` with the path if it cannot be read."""
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
+        with Path(path).open("rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise error(f"has more than {LARGEST / 1e6:g} MB, more than any such file", str(path))
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise error("there is no such file", str(path)) from None
     except UnicodeDecodeError as problem:
@@ -31,7 +36,7 @@ def parse_toml(text: str, source: str, error: FileError) -> dict[str, Any]:
     """The tables of a TOML text named `source`. Raises `error` with line and column if it is not valid TOML."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as problem:
+    except (ValueError, RecursionError) as problem:  # also of a number too long and of tables too deep
         reason, _, position = str(problem).partition(" (at ")
         message = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}"
         raise error(message, _joined(source, position.rstrip(")"))) from None

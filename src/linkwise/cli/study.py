@@ -87,6 +87,10 @@ def _require_stored(asked: lw.Study, output: Path) -> None:
         raise click.UsageError(
             f'{output} holds the study "{stored.name}", not "{asked.name}"; name that one.'
         )
+    if not lw.read_rows(output):
+        raise lw.LinkwiseError(
+            f"{output}: no case of the study has been run yet, so there is nothing to export"
+        )
 
 
 def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:

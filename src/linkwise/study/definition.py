@@ -65,6 +65,11 @@ class Study:
                         yield Case(subject.name, level, method.name, seed)
 
     def __len__(self) -> int:
+        return self.count
+
+    @property
+    def count(self) -> int:
+        """The number of cases, however large."""
         return len(self.subjects) * len(self.snr_db) * len(self.methods) * self.cycles
 
     def subject(self, name: str) -> Subject:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from statistics import median
 
 FAILED = "failed"  # the status of a row without an answer
+DIED = "its worker process died "  # how the reason begins where workers were killed, ran out of memory, or crashed
 FAULT = "this is a fault of linkwise: "  # how the reason begins where linkwise, not the case, is to blame
 
 

@@ -16,6 +16,8 @@ from linkwise.study.runner import run
 from linkwise.study.store import open_store, read_rows
 from linkwise.study.toml_file import read_study
 
+MOST_CASES = 1_000_000  # kept in memory and in one file: years of one processor
+
 
 def run_study(
     which: Study | str | Path,
@@ -34,13 +36,18 @@ def run_study(
     as `detail`.
 
     Raises StudyError for a study that cannot be read, for a folder that holds another one or in which another process runs
-    one, and where workers cannot be had.
+    one, for more than `MOST_CASES` cases, and where workers cannot be had.
     """
     study = which if isinstance(which, Study) else read_study(which)
     study = study.quickly() if quick else study
     if workers is not None and scheduler is not None:
         raise StudyError(
             "workers are processes of this machine, a scheduler has workers of its own; give one of the two"
+        )
+    if study.count > MOST_CASES:
+        raise StudyError(
+            f"a study has at most {MOST_CASES} cases, and this one has more; take fewer cycles, or make several studies of it",
+            "cycles",
         )
     with open_store(Path(folder), study) as store:
         if len(store.done()) < len(study):

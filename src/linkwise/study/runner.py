@@ -11,7 +11,7 @@ from linkwise.errors import StudyError
 from linkwise.progress import Progress, ProgressReport
 from linkwise.study.definition import Study
 from linkwise.study.executor import Executor, FailureKind
-from linkwise.study.row import Case
+from linkwise.study.row import DIED, Case
 from linkwise.study.store import Store
 from linkwise.study.timing import Timing, next_batch
 from linkwise.study.worker import CaseBatch, CaseResult, failure
@@ -132,5 +132,5 @@ class _Work:
 
 def _blamed(study: Study, case: Case) -> CaseResult:
     masses = study.subject(case.structure).structure.size
-    reason = f"its worker process died {_DEATHS} times while at it: killed, out of memory, or crashed"
+    reason = f"{DIED}{_DEATHS} times while at it: killed, out of memory, or crashed"
     return CaseResult(failure(case, masses, reason), 0.0)

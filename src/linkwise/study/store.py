@@ -14,9 +14,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from linkwise.atomic import FullDiskError
 from linkwise.errors import StudyError
 from linkwise.study.definition import Study
-from linkwise.study.row import FAILED, FAULT, Case, Row
+from linkwise.study.row import DIED, FAILED, FAULT, Case, Row
 from linkwise.study.toml_file import build_study
 
 DATABASE, LOCK = "study.sqlite", "study.lock"
@@ -33,7 +34,8 @@ CREATE TABLE rows (
 _KEY = ("structure", "snr_db", "method", "seed")
 _MAPPINGS = ("links", "coefficients", "standard_errors")
 _FIELDS = (*_KEY, "masses", "status", *_MAPPINGS, "seconds", "reason")
-_FAULTY = f"status = '{FAILED}' AND substr(reason, 1, {len(FAULT)}) = '{FAULT}'"
+_UNDECIDED = " OR ".join(f"substr(reason, 1, {len(why)}) = '{why}'" for why in (FAULT, DIED))
+_FAULTY = f"status = '{FAILED}' AND ({_UNDECIDED})"
 _SHOWN = 6  # differences between two definitions that an error lists
 _LONG = 160  # characters of two values that are shown beside each other
 
@@ -46,7 +48,9 @@ class Store:
     database: sqlite3.Connection
 
     def done(self) -> set[Case]:
-        """The cases that have a row, but for those that failed by a fault of linkwise: it may be mended since."""
+        """The cases that have a row, but for those that failed by no fault of their own: by one of linkwise, which may be
+        mended since, and by the death of workers, which may have had too little memory.
+        """
         found = self.database.execute(f"SELECT {', '.join(_KEY)} FROM rows WHERE NOT ({_FAULTY})")
         return {Case(*values) for values in found}
 
@@ -69,9 +73,10 @@ class Store:
                     f"INSERT INTO rows ({', '.join(_FIELDS)}) VALUES ({marks})", map(_values, rows)
                 )
         except sqlite3.Error as error:
-            raise StudyError(
-                f"rows could not be written: {error}; what was there is safe", str(self.folder)
-            ) from error
+            message = f"rows could not be written: {error}; what was there is safe"
+            if error.sqlite_errorcode == sqlite3.SQLITE_FULL:
+                raise FullDiskError(f"{self.folder}: {message}") from error
+            raise StudyError(message, str(self.folder)) from error
 
 
 @contextmanager
