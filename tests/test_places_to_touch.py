@@ -21,9 +21,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 import linkwise as lw
-from linkwise.cli import linkwise
+from linkwise.cli import COMMANDS, linkwise, run
 from linkwise.expression.functions import FUNCTIONS, LawFunction
+from linkwise.files import FORMATS, Format
 from linkwise.registry import Registry
+from linkwise.report.estimate_page import SECTIONS
+from linkwise.report.section import Reported, Section
 from linkwise.sindy.regression import REGRESSORS
 
 
@@ -241,6 +244,136 @@ def test_an_option_of_absorb_is_a_field_and_a_line(places: Places, tmp_path: Pat
     printed = places.script(LABEL, tmp_path)
     labels = [line for line in printed.splitlines() if line.startswith("label:")]
     assert labels == ["label: by keyword", "label: by object", "label: by command"]
+
+
+JSON_LINES = """
+import json
+from pathlib import Path
+
+import numpy as np
+
+from linkwise.files.table import Column, Table
+from linkwise.records.record import Record
+
+
+def read_table(path: Path) -> Table:
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    return Table(tuple(Column.of(name, np.array([row[name] for row in rows])) for name in rows[0]))
+
+
+def write(record: Record, path: Path) -> None:
+    columns = {"time": record.time, **{name: record.channel(name) for name in record.channels}}
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    path.write_text("".join(json.dumps(dict(zip(columns, row))) + "\\n" for row in rows))
+"""
+
+
+def test_a_file_format_is_a_file_and_a_line(places: Places, tmp_path: Path) -> None:
+    places.file("extra_jsonl", JSON_LINES)
+    places.line(FORMATS, ".jsonl", Format("extra_jsonl", writable=True))
+    assert (places.files, places.lines) == (1, 1)
+
+    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
+    lw.write_record(record, tmp_path / "run.jsonl")
+    again = lw.read_record(tmp_path / "run.jsonl")
+    assert again.channels == record.channels and np.array_equal(again.values, record.values)
+    lw.write_structure(lw.bnes_chain(2), tmp_path / "chain.toml")
+    drive = ("--duration", "0.1", "--rate", "1000", "--release", "v:m1=1.0")
+    ran = _command("simulate", str(tmp_path / "chain.toml"), *drive, "-o", str(tmp_path / "typed.jsonl"))
+    assert ran.exit_code == 0
+    assert (tmp_path / "typed.jsonl").read_bytes() == (tmp_path / "run.jsonl").read_bytes()
+
+
+ENERGY_FOLDER = '''
+"""What `energy` hands over."""
+
+import numpy as np
+
+from linkwise.records.record import Record
+from linkwise.report.result_folder import ResultFolder
+from linkwise.report.section import Section
+from linkwise.report.sheet import sheet
+
+
+def document(record, truth):
+    return {"method": "energy", "joules": float(record.simulated.energy.supplied[-1])}
+
+
+def data(reported, folder):
+    np.savetxt(folder / "put_in.csv", reported.result.simulated.energy.supplied)
+
+
+def sections(reported):
+    return {"balance": Section("Balance", ["All of it."])}
+
+
+def page(reported, pictures):
+    structure = reported.result.simulated.structure
+    return sheet(structure, sections(reported), pictures, verdict=["Energy was put in."], trusted=True)
+
+
+FOLDER = ResultFolder[Record](mark="energy.json", document=document, data=data, figures=sections, page=page)
+'''
+
+ENERGY_COMMAND = '''
+"""`linkwise energy`: a structure to the energy that a release puts in."""
+
+from pathlib import Path
+
+import click
+
+import linkwise as lw
+from extra_energy_folder import FOLDER
+from linkwise.cli.console import deliver
+from linkwise.cli.options import FOLDER as DIRECTORY
+
+
+@click.command()
+@click.argument("structure", type=click.Path(path_type=Path))
+@click.option("-o", "--output", metavar="DIR", type=DIRECTORY)
+def energy(structure: Path, output: Path | None) -> None:
+    """Tell what energy a release puts into STRUCTURE."""
+    if output is not None:
+        FOLDER.check(output)
+    record = lw.simulate(lw.read_structure(structure), release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
+    joules = FOLDER.document(record, None)["joules"]
+    deliver(f"{joules:g} J", output, lambda folder, step: FOLDER.write(record, folder, progress=step))
+'''
+
+
+def test_a_command_with_a_result_folder_is_two_files_and_a_line(
+    places: Places, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places.file("extra_energy_folder", ENERGY_FOLDER)
+    places.file("extra_energy", ENERGY_COMMAND)
+    places.line(COMMANDS, "energy", "extra_energy:energy")
+    assert (places.files, places.lines) == (2, 1)
+
+    assert "energy     Tell what energy a release puts into STRUCTURE." in _command("--help").output
+    chain, folder = str(tmp_path / "chain.toml"), tmp_path / "answer"
+    lw.write_structure(lw.bnes_chain(2), chain)
+    assert run(["energy", chain, "-o", str(folder)]) == 0
+    assert capsys.readouterr().out == "0.5 J\n"
+    told = json.loads((folder / "energy.json").read_text())
+    assert told == {"method": "energy", "joules": 0.5, "files": ["put_in.csv", "report.html"]}
+    assert "<h2>Balance</h2>" in (folder / "report.html").read_text()
+    # an earlier result is replaced, and neither command takes the place of the other's
+    (folder / "put_in.csv").unlink()
+    assert run(["energy", chain, "-o", str(folder)]) == 0 and (folder / "put_in.csv").exists()
+    drive = ["--duration", "0.5", "--release", "v:m1=1.0"]
+    assert run(["absorb", chain, *drive, "-o", str(folder)]) == 2
+    assert "holds the result of another command (energy.json)" in capsys.readouterr().err
+
+
+def test_a_section_of_a_report_is_an_entry(places: Places, fitted: lw.Estimate, tmp_path: Path) -> None:
+    def count(reported: Reported[lw.Estimate]) -> Section:
+        return Section("Samples", [f"{reported.result.samples} were used."])
+
+    places.line(SECTIONS, "samples", count)
+    assert (places.files, places.lines) == (0, 1)
+
+    page = (lw.write_result(fitted, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
+    assert "<h2>Samples</h2>" in page and f"{fitted.samples} were used." in page
 
 
 def _command(*arguments: str) -> Result:

@@ -21,7 +21,6 @@ from linkwise.errors import LinkwiseError
 RESULT = (
     "result.json"  # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 )
-ABSORPTION = "absorption.json"  # the same for `absorb`
 
 
 if sys.platform != "win32":
@@ -160,9 +159,8 @@ def _refuse_others(path: Path, mark: str) -> None:
     ):
         return
     if _written(path, mark) is None:
-        other = next(
-            (name for name in (RESULT, ABSORPTION) if name != mark and _written(path, name) is not None), None
-        )
+        marks = sorted(entry.name for entry in path.glob("*.json") if entry.name != mark)
+        other = next((name for name in marks if _written(path, name) is not None), None)
         what = (
             f"holds the result of another command ({other})"
             if other

@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import linkwise as lw
-from linkwise.atomic import ABSORPTION, check_result_folder, to_json
+from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, keyword_group, number, pairs
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.report import absorption_folder as folders
+else:
+    folders = lazy_module("linkwise.report.absorption_folder")  # figures are for those who want a folder
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
 MOST = 100_000  # values of a swept parameter
@@ -176,7 +182,7 @@ def absorb(
     """
     repetition.check(structure.is_dir())
     if output is not None:
-        check_result_folder(output, ABSORPTION)  # before the work, so that nobody waits for a refusal
+        folders.ABSORPTION_FOLDER.check(output)  # before the work, so that nobody waits for a refusal
     keywords = {**asked, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         found = _answer(structure, repetition, {**keywords, "progress": step})

@@ -6,14 +6,20 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import linkwise as lw
-from linkwise.atomic import check_result_folder, to_json
+from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, pairs, record_options
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.report import discovery_folder as folders
+else:
+    folders = lazy_module("linkwise.report.discovery_folder")  # figures are for those who want a folder
 
 EXAMPLE = "m1=1.0"
 
@@ -141,7 +147,7 @@ def discover(
       linkwise discover run.csv --structure known.toml --with run2.csv --json
     """
     if output is not None:
-        check_result_folder(output)  # before the work, so that nobody waits for a refusal
+        folders.DISCOVERY_FOLDER.check(output)  # before the work, so that nobody waits for a refusal
     masses, asked = prior.masses(), prior.keywords()
     names = tuple(masses) if isinstance(masses, dict) else tuple(mass.name for mass in masses.masses)
     true = None if truth is None else _true(truth, names)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import linkwise as lw
-from linkwise.atomic import check_result_folder, to_json
+from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, exit_code, progress, tell
 from linkwise.cli.options import (
     FILE,
@@ -22,7 +22,13 @@ from linkwise.cli.options import (
     record_options,
 )
 from linkwise.identification.methods import METHODS
+from linkwise.lazy import lazy_module
 from linkwise.sindy.regression import REGRESSORS
+
+if TYPE_CHECKING:
+    from linkwise.report import estimate_folder as folders
+else:
+    folders = lazy_module("linkwise.report.estimate_folder")  # figures are for those who want a folder
 
 _DIFFERS = (
     0.1  # of an interval's half: from here a profile interval says something that a standard error does not
@@ -142,7 +148,7 @@ def identify(
     """
     estimator = _estimator(chosen, ml, sindy)
     if output is not None:
-        check_result_folder(output)  # before the work, so that nobody waits for a refusal
+        folders.ESTIMATE_FOLDER.check(output)  # before the work, so that nobody waits for a refusal
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
     with progress("reading") as step:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,29 +14,42 @@ from linkwise.errors import RecordError
 from linkwise.files.assemble import ReadOptions, to_record
 from linkwise.files.isolated import read_here, read_isolated
 from linkwise.records.record import Record
+from linkwise.registry import Registry
 
 __all__ = ["read_record", "write_record"]
 
-_MODULES = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".dat": "csv",
-    ".tsv": "csv",
-    ".mat": "mat",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".parquet": "parquet",
-    ".uff": "uff",
-    ".unv": "uff",
-    ".tdms": "tdms",
-}
-_WRITABLE = (".csv", ".mat", ".h5", ".hdf5", ".parquet")
-_TEXT = (f"{__name__}.csv",)  # modules that read in this process: text does not crash a library
-_EXTRAS = {
-    "parquet": "pyarrow",
-    "uff": "pyuff",
-    "tdms": "nptdms",
-}  # modules that need a library of the extra [files]
+
+@dataclass(frozen=True)
+class Format:
+    """A format of record files: the full name of its module, and the library of the extra [files] that it needs.
+
+    The module has a `read_table(path)` and, of a `writable` format, a `write(record, path)`. Reading is `isolated` in a
+    process of its own unless the format is text, which crashes no library.
+    """
+
+    module: str
+    library: str | None = None
+    writable: bool = False
+    isolated: bool = True
+
+
+FORMATS: Registry[Format] = Registry(
+    "suffix",
+    {
+        ".csv": Format("linkwise.files.csv", writable=True, isolated=False),
+        ".txt": Format("linkwise.files.csv", isolated=False),
+        ".dat": Format("linkwise.files.csv", isolated=False),
+        ".tsv": Format("linkwise.files.csv", isolated=False),
+        ".mat": Format("linkwise.files.mat", writable=True),
+        ".h5": Format("linkwise.files.hdf5", writable=True),
+        ".hdf5": Format("linkwise.files.hdf5", writable=True),
+        ".parquet": Format("linkwise.files.parquet", library="pyarrow", writable=True),
+        ".uff": Format("linkwise.files.uff", library="pyuff"),
+        ".unv": Format("linkwise.files.uff", library="pyuff"),
+        ".tdms": Format("linkwise.files.tdms", library="nptdms"),
+    },
+)
+"""The formats by the suffix of their files."""
 
 
 def read_record(
@@ -91,8 +105,8 @@ def read_record(
     """
     path = Path(path)
     _check_exists(path)
-    name = _module_name(path.suffix, path)
-    table = (read_here if name in _TEXT else read_isolated)(name, path)
+    format_ = _format(path)
+    table = (read_isolated if format_.isolated else read_here)(format_.module, path)
     masses = None if known_masses is None else tuple(known_masses)
     return to_record(table, str(path), ReadOptions(channels or {}, rate, resample, masses))
 
@@ -132,12 +146,13 @@ def write_record(record: Record, path: str | Path) -> None:
     True
     """
     path = Path(path)
-    if path.suffix.lower() not in _WRITABLE:
+    writable = [suffix for suffix, each in FORMATS.items() if each.writable]
+    if path.suffix.lower() not in writable:
         raise RecordError(
-            f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(_WRITABLE)}",
+            f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writable)}",
             path,
         )
-    module = import_module(_module_name(path.suffix, path))
+    module = import_module(_format(path).module)
     partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         module.write(record, partial)
@@ -148,19 +163,20 @@ def write_record(record: Record, path: str | Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _module_name(suffix: str, path: Path) -> str:
-    """The full name of a format's module; RecordError for an unknown suffix and for a library that is not installed."""
-    name = _MODULES.get(suffix.lower())
-    if name is None:
+def _format(path: Path) -> Format:
+    """The format of a file; RecordError for an unknown suffix and for a library that is not installed."""
+    suffix = path.suffix
+    if suffix.lower() not in FORMATS:
         what = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
-        raise RecordError(f"{what}; choose from {', '.join(_MODULES)}", path)
-    library = _EXTRAS.get(name)
-    if library is not None and find_spec(library) is None:
+        raise RecordError(f"{what}; choose from {', '.join(FORMATS)}", path)
+    found = FORMATS[suffix.lower()]
+    if found.library is not None and find_spec(found.library) is None:
         raise RecordError(
-            f"{suffix} files need the library {library}, which the extra 'files' installs: pip install 'linkwise[files]'",
+            f"{suffix} files need the library {found.library}, which the extra 'files' installs: "
+            "pip install 'linkwise[files]'",
             path,
         )
-    return f"{__name__}.{name}"
+    return found
 
 
 def _check_exists(path: Path) -> None:

@@ -5,16 +5,14 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.arrays import Floats
-from linkwise.atomic import ABSORPTION, atomic_folder, to_json
 from linkwise.model.toml_file import write_structure
-from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.progress import Progress, silent
 from linkwise.report.absorption_json import absorption_of
 from linkwise.report.absorption_page import (
     MAP_SECTIONS,
@@ -23,51 +21,59 @@ from linkwise.report.absorption_page import (
     absorption_page,
     map_page,
 )
-from linkwise.report.section import Reported, sections_of, write_figures
+from linkwise.report.result_folder import ResultFolder
+from linkwise.report.section import Reported, sections_of
 from linkwise.text import csv_cell
 
 
-def write_absorption(
-    answer: Answer,
-    folder: str | Path,
-    *,
-    progress: Progress = silent,
-) -> Path:
-    """Write absorption.json, histories, figures and report.html into `folder`; all of them or none.
+def write_absorption(answer: Answer, folder: str | Path, *, progress: Progress = silent) -> Path:
+    """Write a comparison with and without sinks into a folder: absorption.json, histories, figures and report.html.
 
-    An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
-    something else.
+    Parameters
+    ----------
+    answer : Absorption or AbsorptionIntervals
+        What `absorb` or `absorption_intervals` returned.
+    folder : path-like
+        The folder. An earlier result of `absorb` in it is replaced when the new one is complete.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
     """
-    reported = Reported(answer)
-    with atomic_folder(Path(folder), ABSORPTION) as partial:
-        _write_histories(answer, partial)
-        write_structure(without_intervals(answer).with_sinks.structure, partial / "structure.toml")
-        pictures = write_figures(sections_of(SECTIONS, reported), partial, part(progress, 0.0, 0.9))
-        progress(ProgressReport(0.9, "page"))
-        (partial / "report.html").write_text(absorption_page(reported, pictures), encoding="utf-8")
-        _finish(partial, absorption_of(answer))
-    return Path(folder)
+    return ABSORPTION_FOLDER.write(answer, folder, progress=progress)
 
 
 def write_absorption_map(found: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write absorption.json, map.csv, map.png, map.svg and report.html of a sweep into `folder`, as `write_absorption`."""
-    reported = Reported(found)
-    with atomic_folder(Path(folder), ABSORPTION) as partial:
-        grids = np.meshgrid(*(axis.values for axis in found.axes), indexing="ij")
-        names = [axis.name for axis in found.axes] + [each.name for each in found.quantities]
-        table = [grid.ravel() for grid in grids] + list(found.values.reshape(-1, len(found.quantities)).T)
-        _write_columns(partial / "map.csv", names, table)
-        pictures = write_figures(sections_of(MAP_SECTIONS, reported), partial, part(progress, 0.0, 0.9))
-        progress(ProgressReport(0.9, "page"))
-        (partial / "report.html").write_text(map_page(reported, pictures), encoding="utf-8")
-        _finish(partial, absorption_of(found))
-    return Path(folder)
+    """Write a sweep into a folder: absorption.json, map.csv, map.png, map.svg and report.html.
 
+    Parameters
+    ----------
+    found : AbsorptionMap
+        What `absorption_map` returned.
+    folder : path-like
+        The folder. An earlier result of `absorb` in it is replaced when the new one is complete.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
 
-def _finish(partial: Path, result: dict[str, Any]) -> None:
-    """Write absorption.json, which names the files beside it."""
-    result["files"] = sorted(path.name for path in partial.iterdir())
-    (partial / ABSORPTION).write_text(to_json(result, indent=1) + "\n", encoding="utf-8")
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+    """
+    return MAP_FOLDER.write(found, folder, progress=progress)
 
 
 def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) -> None:
@@ -75,6 +81,21 @@ def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) 
     with path.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow([csv_cell(name) for name in names])
         np.savetxt(file, np.column_stack(columns), fmt="%.10g", delimiter=",")
+
+
+def _write_data(reported: Reported[Answer], folder: Path) -> None:
+    """The histories and the structure."""
+    _write_histories(reported.result, folder)
+    write_structure(without_intervals(reported.result).with_sinks.structure, folder / "structure.toml")
+
+
+def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
+    """map.csv: a line for every point of the grid, the swept parameters first."""
+    swept = reported.result
+    grids = np.meshgrid(*(axis.values for axis in swept.axes), indexing="ij")
+    names = [axis.name for axis in swept.axes] + [each.name for each in swept.quantities]
+    table = [grid.ravel() for grid in grids] + list(swept.values.reshape(-1, len(swept.quantities)).T)
+    _write_columns(folder / "map.csv", names, table)
 
 
 def _write_histories(answer: Answer, folder: Path) -> None:
@@ -106,3 +127,22 @@ def _write_histories(answer: Answer, folder: Path) -> None:
         writer.writerows(
             (csv_cell(work.sink.link), f"{time:.12g}") for work in found.sinks for time in work.crossings
         )
+
+
+ABSORPTION_FOLDER: ResultFolder[Answer] = ResultFolder(
+    mark="absorption.json",
+    document=lambda answer, _: absorption_of(answer),
+    data=_write_data,
+    figures=lambda reported: sections_of(SECTIONS, reported),
+    page=absorption_page,
+)
+"""What `absorb` hands over of a comparison."""
+
+MAP_FOLDER: ResultFolder[AbsorptionMap] = ResultFolder(
+    mark="absorption.json",
+    document=lambda swept, _: absorption_of(swept),
+    data=_write_map,
+    figures=lambda reported: sections_of(MAP_SECTIONS, reported),
+    page=map_page,
+)
+"""What `absorb` hands over of a sweep."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
-from importlib.metadata import version
 
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.intervals_text import interval_headline, interval_rows
@@ -15,12 +13,10 @@ from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep_text import map_headline, map_rows
 from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
-from linkwise.model.structure import Structure
-from linkwise.model.toml_file import format_structure
 from linkwise.plot import crossings_figure, decay_figure, energy_figure, map_figure
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
-from linkwise.report.templates import TEMPLATES
+from linkwise.report.sheet import sheet
 
 Answer = Absorption | AbsorptionIntervals
 
@@ -97,7 +93,7 @@ MAP_SECTIONS: Registry[Build[AbsorptionMap]] = Registry("section", {"map": _map}
 def absorption_page(reported: Reported[Answer], pictures: Mapping[str, Markup]) -> str:
     """The page of a comparison as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
     plain = without_intervals(reported.result)
-    return _page(
+    return sheet(
         plain.with_sinks.structure,
         sections_of(SECTIONS, reported),
         pictures,
@@ -110,34 +106,11 @@ def absorption_page(reported: Reported[Answer], pictures: Mapping[str, Markup]) 
 def map_page(reported: Reported[AbsorptionMap], pictures: Mapping[str, Markup]) -> str:
     """The page of a sweep as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
     swept = reported.result
-    return _page(
+    return sheet(
         swept.structure,
         sections_of(MAP_SECTIONS, reported),
         pictures,
         verdict=map_headline(swept),
         trusted=swept.trusted,
         findings=swept.findings,
-    )
-
-
-def _page(
-    structure: Structure,
-    sections: Mapping[str, Section],
-    pictures: Mapping[str, Markup],
-    *,
-    verdict: Sequence[str],
-    trusted: bool,
-    findings: Sequence[str],
-) -> str:
-    interactive = any(section.interactive for section in sections.values())
-    return TEMPLATES.get_template("sheet.html.jinja").render(
-        title=structure.name or "structure",
-        verdict=verdict,
-        trusted=trusted,
-        findings=findings,
-        sections=sections,
-        pictures=pictures,
-        plotly=Markup(get_plotlyjs()) if interactive else "",
-        structure=format_structure(structure),
-        version=version("linkwise"),
     )

@@ -7,17 +7,16 @@ import math
 from dataclasses import fields, replace
 from pathlib import Path
 
-from linkwise.atomic import atomic_folder
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.progress import Progress, silent
 from linkwise.report.discovery_json import discovery_of
-from linkwise.report.discovery_page import SECTIONS, discovery_page
-from linkwise.report.estimate_folder import write_numbers, write_page
-from linkwise.report.estimate_page import estimate_figures
-from linkwise.report.section import Reported, sections_of, write_figures
+from linkwise.report.discovery_page import discovery_figures, discovery_page
+from linkwise.report.estimate_folder import write_numbers
+from linkwise.report.result_folder import ResultFolder
+from linkwise.report.section import Reported
 from linkwise.text import csv_cell
 
 
@@ -28,24 +27,42 @@ def write_discovery(
     truth: Structure | None = None,
     progress: Progress = silent,
 ) -> Path:
-    """Write what `write_result` writes into `folder`, and graph, path and evidence as figures and terms.csv; all or none.
+    """Write a discovery into a folder.
 
-    An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
-    something else. `truth` adds the true forces to the figures, their NMSE and the terms that are right; `progress` is
-    told the fraction done.
+    The folder holds what `write_result` writes, and terms.csv, the graph, the path and the evidence.
+
+    Parameters
+    ----------
+    found : Discovery
+        What `discover` returned.
+    folder : path-like
+        The folder. An earlier result in it is replaced when the new one is complete.
+    truth : Structure, optional
+        The true structure: its forces are added to the figures, and the NMSE of the forces and the terms that are right to
+        the numbers.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+    StructureError
+        If `truth` has other masses.
     """
-    result = discovery_of(found, truth)
-    beside = None if truth is None else align_truth(found.structure, truth)
-    reported = Reported(replace(found, estimate=_by_names_found(found.estimate)), truth)
-    links = Reported(reported.result.estimate, beside, result.get("nmse_percent", {}))
-    with atomic_folder(Path(folder)) as partial:
-        _write_terms(found, partial / "terms.csv")
-        write_numbers(links.result, partial)
-        figures = {**sections_of(SECTIONS, reported), **estimate_figures(links)}
-        pictures = write_figures(figures, partial, part(progress, 0.0, 0.9))
-        progress(ProgressReport(0.9, "page"))
-        write_page(discovery_page(reported, links, pictures, version=result["version"]), result, partial)
-    return Path(folder)
+    named = replace(found, estimate=_by_names_found(found.estimate))
+    return DISCOVERY_FOLDER.write(named, folder, truth=truth, progress=progress)
+
+
+def _write_data(reported: Reported[Discovery], folder: Path) -> None:
+    """The candidates, and what is written of an estimate."""
+    _write_terms(reported.result, folder / "terms.csv")
+    write_numbers(reported.result.estimate, folder)
 
 
 def _by_names_found(estimate: Estimate) -> Estimate:
@@ -76,3 +93,9 @@ def _cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.10g}" if math.isfinite(value) else ""
     return str(csv_cell(str(value)))
+
+
+DISCOVERY_FOLDER: ResultFolder[Discovery] = ResultFolder(
+    document=discovery_of, data=_write_data, figures=discovery_figures, page=discovery_page
+)
+"""What `discover` hands over."""

@@ -8,7 +8,7 @@ from functools import partial
 from markupsafe import Markup
 
 from linkwise.discovery.result import CERTAIN, Discovery
-from linkwise.discovery.scoring import term_score
+from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.discovery.text import (
     all_remarks,
     doubt_mark,
@@ -22,7 +22,7 @@ from linkwise.discovery.text import (
 from linkwise.estimates.estimate import Estimate
 from linkwise.plot import evidence_figure, graph_figure, path_figure
 from linkwise.registry import Registry
-from linkwise.report.estimate_page import page_parts
+from linkwise.report.estimate_page import estimate_figures, page_parts
 from linkwise.report.section import Build, Reported, Section, figure_section, sections_of
 from linkwise.report.templates import TEMPLATES
 
@@ -88,22 +88,25 @@ SECTIONS: Registry[Build[Discovery]] = Registry(
 """What stands before the links, in order; the name of a section is that of its figure's files."""
 
 
-def discovery_page(
-    reported: Reported[Discovery],
-    links: Reported[Estimate],
-    pictures: Mapping[str, Markup],
-    *,
-    version: str,
-) -> str:
-    """The page as self-contained HTML.
+def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
+    """The estimate of a discovery, with the truth under the names of the links found."""
+    found, truth = reported.result, reported.truth
+    return Reported(
+        found.estimate, None if truth is None else align_truth(found.structure, truth), reported.nmse
+    )
 
-    `links` is the estimate to show with the truth under the names of the links found, `pictures` are those that
-    `write_figures` made of these sections and of `estimate_figures`.
-    """
+
+def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:
+    """All sections with a figure, by the name of its files: those of the discovery, then those of its estimate."""
+    return {**sections_of(SECTIONS, reported), **estimate_figures(links_of(reported))}
+
+
+def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]) -> str:
+    """The page as self-contained HTML; `pictures` are those that `write_figures` made of `discovery_figures`."""
     found = reported.result
     return TEMPLATES.get_template("discovery.html.jinja").render(
         {
-            **page_parts(links, pictures, version=version),
+            **page_parts(links_of(reported), pictures),
             "found": found,
             "headline": headline(found),
             "remarks": all_remarks(found),

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from linkwise.atomic import RESULT, atomic_folder, to_json
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_curve import GRID
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import write_structure
-from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.progress import Progress, silent
 from linkwise.report.estimate_json import result_of
 from linkwise.report.estimate_page import estimate_figures, estimate_page
-from linkwise.report.section import Reported, write_figures
+from linkwise.report.result_folder import ResultFolder
 
 
 def write_result(
@@ -26,20 +24,33 @@ def write_result(
     truth: Structure | None = None,
     progress: Progress = silent,
 ) -> Path:
-    """Write result.json, structure.toml, covariance.csv (of an answer to be trusted), force_NAME.csv, figures and report.html
-    into `folder`; all of them or none.
+    """Write an estimate into a folder.
 
-    An earlier result in `folder` is replaced when the new one is complete; raises OutputError for a folder that holds
-    something else. `truth` adds the true forces to the figures and their NMSE; `progress` is told the fraction done.
+    The folder holds result.json, structure.toml, force_NAME.csv, figures, report.html and, of an estimate that can be trusted,
+    covariance.csv.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What `identify` returned.
+    folder : path-like
+        The folder. An earlier result in it is replaced when the new one is complete.
+    truth : Structure, optional
+        The true structure: its forces are added to the figures, and the NMSE of the forces to the numbers.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
     """
-    result = result_of(estimate, truth)
-    reported = Reported(estimate, truth, result.get("nmse_percent", {}))
-    with atomic_folder(Path(folder)) as partial:
-        write_numbers(estimate, partial)
-        pictures = write_figures(estimate_figures(reported), partial, part(progress, 0.0, 0.9))
-        progress(ProgressReport(0.9, "page"))
-        write_page(estimate_page(reported, pictures, version=result["version"]), result, partial)
-    return Path(folder)
+    return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 
 
 def write_numbers(estimate: Estimate, folder: Path) -> None:
@@ -51,15 +62,17 @@ def write_numbers(estimate: Estimate, folder: Path) -> None:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
 
 
-def write_page(page: str, result: dict[str, Any], folder: Path) -> None:
-    """Write report.html, and result.json, which names the files beside it."""
-    (folder / "report.html").write_text(page, encoding="utf-8")
-    result = {**result, "files": sorted(path.name for path in folder.iterdir())}
-    (folder / RESULT).write_text(to_json(result, indent=1) + "\n", encoding="utf-8")
-
-
 def _write_force(estimate: Estimate, name: str, path: Path) -> None:
     """The force at v = 0 and its 95 % band over the range that the record visited: columns d in m, the others in N."""
     d = np.linspace(*estimate.link(name).d_range, GRID)
     table = np.stack([d, *estimate.force_band(name, d)], axis=1)
     np.savetxt(path, table, fmt="%.10g", delimiter=",", header="d,force,lower,upper", comments="")
+
+
+ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
+    document=result_of,
+    data=lambda reported, folder: write_numbers(reported.result, folder),
+    figures=estimate_figures,
+    page=estimate_page,
+)
+"""What `identify` hands over."""

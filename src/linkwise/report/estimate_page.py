@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from typing import Any
 
 from markupsafe import Markup
@@ -89,17 +90,15 @@ def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
     return {**links, **sections_of(SECTIONS, reported)}
 
 
-def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup], *, version: str) -> str:
+def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> str:
     """The page as text: HTML that carries its scripts and data in itself.
 
     `pictures` are those that `write_figures` made of `estimate_figures`.
     """
-    return TEMPLATES.get_template("page.html.jinja").render(page_parts(reported, pictures, version=version))
+    return TEMPLATES.get_template("page.html.jinja").render(page_parts(reported, pictures))
 
 
-def page_parts(
-    reported: Reported[Estimate], pictures: Mapping[str, Markup], *, version: str
-) -> dict[str, Any]:
+def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> dict[str, Any]:
     """What the page's template shows, by name, for this page and those that extend it."""
     estimate, truth = reported.result, reported.truth
     identified_first = sorted(estimate.links, key=lambda each: not each.free)
@@ -117,7 +116,7 @@ def page_parts(
         "structure": format_structure(estimate.structure),
         "plotly": Markup(get_plotlyjs()),
         "compared": truth is not None,
-        "version": version,
+        "version": version("linkwise"),
     }
 
 

@@ -1,0 +1,67 @@
+"""What a command hands over in a folder: a document, data files, figures and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from markupsafe import Markup
+
+from linkwise.atomic import RESULT, atomic_folder, check_result_folder, to_json
+from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.report.section import Reported, Section, write_figures
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultFolder(Generic[R]):
+    """One kind of result folder, for results of one type.
+
+    Parameters
+    ----------
+    document
+        What the JSON file says of a result, with the key "method", and beside the true structure "nmse_percent" where one is
+        given. The names of the files are added to it.
+    data
+        Writes the files beside it, figures and page aside, into an empty folder.
+    figures
+        The sections with figures, by the name of their files.
+    page
+        The page as text, from the figures as `write_figures` returns them.
+    mark
+        The name of the JSON file, which marks the folder as one of this kind.
+    """
+
+    document: Callable[[R, Structure | None], dict[str, Any]]
+    data: Callable[[Reported[R], Path], None]
+    figures: Callable[[Reported[R]], Mapping[str, Section]]
+    page: Callable[[Reported[R], Mapping[str, Markup]], str]
+    mark: str = RESULT
+
+    def check(self, folder: str | Path) -> None:
+        """Raise OutputError where `write` would, before the work that leads to a result."""
+        check_result_folder(Path(folder), self.mark)
+
+    def write(
+        self, result: R, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
+    ) -> Path:
+        """Write everything or nothing; returns the folder.
+
+        An earlier result of this kind is replaced when the new one is complete. Raises OutputError for a folder that holds
+        something else.
+        """
+        document = self.document(result, truth)
+        reported = Reported(result, truth, document.get("nmse_percent", {}))
+        with atomic_folder(Path(folder), self.mark) as partial:
+            self.data(reported, partial)
+            pictures = write_figures(self.figures(reported), partial, part(progress, 0.0, 0.9))
+            progress(ProgressReport(0.9, "page"))
+            (partial / "report.html").write_text(self.page(reported, pictures), encoding="utf-8")
+            files = sorted(path.name for path in partial.iterdir())
+            text = to_json({**document, "files": files}, indent=1) + "\n"
+            (partial / self.mark).write_text(text, encoding="utf-8")
+        return Path(folder)
