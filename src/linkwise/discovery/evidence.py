@@ -114,7 +114,10 @@ def _larger(quadratic: QuadraticModel, chosen: list[int]) -> list[tuple[list[int
         additions = quadratic.additions(current)
         if not len(additions.numbers):
             break
-        strongest = int(additions.numbers[np.argmax(np.abs(additions.z))])
+        place = int(np.argmax(np.abs(additions.z)))
+        if not np.isfinite(additions.values[place]):  # all others depend on those there are
+            break
+        strongest = int(additions.numbers[place])
         current = sorted([*current, strongest])
         models.append((current, f"+ {quadratic.names[strongest]}"))
     return models

@@ -60,7 +60,10 @@ class QuadraticModel:
         covariance = (
             inverse if self.scatter is None else inverse @ self.scatter[np.ix_(inside, inside)] @ inverse
         )
-        return Solution(values, values / np.sqrt(covariance.diagonal()))
+        variance = (
+            covariance.diagonal()
+        )  # negative where the noise of the columns explains more than there is
+        return Solution(values, values / np.sqrt(np.where(variance < 0.0, np.nan, variance)))
 
     def cost(self, chosen: Sequence[int] | Indices) -> float:
         """The least cost of the coefficients `chosen`, relative to that of no coefficients."""

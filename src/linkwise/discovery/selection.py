@@ -13,6 +13,7 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.stepwise import Move, best_subset, local_search, ranked_moves
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
@@ -65,6 +66,12 @@ class Selection:
             return np.inf
         cost = self.fit.misfit.cost(self.fit.optimum.q) / self.fit.optimum.noise**2
         return cost + self.penalty.total(list(range(len(self.structure.parameters))))
+
+
+_SINGULAR = (
+    "the fit of the terms that the search starts from ({}) does not converge: its equations became singular. Sample faster, "
+    "record for longer or with less noise, or state links that are known in a structure file"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +159,17 @@ def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
                 steps=_STEPS,
             ),
         )
-        quadratic, penalty = search.local_model(fit, structure, chosen)
         inside = list(range(len(structure.parameters)))
-        after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
-        if after == inside:
-            after = best_subset(quadratic, penalty, inside)
+        try:
+            quadratic, penalty = search.local_model(fit, structure, chosen)
+            after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
+            if after == inside:
+                after = best_subset(quadratic, penalty, inside)
+            solution = quadratic.solve(after)
+        except np.linalg.LinAlgError:  # the fit has run to where the record says nothing of some parameter
+            if visited:
+                return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
+            raise IdentificationError(_SINGULAR.format(", ".join(sorted(chosen)))) from None
         names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
         selection = Selection(chosen, structure, fit, quadratic, penalty, names == chosen, number)
         if selection.settled or fit.status is AnnealingStatus.INTERRUPTED:
@@ -164,7 +177,6 @@ def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
         visited[chosen] = selection
         if names in visited or number == last:
             return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
-        solution = quadratic.solve(after)
         deviations = np.abs(solution.values / solution.z)
         starts = dict(
             zip(

@@ -92,6 +92,7 @@ def _workers() -> int:
     return min(processors(), _MOST_WORKERS)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
 def likelihood_fit(
     records: Sequence[Record],
     structure: Structure,

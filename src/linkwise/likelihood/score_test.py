@@ -43,6 +43,7 @@ class LocalQuadratic:
     slope: Floats
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
 def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> LocalQuadratic:
     """The parabola at `optimum` in its p parameters and the sizes of f `forces`.
 

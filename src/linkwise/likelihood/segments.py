@@ -239,6 +239,9 @@ def linearise(
     missed[:-1] = misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
 
+    @np.errstate(
+        over="ignore", invalid="ignore"
+    )  # in threads too, which do not share the state of the caller
     def work(part: slice) -> tuple[Floats, Floats, Floats, Floats]:
         rows, ends = _chunk(segments, misfit, scales, loss, part, pushes)
         corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
