@@ -49,10 +49,13 @@ check: env  ## lint, check the format and the types of the package and its tests
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-docs: env  ## build the documentation in docs/site, with warnings as errors
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+docs: $(VENV)/.docs  ## build the documentation in docs/site, with warnings as errors
 	$(BIN)/sphinx-build -q -E -W --keep-going -b html -d docs/site/.doctrees docs docs/site
 	$(BIN)/python docs/check_site.py docs/site
+
+$(VENV)/.docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@touch $@
 
 clean:  ## remove the environment and what was built or written
 	rm -rf $(VENV) .matrix .coverage results docs/site docs/api docs/gallery docs/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
