@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).resolve().parents[1] / "docs" / "check_site.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "docs" / "check_site.py"
 GOOD = """<link rel="canonical" href="https://example.org/"><link rel="stylesheet" href="style.css">
 <h1 id="top">A page</h1><a href="#top">up</a><a href="sub/#part">down</a><a href="https://example.org">out</a>"""
 
