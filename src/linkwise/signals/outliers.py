@@ -8,7 +8,7 @@ from linkwise.arrays import Floats
 
 _ORDER = 4  # of the differences, which leave hardly any motion
 _POWER = 70.0  # sum of the squares of their weights 1, 4, 6, 4, 1
-_MOTION = 1.5  # factor on the power that white noise would have beyond which motion is left in them
+_MOTION = 1.15  # factor on the power that white noise would have beyond which motion is left in them
 _EXCESS = (
     1.0  # kurtosis less 3; that of 6000 normal samples scatters by 0.1, Student's t with 5 degrees has 2
 )
