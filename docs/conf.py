@@ -64,6 +64,8 @@ sphinx_gallery_conf = {
     "run_stale_examples": True,
     "remove_config_comments": True,
     "show_memory": False,
+    "show_signature": False,
+    "capture_repr": ("_repr_html_",),
     "thumbnail_size": (400, 200),
     "write_computation_times": False,
     "min_reported_time": 1e9,
