@@ -73,7 +73,9 @@ def test_outliers_are_seen_and_normal_noise_has_none() -> None:
         normal + 30.0 * np.sin(np.arange(6000.0))[:, None]
     )  # differences hold the motion: they tell nothing
     assert not has_outliers(moving, np.ones(3))
-    decaying = np.exp(-np.arange(6000.0) / 800.0) * np.sin(np.arange(6000.0))  # its differences have a kurtosis too
+    decaying = np.exp(-np.arange(6000.0) / 800.0) * np.sin(
+        np.arange(6000.0)
+    )  # its differences have a kurtosis too
     assert not has_outliers(normal + 3.0 * decaying[:, None], np.ones(3))
 
 

@@ -11,11 +11,13 @@ from present import present
 from problems import THREE, truth
 
 import linkwise as lw
-from linkwise.likelihood import segments as module
+from linkwise.likelihood import normal_equations as module
 from linkwise.likelihood.bordered_system import BorderedSystem
 from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.normal_equations import linearise
+from linkwise.likelihood.residuals import evaluate
 from linkwise.likelihood.segmentation import cut_segments
-from linkwise.likelihood.segments import Iterate, Scales, Segments, evaluate, linearise, refined
+from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.likelihood.system import System
 
@@ -228,16 +230,6 @@ def test_sums_do_not_depend_on_chunks_and_threads(
         # chunks are added up in another order, in single precision; threads change nothing
         assert getattr(parts, name) == pytest.approx(getattr(whole, name), abs=1e-5 * size)
         assert np.array_equal(getattr(side, name), getattr(parts, name))
-
-
-def test_more_steps_a_sample_change_the_flow_only(
-    segments: Segments, scales: Scales, point: Iterate, records: list[lw.Record], asked: lw.Structure
-) -> None:
-    coarse = cut_segments(records, asked, segments.system, samples=5, refine=1, offsets=OFFSETS)
-    fine = refined(coarse, 4, segments.inputs)
-    assert fine.step == pytest.approx(segments.step, rel=1e-12) and fine.steps == segments.steps
-    ours, theirs = (evaluate(each, point, scales, Gaussian()).residuals for each in (fine, segments))
-    assert np.array_equal(ours, theirs)
 
 
 def test_nodes_start_where_the_sensors_say(three: lw.Structure) -> None:

@@ -18,7 +18,9 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.bordered_system import BorderedFactor
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.segments import Iterate, Linearization, Misfit, Scales, Segments, evaluate, linearise
+from linkwise.likelihood.normal_equations import Linearization, linearise
+from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.progress import Progress, ProgressReport, silent
 
 _HOPELESS = 1e8  # damping at which no step is one
@@ -308,3 +310,19 @@ def covariance(factor: BorderedFactor | None, scales: Scales, free: Bools) -> Fl
     out = np.zeros((size, size))
     out[chosen] = inverse * np.outer(scales.theta[free], scales.theta[free])
     return out
+
+
+@dataclass(frozen=True)
+class Annealer:
+    """How annealing runs: on which threads, what a residual costs, and whom it tells."""
+
+    executor: Executor
+    loss: Loss
+    progress: Progress
+
+    def __call__(
+        self, segments: Segments, start: Iterate, scales: Scales, schedule: AnnealingSchedule
+    ) -> AnnealingFit:
+        return anneal(
+            segments, start, scales, schedule, loss=self.loss, executor=self.executor, progress=self.progress
+        )

@@ -14,12 +14,12 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate, NoiseEstimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.likelihood.attempts import first_good
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.judgement import judged
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
+from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.structure import Structure
@@ -73,7 +73,7 @@ class MaximumLikelihood(Estimator):
         theta, spread = _start(records, structure, dict(self.starts or {}))
         options = LikelihoodOptions(self.offsets, self.gains, self.loss, progress=progress)
         if needs_integration(records[0], structure):
-            fit = first_good(partial(likelihood_fit, records, structure), theta, options)
+            fit = fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
         else:
             fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
             fit = lower_of_two(

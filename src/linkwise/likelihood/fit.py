@@ -9,14 +9,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, AnnealingStep
+from linkwise.likelihood.anneal import (
+    Annealer,
+    AnnealingFit,
+    AnnealingSchedule,
+    AnnealingStatus,
+    AnnealingStep,
+)
 from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.loss import Gaussian, Loss
-from linkwise.likelihood.model_error import Annealer, lag_one_autocorrelation, with_model_error
-from linkwise.likelihood.optimum import Optimum
-from linkwise.likelihood.segments import Iterate, Misfit, Scales, Segments, evaluate
-from linkwise.likelihood.sensors import SAMPLES, SensorModel
-from linkwise.likelihood.starts.states import segment_nodes, start_states
+from linkwise.likelihood.model_error import lag_one_autocorrelation, with_model_error
+from linkwise.likelihood.problem import ShootingProblem, shooting_problem
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import Iterate, Scales, Segments
+from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
@@ -29,15 +35,24 @@ _NEAR = AnnealingSchedule(
 _WARM = AnnealingSchedule(
     initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0
 )  # from the states of a fit to nearly the same laws
-_FLOW_ERROR = 1e-3  # of a noise deviation: what steps may be wrong by; the same way in every one of thousands of segments
-_FINEST = 8
-_TRIED = 150  # segments that tell how fine the steps must be
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 _JOINING = 30  # steps that linking the sides of a gap may take
 _MOST_WORKERS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The most likely `point` of `segments` at relaxation `q`; `noise` is the factor on the deviations in `scales`."""
+
+    segments: Segments
+    point: Iterate
+    scales: Scales
+    q: float
+    noise: float
+    loss: Loss
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,52 +125,30 @@ def likelihood_fit(
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
         annealer = Annealer(executor, options.loss, options.progress)
-        return _fitted(records, structure, theta, spread, sensing, options, annealer)
+        problem = shooting_problem(records, structure, theta, spread, sensing)
+        return _fitted(problem, records, spread, sensing, options, annealer)
 
 
 def _fitted(
+    problem: ShootingProblem,
     records: Sequence[Record],
-    structure: Structure,
-    theta: Floats,
     spread: Floats | None,
     sensing: SensorModel,
     options: LikelihoodOptions,
     annealer: Annealer,
 ) -> LikelihoodFit:
-    whole, point, scales = _problem(records, structure, theta, spread, sensing)
-    segments = split_at_gaps(whole)
-    if options.nodes is None:
-        point, schedule = (
-            carry_through_gaps(segments, point),
-            AnnealingSchedule() if spread is None else _NEAR,
-        )
-    else:
-        point, schedule = replace(point, nodes=options.nodes), _WARM
-    schedule = replace(
-        schedule, cost_ceiling=options.ceiling, max_steps=min(schedule.max_steps, options.steps)
-    )
-    fit = annealer(segments, point, scales, schedule)
-    limit = _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / fit.samples)
-    joined = _joined(whole, fit, limit, annealer) if whole.chains < segments.chains else None
-    if joined is not None:
-        fit, segments = joined, whole
+    segments, start, fit, limit = _annealed(problem, spread, options, annealer)
     model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
     off = bool(abs(chi_square - 1.0) > limit)
-    lost = fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
-    coloured = (
-        fit.status is AnnealingStatus.CONVERGED
-        and chi_square > 1.0
-        and lag_one_autocorrelation(fit.misfit) > _WHITE
-    )
-    stated = any(name in record.noise for record in records for name in records[0].responses)
-    rung = None
-    if options.model_error and (lost or (off and coloured)):
-        rung = with_model_error(segments, fit, point, annealer)
-    if rung is not None:
-        fit, model_error, factor = rung.fit, rung.q, rung.noise
+    candidate = None
+    if options.model_error and (_did_not_converge(fit) or (off and chi_square > 1.0 and _is_coloured(fit))):
+        candidate = with_model_error(segments, fit, start, annealer)
+    if candidate is not None:
+        fit, model_error, factor = candidate.fit, candidate.q, candidate.noise
         chi_square = factor**2
-        left = chi_square > _LARGEST_EXCESS and lag_one_autocorrelation(fit.misfit) > _WHITE
-        off = left or (stated and abs(chi_square - 1.0) > limit)
+        stated = any(name in record.noise for record in records for name in records[0].responses)
+        unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit)
+        off = unexplained or (stated and abs(chi_square - 1.0) > limit)
     p = segments.system.parameters.size
     return LikelihoodFit(
         values=fit.point.theta,
@@ -177,70 +170,38 @@ def _fitted(
     )
 
 
-def _problem(
-    records: Sequence[Record],
-    structure: Structure,
-    theta: Floats,
-    spread: Floats | None,
-    sensing: SensorModel,
-) -> tuple[Segments, Iterate, Scales]:
-    """The records cut into segments, where the search starts, and the units in which it works."""
-    system = System.of(structure)
-    valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
-    pairs = zip(records, sensing.noise, strict=True)
-    starts = [start_states(record, valued, noise, SAMPLES) for record, noise in pairs]
-    unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
-    offset_units = [sensing.noise[0].get(name, 1.0) for name in sensing.offsets]
-    scales = Scales(
-        sensing.sigma,
-        np.min([each.scale for each in starts], axis=0),  # the quietest record asks for the tightest flow
-        np.concatenate([np.where(unit > 0.0, unit, 1.0), offset_units, np.ones(len(sensing.gains))]),
+def _annealed(
+    problem: ShootingProblem, spread: Floats | None, options: LikelihoodOptions, annealer: Annealer
+) -> tuple[Segments, Iterate, AnnealingFit, float]:
+    """The segments, the start and the result of annealing, and by how much its chi-square may differ from 1 by chance.
+
+    Long gaps break the chain of segments at first; its parts are linked where the laws and the samples allow it.
+    """
+    segments = split_at_gaps(problem.segments)
+    if options.nodes is None:
+        start = carry_through_gaps(segments, problem.start)
+        schedule = AnnealingSchedule() if spread is None else _NEAR
+    else:
+        start, schedule = replace(problem.start, nodes=options.nodes), _WARM
+    schedule = replace(
+        schedule, cost_ceiling=options.ceiling, max_steps=min(schedule.max_steps, options.steps)
     )
-    point = Iterate(
-        segment_nodes(starts, SAMPLES),
-        np.clip(theta, system.parameters.lower, system.parameters.upper),
-        np.zeros(len(sensing.offsets)),
-        np.ones(len(sensing.gains)),
-    )
-    return _fine_enough(records, structure, system, point, scales, sensing), point, scales
+    fit = annealer(segments, start, problem.scales, schedule)
+    limit = _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / fit.samples))
+    if problem.segments.chains < segments.chains:
+        joined = _joined(problem.segments, fit, limit, annealer)
+        if joined is not None:
+            return problem.segments, start, joined, limit
+    return segments, start, fit, limit
 
 
-def _fine_enough(
-    records: Sequence[Record],
-    structure: Structure,
-    system: System,
-    point: Iterate,
-    scales: Scales,
-    sensing: SensorModel,
-) -> Segments:
-    """Segments whose flow is exact to a small part of the noise: the steps are halved until nothing changes."""
-    refine = 1
-    segments = sensing.segments(records, structure, system, refine)
-    every = max(1, segments.count // _TRIED)
-    residuals = _predicted(segments, point, scales, every)
-    while refine < _FINEST:
-        finer = sensing.segments(records, structure, system, 2 * refine)
-        exact = _predicted(finer, point, scales, every)
-        change = exact - residuals
-        if np.isfinite(exact).all() and np.sqrt(np.mean(change[np.isfinite(change)] ** 2)) < _FLOW_ERROR:
-            return segments
-        refine, segments, residuals = 2 * refine, finer, exact
-    return segments
+def _did_not_converge(fit: AnnealingFit) -> bool:
+    return fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
 
 
-def _predicted(segments: Segments, point: Iterate, scales: Scales, every: int) -> Floats:
-    """The residuals of some of the segments."""
-    which = slice(None, None, every)
-    some = replace(
-        segments,
-        samples=segments.samples[..., which],
-        observed=segments.observed[..., which],
-        step=segments.step[which],
-        linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
-        inputs=segments.inputs.part(which),
-        relative_noise=None if segments.relative_noise is None else segments.relative_noise[:, which],
-    )
-    return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
+def _is_coloured(fit: AnnealingFit) -> bool:
+    """Whether the search converged to residuals that are correlated from one sample to the next."""
+    return fit.status is AnnealingStatus.CONVERGED and lag_one_autocorrelation(fit.misfit) > _WHITE
 
 
 def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer) -> AnnealingFit | None:

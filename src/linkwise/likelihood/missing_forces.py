@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.likelihood.optimum import Optimum
+from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
 from linkwise.model.law import Law
 from linkwise.model.structure import BASE, GROUND, Structure

@@ -3,34 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.segments import Iterate, Misfit, Scales, Segments, linearise
-from linkwise.progress import Progress
+from linkwise.likelihood.normal_equations import linearise
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import Iterate, Scales, Segments
 
 _LOOSENING = 3.0  # from rung to rung of the ladder of model errors
 _RUNGS = 19  # from q = 1e-5 to 4e3
-
-
-@dataclass(frozen=True)
-class Annealer:
-    """How annealing runs: on which threads, what a residual costs, and whom it tells."""
-
-    executor: Executor
-    loss: Loss
-    progress: Progress
-
-    def __call__(
-        self, segments: Segments, start: Iterate, scales: Scales, schedule: AnnealingSchedule
-    ) -> AnnealingFit:
-        return anneal(
-            segments, start, scales, schedule, loss=self.loss, executor=self.executor, progress=self.progress
-        )
 
 
 @dataclass(frozen=True, eq=False)

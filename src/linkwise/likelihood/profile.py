@@ -16,7 +16,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
-from linkwise.likelihood.optimum import Optimum
+from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.segments import Iterate
 from linkwise.progress import Progress, ProgressReport, silent
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.expression import Program
+from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.flow import CandidateForces, Inputs, Trajectories
-from linkwise.likelihood.optimum import Optimum
-from linkwise.likelihood.segments import evaluate, linearise
+from linkwise.likelihood.normal_equations import linearise
+from linkwise.likelihood.residuals import evaluate
 from linkwise.model.law import VARIABLES, Law
 from linkwise.runtime import one_blas_thread
 

@@ -16,13 +16,13 @@ from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions
 _ATTEMPTS = 3
 
 
-class Fitted(Protocol):
+class Search(Protocol):
     """`likelihood_fit` with everything said but the start and the options."""
 
     def __call__(self, theta: Floats, *, options: LikelihoodOptions) -> LikelihoodFit: ...
 
 
-def first_good(fitted: Fitted, theta: Floats, options: LikelihoodOptions) -> LikelihoodFit:
+def fit_with_restarts(fitted: Search, theta: Floats, options: LikelihoodOptions) -> LikelihoodFit:
     """The first fit that converges with the noise that was stated or found, each started from the values of the one before.
 
     Where none does, the best start decides with a model error allowed. An interrupt ends the search.

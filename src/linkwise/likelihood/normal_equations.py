@@ -1,0 +1,189 @@
+"""Gauss-Newton normal equations of multiple shooting, block by block and chunk by chunk of segments."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats
+from linkwise.likelihood.bordered_system import BorderedSystem, Damping
+from linkwise.likelihood.flow import CandidateForces, tangents
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import A, Scales, Segments, V, X
+
+#: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
+CHUNK = 120_000
+
+
+@dataclass(frozen=True, eq=False)
+class NormalBlocks:
+    """One quadratic form over scaled unknowns: state (K, m, m), right (p + 1, K, m) border and gradient, corner."""
+
+    state: Floats
+    right: Floats
+    corner: Floats
+    corner_gradient: Floats
+
+    @classmethod
+    def empty(cls, K: int, m: int, p: int) -> NormalBlocks:
+        return cls(np.empty((K, m, m)), np.empty((p + 1, K, m)), np.zeros((p, p)), np.zeros(p))
+
+    def put(self, part: slice, product: Floats) -> tuple[Floats, Floats]:
+        """Store [J r]'[J r] (k, P + 1, P + 1) of a chunk; returns its share of the corner and of its gradient."""
+        m = self.state.shape[1]
+        self.state[part] = product[:, :m, :m]
+        self.right[:, part] = product[:, m:, :m].transpose(1, 0, 2)
+        total = product[:, m:, m:].sum(axis=0, dtype=float)
+        return total[:-1, :-1], total[-1, :-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """Gauss-Newton model of a misfit: its data part, and its defects for q = 1 without the later node's own share."""
+
+    data: NormalBlocks
+    defects: NormalBlocks
+    state_ends: Floats  # (K - 1, m, m) end of a segment by its node
+    right_ends: Floats  # (p + 1, K - 1, m) end by theta and offsets; last the defect, sign reversed
+    linked: Bools  # (K - 1,)
+
+    def equations(self, q: float) -> BorderedSystem:
+        """Normal equations with squared defects weighted by 1 / q^2."""
+        weight = 1.0 / q**2
+        m = self.data.state.shape[1]
+        diagonal = self.defects.state * weight
+        diagonal += self.data.state
+        diagonal[1:, range(m), range(m)] += weight * self.linked[:, None]
+        right = self.defects.right * weight
+        right += self.data.right
+        right[:, 1:] -= weight * self.right_ends
+        return BorderedSystem(
+            diagonal,
+            self.state_ends * -weight,
+            right,
+            self.data.corner + weight * self.defects.corner,
+            self.data.corner_gradient + weight * self.defects.corner_gradient,
+        )
+
+    def damping(self, strength: float) -> Damping | None:
+        """`strength` times the diagonal at q = 1: the same trust in metres at every q."""
+        if strength == 0.0:
+            return None
+        nodes = np.einsum("kii->ki", self.data.state + self.defects.state)
+        nodes[1:] += self.linked[:, None]
+        return Damping(strength * nodes, strength * np.diag(self.data.corner + self.defects.corner))
+
+
+def linearise(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    executor: Executor | None = None,
+    pushes: CandidateForces | None = None,
+) -> Linearization:
+    """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
+
+    The sizes of `pushes` stand in the border behind theta.
+    """
+    m, K = 2 * segments.system.incidence.shape[0], segments.count
+    p = segments.parameters + (0 if pushes is None else len(pushes.first))
+    size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
+    parts = [slice(first, min(first + size, K)) for first in range(0, K, size)]
+    data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
+    linked = np.append(segments.linked, False)
+    missed = np.zeros((K, m))
+    missed[:-1] = misfit.defects.reshape(m, -1).T
+    state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
+
+    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
+    def work(part: slice) -> tuple[Floats, Floats, Floats, Floats]:
+        rows, ends = _chunk(segments, misfit, scales, loss, part, pushes)
+        corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
+        ends = np.concatenate([ends, missed[part, :, None]], axis=2)
+        ends *= linked[part, None, None]
+        state_ends[part] = ends[:, :, :m]
+        right_ends[:, part] = ends[:, :, m:].transpose(2, 0, 1)
+        return *corner, *defects.put(part, ends.transpose(0, 2, 1) @ ends)
+
+    for corners in map(work, parts) if executor is None else executor.map(work, parts):
+        for total, share in zip(
+            (data.corner, data.corner_gradient, defects.corner, defects.corner_gradient),
+            corners,
+            strict=False,
+        ):
+            total += share
+    data.state[segments.unconstrained] = np.eye(m)  # these nodes stay where they are
+    return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
+
+
+def _chunk(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    part: slice,
+    pushes: CandidateForces | None,
+) -> tuple[Floats, Floats]:
+    """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
+    sensors, step = segments.sensors, segments.step[part] * segments.refine
+    M, C, K = segments.samples[..., part].shape
+    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
+    added = 0 if pushes is None else len(pushes.first)
+    P, width = 2 * n + segments.parameters + added, 2 * n + p + added
+    mechanics = segments.system.at(misfit.point.theta)
+    residuals = misfit.residuals[..., part]
+    root = np.sqrt(loss.weight(residuals)) * segments.observed[..., part]
+    jacobian = np.zeros((K, M, C, P + 1), np.float32)
+    jacobian[..., P] = (root * residuals).transpose(2, 0, 1)
+    whiten = (root / scales.sigma[:, None]).astype(np.float32)
+    if segments.relative_noise is not None:
+        whiten /= segments.relative_noise[:, part].astype(np.float32)
+    chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A)]
+    rates = (1.0, 1.0 / step, 1.0 / step**2)
+    orbit = misfit.trajectories.part(part).thinned(segments.refine)
+    for sample, (state, acceleration) in enumerate(
+        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], pushes and pushes.part(part))
+    ):
+        if acceleration is None:
+            continue
+        for kind, motion in ((X, state[0]), (V, state[1]), (A, acceleration)):
+            if len(chosen[kind]):
+                factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
+                rows = motion[sensors.mass[chosen[kind]]] * factor[:, None]
+                jacobian[:, sample, chosen[kind], :width] = rows.transpose(2, 0, 1)
+    for channel in np.flatnonzero(sensors.offset >= 0):
+        column = width + sensors.offset[channel]
+        jacobian[:, :, channel, column] = whiten[:, channel].T * scales.theta[p + sensors.offset[channel]]
+    _calibrate_gains(jacobian, segments, misfit, scales, root, part)
+    ends = np.zeros((K, 2 * n, P))
+    ends[:, :n, :width] = state[0].transpose(2, 0, 1)
+    ends[:, n:, :width] = (state[1] * rates[V]).transpose(2, 0, 1)
+    ends /= scales.state[:, None]
+    return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _calibrate_gains(
+    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
+) -> None:
+    """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened as they are.
+
+    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing.
+    """
+    sensors, point = segments.sensors, misfit.point
+    moved = jacobian.shape[-1] - 1 - sensors.offsets - sensors.gains
+    first = len(point.theta) + len(point.offsets)
+    for channel in np.flatnonzero(sensors.gain >= 0):
+        number = sensors.gain[channel]
+        loud = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
+        sigma = scales.sigma[channel] * loud
+        shown = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
+        if sensors.offset[channel] >= 0:
+            shown = shown - point.offsets[sensors.offset[channel]] / sigma
+        jacobian[:, :, channel, :moved] *= np.float32(point.gains[number])
+        unit = scales.theta[first + number] / point.gains[number]
+        column = moved + len(point.offsets) + number
+        jacobian[:, :, channel, column] = (root[:, channel] * shown * unit).T

@@ -1,0 +1,58 @@
+"""What a point of the search leaves: residuals of the samples and defects between segments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.flow import Trajectories, flow
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """What a point leaves: orbit, residuals / sigma (M, C, K) (0 where missing), defects / state scale (2, n, K - 1)."""
+
+    point: Iterate
+    trajectories: Trajectories
+    residuals: Floats
+    defects: Floats
+    data: float
+    continuity: float
+
+    def cost(self, q: float) -> float:
+        return self.data + self.continuity / q**2
+
+
+def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> Misfit:
+    mechanics = segments.system.at(point.theta)
+    with np.errstate(over="ignore", invalid="ignore"):
+        orbit = flow(mechanics, point.nodes, segments.step, segments.steps, segments.inputs)
+    sensors, rate = segments.sensors, 1.0 / segments.step
+    every = slice(None, segments.steps, segments.refine)
+    residuals = np.empty_like(segments.samples)
+    for kind, motion in (
+        (X, orbit.states[every, 0]),
+        (V, orbit.states[every, 1] * rate),
+        (A, orbit.accelerations[every]),
+    ):
+        chosen = np.flatnonzero(sensors.kind == kind)
+        residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
+    for channel in np.flatnonzero(sensors.gain >= 0):
+        residuals[:, channel] -= (point.gains[sensors.gain[channel]] - 1.0) * (
+            segments.samples[:, channel] - residuals[:, channel]
+        )
+    for channel in np.flatnonzero(sensors.offset >= 0):
+        residuals[:, channel] -= point.offsets[sensors.offset[channel]]
+    residuals *= segments.observed
+    residuals /= scales.sigma[:, None]
+    if segments.relative_noise is not None:
+        residuals /= segments.relative_noise
+    ends = orbit.states[-1].copy()
+    ends[1] *= rate
+    defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state.reshape(2, -1, 1)
+    defects *= segments.linked
+    return Misfit(point, orbit, residuals, defects, loss.total(residuals), float(np.vdot(defects, defects)))
