@@ -16,7 +16,7 @@ from linkwise.model.excitation import Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.records.record import Record
-from linkwise.simulation import integrator as engine
+from linkwise.simulation.integrator.compiled import system_of_thread
 from linkwise.simulation.simulate import simulate
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"
@@ -34,7 +34,7 @@ def best(run: Callable[[], object], repeats: int) -> float:
 
 def afresh(run: Callable[[], object]) -> float:
     """Seconds of a run that has to compile, with the caches of the compiler itself switched off."""
-    engine.forget()
+    system_of_thread.cache_clear()
     on = heyoka.llvm_state.get_diskcache_enabled()
     limit = heyoka.llvm_state.get_memcache_limit()
     heyoka.llvm_state.set_diskcache_enabled(False)

@@ -13,11 +13,14 @@ import linkwise
 
 SOURCE = Path(linkwise.__file__).parent
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
-    "root", "expression", "model", "records", "files", "signals", "analysis", "simulation", "estimates", "sindy.regression",
-    "sindy", "weak", "likelihood.starts", "likelihood", "identification", "discovery", "absorption", "study", "plot", "paper",
-    "report", "cli",
+    "root", "expression", "model", "records", "files", "signals", "analysis", "simulation.integrator", "simulation",
+    "estimates", "sindy.regression", "sindy", "weak", "likelihood.starts", "likelihood", "identification", "discovery",
+    "absorption", "study", "plot", "paper", "report", "cli",
 )  # fmt: skip
-DOORS = {"heyoka": "simulation/integrator.py", "pint": "units.py"}  # the one file that may import each
+DOORS = {
+    "heyoka": "simulation/integrator",
+    "pint": "units.py",
+}  # the one package or file that may import each
 FILES = sorted(SOURCE.rglob("*.py"))
 
 
@@ -117,7 +120,7 @@ def test_no_import_inside_a_function(path: Path) -> None:
 @pytest.mark.parametrize(("library", "door"), DOORS.items())
 def test_guarded_libraries_have_one_door(library: str, door: str) -> None:
     users = [path for path in FILES if library in {target.split(".")[0] for target in imports_of(path)}]
-    assert users == [SOURCE / door]
+    assert users and all(path.is_relative_to(SOURCE / door) for path in users)
 
 
 def test_imports_are_absolute() -> None:

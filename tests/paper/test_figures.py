@@ -25,7 +25,7 @@ from linkwise.plot import save
 from linkwise.plot.study_accuracy import accuracy_figure
 from linkwise.plot.study_responses import responses_figure
 from linkwise.report.study_page import StudyReport
-from linkwise.simulation.neighbours import motion_after
+from linkwise.simulation.envelope import motion_after
 
 SHOWN = 0.8  # s that every curve must follow the reference
 FACTOR = {"m": 1.0, "mm": 1e-3}

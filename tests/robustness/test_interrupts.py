@@ -30,7 +30,7 @@ main()
 @pytest.mark.parametrize(
     "module",
     ["linkwise.cli", "click", "linkwise.cli.study", "linkwise.model.toml_file", "msgspec", "numpy", "scipy", "heyoka",
-     "linkwise.simulation.simulate", "linkwise.simulation.integrator"],
+     "linkwise.simulation.simulate", "linkwise.simulation.integrator.compiled"],
 )  # fmt: skip
 def test_ctrl_c_during_an_import_ends_in_one_line(module: str, tmp_path: Path) -> None:
     lw.write_structure(lw.bnes_chain(2), tmp_path / "chain.toml")

@@ -1,4 +1,4 @@
-"""Runs side by side are the runs one by one: motion, energies, passages; lanes that fail do not touch the others."""
+"""Runs side by side are the runs one by one: motion, energies, crossings; lanes that fail do not touch the others."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from linkwise.absorption.crossings import crossings, distinct
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.simulation.batch import LANES, BatchResult, can_batch, run_batch
+from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
-from linkwise.simulation.simulate import SimulatedMotion
 
 TIMES = np.arange(501) / 1000.0
 RELEASE = Excitation.of(release={"v:m1": 1.0})
@@ -36,9 +36,9 @@ def agree(batch: BatchResult, run: int, schedule: RunSchedule) -> None:
     )
     put_in = energy.supplied - energy.supplied[0]  # released with energy that no work was done for
     scale = np.abs(energy.supplied).max()
-    np.testing.assert_allclose(batch.heat[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
+    np.testing.assert_allclose(batch.dissipated[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
     np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * scale)
-    found = distinct(batch.passages[run][1], 0.5)
+    found = distinct(batch.crossings[run][1], 0.5)
     np.testing.assert_allclose(
         found, crossings(schedule, motion.run, [np.empty(0), np.zeros(1)])[1], atol=1e-8
     )
@@ -49,7 +49,7 @@ def agree(batch: BatchResult, run: int, schedule: RunSchedule) -> None:
 def test_free_decays(betas: list[float]) -> None:
     fleet = schedules(betas)
     batch = run_batch(fleet, tops(len(betas)))
-    assert batch.alive.all()
+    assert batch.completed.all()
     for run, schedule in enumerate(fleet):
         agree(batch, run, schedule)
 
@@ -87,11 +87,11 @@ def test_a_moving_base_does_work() -> None:
 def test_a_lane_that_diverges_leaves_the_others_alone() -> None:
     fleet = schedules([1e6, -1e6, 7e5, -2e6])
     batch = run_batch(fleet, tops(4))
-    assert batch.alive.tolist() == [True, False, True, False]
-    assert np.isnan(batch.x[..., 1]).all() and not len(batch.passages[1][1])
+    assert batch.completed.tolist() == [True, False, True, False]
+    assert np.isnan(batch.x[..., 1]).all() and not len(batch.crossings[1][1])
     for run in (0, 2):
         agree(batch, run, fleet[run])
-    assert not run_batch(schedules([-1e6, -1e6]), tops(2)).alive.any()
+    assert not run_batch(schedules([-1e6, -1e6]), tops(2)).completed.any()
 
 
 def test_only_smooth_laws_can_fly() -> None:

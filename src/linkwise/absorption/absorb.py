@@ -18,8 +18,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
-from linkwise.simulation.simulate import SimulatedMotion
 
 
 def absorb(

@@ -16,8 +16,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Structure
+from linkwise.simulation.checks import check_excitation, output_times
 from linkwise.simulation.schedule import RunSchedule
-from linkwise.simulation.simulate import check_excitation, output_times
 
 _SAMPLES_PER_PERIOD = 20  # of the fastest mode, by default: cubics between them are right to 3e-5
 _LEAST_SAMPLES = 1000  # by default

@@ -12,8 +12,8 @@ from linkwise.absorption.potentials import Potentials, elongations
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.simulation.batch import can_batch, run_batch
+from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
-from linkwise.simulation.simulate import SimulatedMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +91,11 @@ def batch_runs(
         crossed.append(
             tuple(
                 after_onset(distinct(times, schedule.end), batch.time, d[:, run, link], tops[link])
-                for link, times in enumerate(batch.passages[run])
+                for link, times in enumerate(batch.crossings[run])
             )
         )
-    runs = Runs(batch.time, batch.x, batch.v, batch.heat, batch.work + energy, tuple(crossed))
-    return runs, batch.alive
+    runs = Runs(batch.time, batch.x, batch.v, batch.dissipated, batch.work + energy, tuple(crossed))
+    return runs, batch.completed
 
 
 def _one_by_one(schedules: Sequence[RunSchedule], potentials: Potentials) -> tuple[Runs, Bools]:

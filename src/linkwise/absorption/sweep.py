@@ -22,7 +22,7 @@ from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.runtime import available_memory
-from linkwise.simulation.simulate import SimulatedMotion
+from linkwise.simulation.motion import SimulatedMotion
 
 _RUN_BYTES, _MASS_BYTES = 4000, 1000  # kept until the last run has ended, for each run and each of its masses
 

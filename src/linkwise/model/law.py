@@ -246,6 +246,15 @@ class Law:
         return [values[name] for name in self.coefficients]
 
 
+def dissipated_power(law: Expression) -> Expression:
+    """The power in W that a link with this law dissipates, (f(d, v) - f(d, 0)) v.
+
+    It is formed symbolically, so that the stored part cancels exactly.
+    """
+    elastic = substitute(law, {"v": Number(0.0)})
+    return multiply(Symbol("v"), add(law, multiply(Number(-1.0), elastic)))
+
+
 @lru_cache(maxsize=1024)
 def _parse(text: str) -> Law:
     parsed = parse_with_positions(text, VARIABLES)

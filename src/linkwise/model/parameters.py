@@ -7,7 +7,7 @@ leader, the coefficient that it is equal to.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -142,3 +142,23 @@ def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:
         raise StructureError(
             f'is in {unit or "1"} and cannot be equal to "{leader}" in {leader_unit or "1"}', name
         )
+
+
+def replace_coefficients(
+    masses: tuple[Mass, ...],
+    links: tuple[Link, ...],
+    slots: Mapping[str, CoefficientSlot],
+    changes: Mapping[str, Coefficient],
+) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
+    """Masses and links with some coefficients, given by full name, replaced."""
+    new_masses, new_links = list(masses), list(links)
+    by_link: dict[int, dict[str, Coefficient]] = {}
+    for name, coefficient in changes.items():
+        slot = slots[name]
+        if slot.index < 0:
+            new_masses[-1 - slot.index] = replace(masses[-1 - slot.index], mass=coefficient)
+        else:
+            by_link.setdefault(slot.index, {})[slot.key] = coefficient
+    for index, new in by_link.items():
+        new_links[index] = replace(links[index], coefficients={**links[index].coefficients, **new})
+    return tuple(new_masses), tuple(new_links)

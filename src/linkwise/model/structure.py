@@ -8,7 +8,7 @@ B is `Structure.incidence`, e is `Structure.base_incidence`, f holds the laws of
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
+from linkwise.expression import Expression
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.parameters import (
@@ -25,8 +26,10 @@ from linkwise.model.parameters import (
     Parameter,
     coefficient_slots,
     free_parameters,
+    replace_coefficients,
     resolve_sharing,
 )
+from linkwise.model.topology import BASE_INDEX, Topology
 from linkwise.text import near_miss
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
@@ -84,7 +87,7 @@ class Structure:
                 name: slots[name].coefficient.following(slots[leader].coefficient)
                 for name, leader in leaders.items()
             }
-            masses, links = _replaced(self.masses, self.links, slots, resolved)
+            masses, links = replace_coefficients(self.masses, self.links, slots, resolved)
             object.__setattr__(self, "masses", masses)
             object.__setattr__(self, "links", links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
@@ -160,10 +163,10 @@ class Structure:
     def incidence(self) -> scipy.sparse.csr_array:
         """Incidence matrix B, sparse, shape (n, L): +1 where a mass is the first end of a link, -1 where it is the second."""
         rows, columns, signs = [], [], []
-        for column, link in enumerate(self.links):
-            for end, sign in zip(link.between, (1.0, -1.0), strict=True):
-                if end in self._mass_index:
-                    rows.append(self._mass_index[end])
+        for column, ends in enumerate(self.topology.ends.tolist()):
+            for end, sign in zip(ends, (1.0, -1.0), strict=True):
+                if end >= 0:
+                    rows.append(end)
                     columns.append(column)
                     signs.append(sign)
         return scipy.sparse.csr_array((signs, (rows, columns)), shape=(self.size, len(self.links)))
@@ -171,9 +174,10 @@ class Structure:
     @cached_property
     def base_incidence(self) -> Floats:
         """Incidence e of the base, shape (L,): +1 where it is the first end of a link, -1 where it is the second, else 0."""
-        ends = np.array([(link.between[0] == BASE) - float(link.between[1] == BASE) for link in self.links])
-        ends.flags.writeable = False
-        return ends
+        on_base = self.topology.ends == BASE_INDEX
+        incidence: Floats = on_base[:, 0].astype(float) - on_base[:, 1]
+        incidence.flags.writeable = False
+        return incidence
 
     def elongations(self, x: ArrayLike, base: ArrayLike | None = None) -> Floats:
         """Elongations of the links, ``B'x + e x_base``; from velocities, their rates.
@@ -318,7 +322,7 @@ class Structure:
         return self._with(plain) if plain else self
 
     def _with(self, changes: Mapping[str, Coefficient]) -> Structure:
-        masses, links = _replaced(self.masses, self.links, self._slots, changes)
+        masses, links = replace_coefficients(self.masses, self.links, self._slots, changes)
         return Structure(self.name, masses, links)
 
     def _chosen(self, selector: str) -> list[str]:
@@ -341,32 +345,17 @@ class Structure:
         return chosen
 
     @cached_property
-    def shape_key(self) -> Hashable:
-        """Equal for structures of the same topology and laws, whatever their values; they share compiled code."""
-        ends = {**self._mass_index, GROUND: -1, BASE: -2}
+    def topology(self) -> Topology:
+        """Numbering of masses, ground and base, ends of the links, and links by law."""
+        return Topology.of(self.mass_names, self.links)
+
+    @cached_property
+    def shape_key(self) -> tuple[int, tuple[tuple[int, int, Expression], ...]]:
+        """Number of masses and, for each link, ends and law; equal for structures that share compiled code."""
         return self.size, tuple(
-            (ends[link.between[0]], ends[link.between[1]], link.law.expression) for link in self.links
+            (first, second, link.law.expression)
+            for (first, second), link in zip(self.topology.ends.tolist(), self.links, strict=True)
         )
-
-
-def _replaced(
-    masses: tuple[Mass, ...],
-    links: tuple[Link, ...],
-    slots: Mapping[str, CoefficientSlot],
-    changes: Mapping[str, Coefficient],
-) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
-    """Masses and links with some coefficients, given by full name, replaced."""
-    new_masses, new_links = list(masses), list(links)
-    by_link: dict[int, dict[str, Coefficient]] = {}
-    for name, coefficient in changes.items():
-        slot = slots[name]
-        if slot.index < 0:
-            new_masses[-1 - slot.index] = replace(masses[-1 - slot.index], mass=coefficient)
-        else:
-            by_link.setdefault(slot.index, {})[slot.key] = coefficient
-    for index, new in by_link.items():
-        new_links[index] = replace(links[index], coefficients={**links[index].coefficients, **new})
-    return tuple(new_masses), tuple(new_links)
 
 
 def _matching(names: Iterable[str], typed: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.paper.figures_2_to_5 import chain_motion
-from linkwise.simulation.neighbours import NEIGHBOURS, OrbitEnvelope
+from linkwise.simulation.envelope import NEIGHBOURS, OrbitEnvelope
 
 
 def motion_captions() -> dict[str, str]:

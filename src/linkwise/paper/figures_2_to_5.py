@@ -12,7 +12,7 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation
 from linkwise.paper.published import DURATION, RATE, start
 from linkwise.plot.study_responses import comparison_figure, responses_figure
-from linkwise.simulation.neighbours import OrbitEnvelope, motion_after
+from linkwise.simulation.envelope import OrbitEnvelope, motion_after
 
 
 @lru_cache(maxsize=4)

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, VISITED, scale
 from linkwise.plot.style import literal, sheet
-from linkwise.simulation.neighbours import OrbitEnvelope
+from linkwise.simulation.envelope import OrbitEnvelope
 
 _PANEL_HEIGHT = 1.45  # inches
 _BLOCK = 10  # samples of a range drawn as one: narrower than a line

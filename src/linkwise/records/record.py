@@ -27,8 +27,7 @@ _EDGE = 1e-6  # of a sampling interval: a time typed in decimals is meant to hit
 class Record:
     """N samples of C channels at the times ``start + k/rate``; immutable.
 
-    Build a measured record with `Record.from_arrays` or `read_record`, which also check it for dead and duplicated sensors;
-    a simulated structure may well have a mass at rest or two that move alike.
+    Build a measured record with `Record.from_arrays` or `read_record`, which also refuse dead and duplicated sensors.
 
     Parameters
     ----------
@@ -284,8 +283,8 @@ class Record:
     def decimate(self, factor: int) -> Record:
         """Reduce the sampling rate, behind a linear-phase anti-alias filter.
 
-        Samples at both ends, where the filter is incomplete, are dropped; nothing shifts in time. Known noise is reduced as
-        the filter reduces white noise. The truth of a simulated record is picked, not filtered.
+        Samples at both ends, where the filter is incomplete, are dropped. Known noise is reduced as the filter reduces white
+        noise. The truth of a simulated record is not filtered.
 
         Parameters
         ----------
@@ -344,8 +343,7 @@ class Record:
         """Add white Gaussian noise to every response.
 
         The variance is ``mean(x**2) * 10**(-decibel/10)`` of each channel x. Each has its own generator, seeded by `seed` and
-        its name, so its noise does not depend on the other channels. The standard deviations are stored in `simulated.noise`,
-        as part of the truth, not in `noise`, since a user would not know them.
+        its name. The standard deviations are stored in `simulated.noise`, not in `noise`, since a user would not know them.
 
         Parameters
         ----------

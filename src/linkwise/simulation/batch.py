@@ -1,7 +1,7 @@
-"""Many structures of one shape under one kind of excitation, run side by side in the lanes of one integrator.
+"""Structures of one shape under excitations of one kind, integrated side by side in the lanes of one integrator.
 
-Energies are integrated along with the motion, passages of links over given elongations are events. Laws with kinks cannot be
-run so: their events end a step of one lane and not of the others.
+Energies are integrated along with the motion, and crossings of given elongations are events. Laws with kinks cannot be run in
+a batch: their events end a step in one lane but not in the others.
 """
 
 from __future__ import annotations
@@ -12,146 +12,156 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.simulation.integrator import BatchIntegrator, equations
-from linkwise.simulation.run import FARTHEST
+from linkwise.simulation.integrator.compiled import compiled_system
+from linkwise.simulation.integrator.shape import SCALE, ParameterLayout
+from linkwise.simulation.integrator.taylor import BatchIntegrator
+from linkwise.simulation.run import FARTHEST, MOST_STEPS
 from linkwise.simulation.schedule import RunSchedule
-from linkwise.simulation.shape import SCALE, ParameterLayout
 
-LANES = (
-    4  # numbers in a register of most processors; more gains nothing, since all lanes wait for the slowest
-)
-_PATIENCE = 4_000_000  # steps times masses between two stops before a lane counts as hopeless
-_NOWHERE = 1e9  # m: an elongation that nothing passes
+LANES = 4  # numbers in a register of most processors; with more, all lanes wait for the slowest
+_NEVER = 1e9  # m: an elongation that is never crossed
 
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
-    """W runs at `time` (N,) s: `x`, `v` (N, n, W) in m and m/s; `heat` (N, L, W) and `work` (N, W) in J since the start.
+    """The motion of W runs.
 
-    `passages` holds run by run and link by link the times in s at which it was at one of its tops. Where `alive` (W,) is False
-    the motion diverged or came to no end, and its numbers mean nothing.
+    Attributes
+    ----------
+    time : array of shape (N,)
+        Times in s.
+    x, v : array of shape (N, n, W)
+        Displacements in m and velocities in m/s.
+    dissipated : array of shape (N, L, W)
+        Energy in J that each link has dissipated since the start.
+    work : array of shape (N, W)
+        Work in J of the excitation since the start.
+    crossings : tuple of tuple of array
+        For each run and link, the times in s at which it crossed one of its levels.
+    completed : array of shape (W,)
+        False for a run that diverged or took too many steps; its numbers are NaN.
     """
 
     time: Floats
     x: Floats
     v: Floats
-    heat: Floats
+    dissipated: Floats
     work: Floats
-    passages: tuple[tuple[Floats, ...], ...]
-    alive: Bools
+    crossings: tuple[tuple[Floats, ...], ...]
+    completed: Bools
 
 
 def can_batch(schedule: RunSchedule) -> bool:
-    """Whether a schedule can be run side by side with others: no law of it bends or wakes up."""
-    return not equations(schedule.shape).kinks
+    """Whether a schedule can be run in a batch: no law of it has a kink or a flat part."""
+    return not compiled_system(schedule.shape).kinks
 
 
-def run_batch(schedules: Sequence[RunSchedule], tops: Sequence[Floats]) -> BatchResult:
-    """Run up to `LANES` schedules that differ in numbers only; `tops` (W, K) m for each link, NaN where there are fewer.
+def run_batch(schedules: Sequence[RunSchedule], levels: Sequence[Floats]) -> BatchResult:
+    """Run up to `LANES` schedules that differ in numbers only.
 
-    Raises ValueError for a shape with kinks.
+    `levels` has for each link the elongations (W, K) in m whose crossings are recorded, NaN where a run has fewer. Raises
+    ValueError for a shape with kinks.
     """
-    watched = tuple(link for link, each in enumerate(tops) for _ in range(each.shape[1]))
-    levels = np.concatenate([np.where(np.isnan(each), _NOWHERE, each) for each in tops], axis=1)
-    first = equations(schedules[0].shape)
-    batch = first.batch(LANES, watched)
-    alive = np.ones(len(schedules), dtype=bool)
-    while alive.any():
-        seats = np.flatnonzero(alive)
-        lanes = np.resize(seats, LANES)  # an empty lane repeats a living one
-        flight = _Flight(batch, first.layout, [schedules[run] for run in lanes.tolist()], levels[lanes])
-        failed = flight.run()
-        if not failed[: len(seats)].any():
-            return _landed(flight, watched, len(tops), alive, seats)
-        alive[seats[failed[: len(seats)]]] = False
-    size, links, runs = schedules[0].structure.size, len(tops), len(schedules)
+    watched = tuple(link for link, array in enumerate(levels) for _ in range(array.shape[1]))
+    all_levels = np.concatenate([np.where(np.isnan(array), _NEVER, array) for array in levels], axis=1)
+    system = compiled_system(schedules[0].shape)
+    integrator = system.batch(LANES, watched)
+    completed = np.ones(len(schedules), dtype=bool)
+    while completed.any():
+        runs = np.flatnonzero(completed)
+        lanes = np.resize(runs, LANES)  # an empty lane repeats a completed run
+        batch = _Batch(
+            integrator, system.layout, [schedules[run] for run in lanes.tolist()], all_levels[lanes]
+        )
+        failed = batch.run()
+        if not failed[: len(runs)].any():
+            return _collected(batch, watched, len(levels), completed, runs)
+        completed[runs[failed[: len(runs)]]] = False
+    size, links, count = schedules[0].structure.size, len(levels), len(schedules)
     time = schedules[0].times
-    none = np.full((len(time), size, runs), np.nan)
-    lost = tuple(tuple(np.empty(0) for _ in range(links)) for _ in range(runs))
-    return BatchResult(time, none, none, np.full((len(time), links, runs), np.nan), none[:, 0], lost, alive)
+    unknown = np.full((len(time), size, count), np.nan)
+    crossings = tuple(tuple(np.empty(0) for _ in range(links)) for _ in range(count))
+    dissipated = np.full((len(time), links, count), np.nan)
+    return BatchResult(time, unknown, unknown, dissipated, unknown[:, 0], crossings, completed)
 
 
-class _Flight:
-    """One try to bring all lanes to the end."""
+class _Batch:
+    """One attempt to run all lanes to the end."""
 
     def __init__(
         self,
-        batch: BatchIntegrator,
+        integrator: BatchIntegrator,
         layout: ParameterLayout,
         schedules: Sequence[RunSchedule],
         levels: Floats,
     ) -> None:
-        self.batch, self.layout, self.schedules = batch, layout, schedules
+        self.integrator, self.layout, self.schedules = integrator, layout, schedules
         schedule = schedules[0]
         self.size, self.times = schedule.structure.size, schedule.times
-        integrator = batch.integrator
-        integrator.set_time(0.0)
-        parameters = np.stack([each.parameters(layout) for each in schedules], axis=1)
-        integrator.pars[:] = np.concatenate([parameters, levels.T])
-        integrator.state[:] = 0.0
-        integrator.state[: 2 * self.size] = np.stack([each.start for each in schedules], axis=1) / SCALE
-        for each in batch.passages:
-            each.clear()
-        self.states = np.empty((len(self.times), integrator.dim, LANES))
-        self.masses = np.stack([each.structure.mass_values for each in schedules], axis=1)
-        self.next = 0
+        parameters = np.stack([lane.parameters(layout) for lane in schedules], axis=1)
+        state = np.zeros_like(integrator.state)
+        state[: 2 * self.size] = np.stack([lane.start for lane in schedules], axis=1) / SCALE
+        integrator.place(state, np.concatenate([parameters, levels.T]))
+        self.states = np.empty((len(self.times), *state.shape))
+        self.masses = np.stack([lane.structure.mass_values for lane in schedules], axis=1)
+        self.next = 0  # index of the first output time that has not been reached
 
     def run(self) -> Bools:
-        """From stop to stop; returns which lanes failed."""
-        schedule, integrator = self.schedules[0], self.batch.integrator
+        """Run from stop to stop; returns which lanes failed, (LANES,)."""
+        schedule = self.schedules[0]
         stops = schedule.stops
         limits = np.searchsorted(self.times, stops, side="left")
-        patience = _PATIENCE // self.size + 1
+        most_steps = MOST_STEPS // self.size + 1
         for number, stop in enumerate(stops):
             if number in schedule.jumps:
-                self.strike(number)
+                self.apply_impulses(number)
             if self.next < len(self.times) and self.times[self.next] == stop:
-                self.states[self.next] = integrator.state
+                self.states[self.next] = self.integrator.state
                 self.next += 1
             if number == len(stops) - 1:
                 break
             if schedule.pieces.shape[1]:
-                integrator.pars[self.layout.pieces] = schedule.pieces[number][:, None]
+                self.integrator.set_parameters(self.layout.pieces, schedule.pieces[number])
             wanted = self.times[self.next : limits[number + 1]]
-            grid = np.concatenate([[stop], wanted, [stops[number + 1]]])
-            states, failed = self.batch.propagate(grid, patience)
+            states, failed = self.integrator.propagate(np.append(wanted, stops[number + 1]), most_steps)
             if failed.any():
                 return failed
-            self.states[self.next : self.next + len(wanted)] = states[1 : 1 + len(wanted)]
+            self.states[self.next : self.next + len(wanted)] = states[: len(wanted)]
             self.next += len(wanted)
         farthest = np.abs(self.states[:, : self.size]).max(axis=(0, 1)) * SCALE
         return np.asarray(~(farthest <= FARTHEST))
 
-    def strike(self, stop: int) -> None:
-        """A blow: velocities jump, and the work grows by m J (v - J/2) with v the velocity after it."""
-        state = self.batch.integrator.state
-        jumps = np.stack([each.jumps[stop] for each in self.schedules], axis=1)
+    def apply_impulses(self, stop: int) -> None:
+        """Velocities jump by J, and the work grows by m J (v - J/2), with v the velocity after the jump."""
+        state = self.integrator.state
+        jumps = np.stack([lane.jumps[stop] for lane in self.schedules], axis=1)
         state[: 2 * self.size] += jumps / SCALE
         speeds, jumps = state[self.size : 2 * self.size] * SCALE, jumps[self.size :]
         state[-1] += (self.masses * jumps * (speeds - 0.5 * jumps)).sum(axis=0)
+        self.integrator.set_state(state)
 
 
-def _landed(
-    flight: _Flight, watched: tuple[int, ...], links: int, alive: Bools, seats: Indices
+def _collected(
+    batch: _Batch, watched: tuple[int, ...], links: int, completed: Bools, runs: Indices
 ) -> BatchResult:
-    """What the lanes brought home, run by run; NaN for those that did not come."""
-    size, runs = flight.size, len(alive)
-    table = flight.states[..., :runs]
-    if len(seats) < runs:
-        table = np.full((*flight.states.shape[:2], runs), np.nan)
-        table[..., seats] = flight.states[..., : len(seats)]
-    table[:, : 2 * size] *= SCALE
-    times: list[list[list[float]]] = [[[] for _ in range(links)] for _ in range(runs)]
-    for link, noted in zip(watched, flight.batch.passages, strict=True):
-        for lane, time in noted:
-            if lane < len(seats):
-                times[int(seats[lane])][link].append(time)
+    """The result of the lanes, run by run; NaN for runs that were not completed."""
+    size, count = batch.size, len(completed)
+    states = batch.states[..., :count]
+    if len(runs) < count:
+        states = np.full((*batch.states.shape[:2], count), np.nan)
+        states[..., runs] = batch.states[..., : len(runs)]
+    states[:, : 2 * size] *= SCALE
+    times: list[list[list[float]]] = [[[] for _ in range(links)] for _ in range(count)]
+    for link, crossings in zip(watched, batch.integrator.crossings, strict=True):
+        for lane, time in crossings:
+            if lane < len(runs):
+                times[int(runs[lane])][link].append(time)
     return BatchResult(
-        time=flight.times,
-        x=table[:, :size],
-        v=table[:, size : 2 * size],
-        heat=table[:, 2 * size : -1],
-        work=table[:, -1],
-        passages=tuple(tuple(np.array(each) for each in run) for run in times),
-        alive=alive,
+        time=batch.times,
+        x=states[:, :size],
+        v=states[:, size : 2 * size],
+        dissipated=states[:, 2 * size : -1],
+        work=states[:, -1],
+        crossings=tuple(tuple(np.array(link) for link in run) for run in times),
+        completed=completed,
     )

@@ -1,58 +1,64 @@
-"""On which branch of a law with kinks a motion goes on: the sign of every kink just after now.
+"""The branch of a law with kinks on which a motion continues: the sign of every kink just after the current time.
 
-At an event, and wherever a stretch begins, a kink g may be exactly zero and its sign open. A trial step that is blind to kinks
-tells: with the branches assumed, g a moment later must have the sign that was assumed. Where neither sign agrees the force
-pushes the motion back onto the kink from both sides, as dry friction does to a mass at rest: the structure sticks, and its
-equations say no more.
+At an event, and at the start of an interval, a kink g may be exactly zero and its sign open. A trial step that does not detect
+kinks decides: with the branches assumed, g a moment later must have the sign that was assumed. If neither sign agrees, the
+force pushes the motion back onto the kink from both sides, as dry friction does to a mass at rest: the link sticks, and the
+equations of motion have no solution.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from linkwise.simulation.integrator import CompiledSystem, trial_step
+from linkwise.simulation.integrator.compiled import CompiledSystem
+from linkwise.simulation.integrator.interface import Placement
 
-_MOMENT = 1e-3  # of a step: far enough that g stands above rounding, near enough that it keeps its sign
+_FRACTION = 1e-3  # of a step: far enough for g to exceed rounding, short enough for g to keep its sign
 _SHORTEST = 1e-12  # of a step
-_ON = 1e-6  # of its change within the moment: so near to zero a kink counts as zero
+_ON_KINK = 1e-6  # of the change of g within the moment: if smaller, g counts as zero
 
 
 class BranchChoice(NamedTuple):
-    """How a motion goes on: up to `moment` it may be integrated blind to kinks. `stuck` is the kink that holds it, or None."""
+    """How a motion continues: with `parameters` (P,), and up to `time` in s without detection of kinks.
 
-    moment: float
+    `stuck` is the number of the kink that the motion cannot leave, or None.
+    """
+
+    time: float
+    parameters: NDArray[Any]
     stuck: int | None = None
 
 
-def settle(equations: CompiledSystem, longest: float) -> BranchChoice:
-    """Set the branches in the parameters of `equations.blind` to those of the motion that follows from where it stands.
+def choose_branches(system: CompiledSystem, start: Placement, longest: float) -> BranchChoice:
+    """The branches of the motion that follows from `start`; `longest` in s bounds the trial step.
 
-    `longest` in s bounds the trial step. A kink that stays exactly zero (nothing moves) is muted.
+    A kink that stays exactly zero (nothing moves) is not watched.
     """
-    blind, layout = equations.blind, equations.layout
-    state, time, parameters = blind.state.copy(), float(blind.time), blind.pars
-    branches, muted = parameters[layout.branches], parameters[layout.muted]
-    for _ in range(equations.kinks):  # kinks may stand inside kinks, inner ones first
-        now = equations.bends(state, parameters, time)
+    state, time, parameters = start.state, float(start.time), start.parameters.copy()
+    integrator, layout = system.without_events, system.layout
+    branches, unwatched = parameters[layout.branches], parameters[layout.unwatched]
+    for _ in range(system.kinks):  # kinks may be nested, inner ones first
+        now = system.kink_values(state, parameters, time)
         branches[:] = np.where(now == 0.0, branches, np.sign(now))
-    turned = np.zeros(equations.kinks, dtype=int)
-    part = _MOMENT
+    reversals = np.zeros(system.kinks, dtype=int)
+    fraction = _FRACTION
     while True:
-        later, moment = trial_step(blind, part, longest)
-        then = equations.bends(later, parameters, moment)
-        blind.state[:], blind.time = state, time
-        now = equations.bends(state, parameters, time)
-        on = np.abs(now) <= _ON * np.abs(then - now)
-        if np.any(~on & (now * then < 0.0)) and part > _SHORTEST:
-            part *= 0.1  # another kink is passed within this moment
+        integrator.place(Placement(time, state, parameters))
+        later_state, later = integrator.trial_step(fraction, longest)
+        then = system.kink_values(later_state, parameters, later)
+        now = system.kink_values(state, parameters, time)
+        on_kink = np.abs(now) <= _ON_KINK * np.abs(then - now)
+        if np.any(~on_kink & (now * then < 0.0)) and fraction > _SHORTEST:
+            fraction *= 0.1  # another kink is passed within this moment
             continue
-        wrong = on & (then * branches < 0.0)
+        wrong = on_kink & (then * branches < 0.0)
         if not wrong.any():
-            muted[:] = then == 0.0
-            return BranchChoice(moment)
-        turned += wrong
-        if turned.max() > 2:
-            return BranchChoice(time, int(np.argmax(turned)))
+            unwatched[:] = then == 0.0
+            return BranchChoice(later, parameters)
+        reversals += wrong
+        if reversals.max() > 2:
+            return BranchChoice(time, parameters, int(np.argmax(reversals)))
         branches[wrong] *= -1.0

@@ -1,4 +1,4 @@
-"""What the links of a structure exert over a given motion, links of one law evaluated together."""
+"""Forces of links and accelerations of masses over a given motion; links of one law are evaluated together."""
 
 from __future__ import annotations
 
@@ -7,78 +7,73 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, symbols
 from linkwise.model.excitation import Excitation
-from linkwise.model.law import Law
+from linkwise.model.law import Law, dissipated_power
 from linkwise.model.structure import Structure
-from linkwise.simulation.shape import power_lost
 
 
 @dataclass(frozen=True, eq=False)
 class LinkForces:
-    """The forces in a structure under an excitation; time on axis 0 of all arrays."""
+    """The forces in a structure under an excitation; time is axis 0 of all arrays."""
 
     structure: Structure
     excitation: Excitation
 
     @cached_property
-    def _groups(self) -> list[tuple[Law, list[int], dict[str, Floats]]]:
-        """Per law: the numbers of its links and the value of each coefficient in them."""
-        members: dict[Law, list[int]] = {}
-        for number, link in enumerate(self.structure.links):
-            members.setdefault(link.law, []).append(number)
+    def _groups(self) -> list[tuple[Law, Indices, dict[str, Floats]]]:
+        """For each law the numbers (m,) of its links, and the values (m,) of each coefficient."""
         values = [link.values for link in self.structure.links]
         return [
             (law, numbers, {name: np.array([values[k][name] for k in numbers]) for name in law.coefficients})
-            for law, numbers in members.items()
+            for law, numbers in self.structure.topology.by_law
         ]
 
     def links(self, d: Floats, v: Floats) -> Floats:
-        """(M, L) force of every link in N at elongations and rates (M, L)."""
+        """Force (M, L) of every link in N at elongations (M, L) in m and rates (M, L) in m/s."""
         force = np.empty(d.shape)
         for law, numbers, values in self._groups:
             force[:, numbers] = law.force(d[:, numbers], v[:, numbers], values)
         return force
 
-    def lost(self, time: Floats, x: Floats, v: Floats) -> Floats:
-        """(M, L) power in W that every link turns into heat, (f(d, v) - f(d, 0)) v."""
-        needed = any("d" in program.inputs for program, _, _ in self._losses)
+    def dissipated_power(self, time: Floats, x: Floats, v: Floats) -> Floats:
+        """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v."""
+        needed = any("d" in program.inputs for program, _, _ in self._dissipation)
         d, rate = self.elongations(time, x, v) if needed else (None, self._rates(time, v))
         power = np.empty(rate.shape)
-        for program, numbers, values in self._losses:
+        for program, numbers, values in self._dissipation:
             motion = {"v": rate[:, numbers], **({} if d is None else {"d": d[:, numbers]})}
             power[:, numbers] = program(*({**motion, **values}[name] for name in program.inputs))[0]
         return power
 
     @cached_property
-    def _losses(self) -> list[tuple[Program, list[int], dict[str, Floats]]]:
-        """As `_groups`, with the power lost."""
-        losses = []
+    def _dissipation(self) -> list[tuple[Program, Indices, dict[str, Floats]]]:
+        """As `_groups`, with the dissipated power in place of the law."""
+        groups = []
         for law, numbers, values in self._groups:
-            loss = power_lost(law.expression)
-            losses.append((Program([loss], symbols(loss)), numbers, values))
-        return losses
+            power = dissipated_power(law.expression)
+            groups.append((Program([power], symbols(power)), numbers, values))
+        return groups
 
     def _rates(self, time: Floats, v: Floats) -> Floats:
         base = self.excitation.base
         return self.structure.elongations(v, None if base is None else base.derivative(time))
 
     def elongations(self, time: Floats, x: Floats, v: Floats) -> tuple[Floats, Floats]:
-        """(M, L) elongations in m and rates in m/s at displacements and velocities (M, n)."""
+        """Elongations (M, L) in m and rates (M, L) in m/s at displacements and velocities (M, n)."""
         base = self.excitation.base
         return self.structure.elongations(x, None if base is None else base.value(time)), self._rates(time, v)
 
     def applied(self, time: Floats) -> Floats:
-        """(M, n) forces in N that the excitation applies to the masses."""
-        names = self.structure.mass_names
-        forces = np.zeros((len(time), len(names)))
+        """Applied forces (M, n) in N on the masses."""
+        forces = np.zeros((len(time), self.structure.size))
         for name, drive in self.excitation.forces.items():
-            forces[:, names.index(name)] = drive.value(time)
+            forces[:, self.structure.topology.index[name]] = drive.value(time)
         return forces
 
     def accelerations(self, time: Floats, x: Floats, v: Floats) -> Floats:
-        """(M, n) accelerations in m/s^2 at displacements and velocities (M, n)."""
+        """Accelerations (M, n) in m/s^2 at displacements and velocities (M, n)."""
         links = self.links(*self.elongations(time, x, v))
         net = self.applied(time) - (self.structure.incidence @ links.T).T
         return np.ascontiguousarray(net / self.structure.mass_values)

@@ -1,32 +1,27 @@
-"""What a run needs that does not depend on where it stands: stops, jumps, polynomials of the inputs, parameters."""
+"""The schedule of a run: stops, jumps, polynomials of the inputs and parameters, all that does not depend on the motion."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.expression import Expression
 from linkwise.model.excitation import Excitation, Sampled
-from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
-from linkwise.simulation.shape import SCALE, ParameterLayout, Shape
+from linkwise.simulation.integrator.shape import SCALE, ParameterLayout, SystemShape
 
-BLOCK = 4096  # output samples between two stops, for progress and to look whether the motion diverges ...
-_HELD = 500_000  # ... and no more than this over the number of masses, to bound memory
+BLOCK = 4096  # output samples between two stops, at which progress is reported and divergence detected ...
+_BUFFER = 500_000  # ... but at most this over the number of masses, to limit memory
 
 
 @dataclass(frozen=True, eq=False)
 class RunSchedule:
-    """A structure and what drives it, from 0 to `end` in s, ready to run.
-
-    `times` (N,) are the output times that cut the run into blocks.
-    """
+    """A structure and its excitation from 0 to `end` in s, ready to run; `times` (N,) in s are the output times."""
 
     structure: Structure
     excitation: Excitation
@@ -34,28 +29,27 @@ class RunSchedule:
 
     @property
     def end(self) -> float:
-        """The time of the last output in s."""
+        """Last output time in s."""
         return float(self.times[-1])
 
     @cached_property
-    def shape(self) -> Shape:
-        """What to compile for."""
-        ends = {**self._place, BASE: -2}
+    def shape(self) -> SystemShape:
+        """The key of the compiled equations of motion."""
+        index = self.structure.topology.index
         inputs = tuple(
-            (ends[name], drive.order if isinstance(drive, Sampled) else drive.expression)
+            (index[name], drive.order if isinstance(drive, Sampled) else drive.expression)
             for name, drive in self.excitation.drives.items()
         )
-        masses, links = cast(tuple[int, tuple[tuple[int, int, Expression], ...]], self.structure.shape_key)
-        return Shape(masses, links, inputs)
+        return SystemShape(*self.structure.shape_key, inputs)
 
     @cached_property
     def block(self) -> int:
         """Output samples between two stops."""
-        return min(max(_HELD // self.structure.size, 64), BLOCK)
+        return min(max(_BUFFER // self.structure.size, 64), BLOCK)
 
     @cached_property
     def stops(self) -> Floats:
-        """(S,) times at which a stretch ends, 0 and `end` included."""
+        """Times (S,) in s at which integration stops, including 0 and `end`."""
         inner = [
             self.times[self.block : -1 : self.block],
             [impulse.time for impulse in self.excitation.impulses],
@@ -64,37 +58,34 @@ class RunSchedule:
         stops = np.unique(np.concatenate([np.asarray(part, dtype=float) for part in inner]))
         return np.concatenate([[0.0], stops[(stops > 0.0) & (stops < self.end)], [self.end]])
 
-    @cached_property
-    def _place(self) -> dict[str, int]:
-        return {name: number for number, name in enumerate(self.structure.mass_names)}
-
     @property
     def _sampled(self) -> list[Sampled]:
         return [drive for drive in self.excitation.drives.values() if isinstance(drive, Sampled)]
 
     @cached_property
     def start(self) -> Floats:
-        """(2n,) displacements and velocities that the structure is released with."""
+        """Initial displacements in m and velocities in m/s, (2n,)."""
         state = np.zeros(2 * self.structure.size)
         for channel, value in self.excitation.release.items():
             kind, _, mass = channel.partition(":")
-            state[self._place[mass] + (self.structure.size if kind == "v" else 0)] = value
+            offset = self.structure.size if kind == "v" else 0
+            state[self.structure.topology.index[mass] + offset] = value
         return state
 
     @cached_property
     def jumps(self) -> dict[int, Floats]:
-        """(2n,) jump of the state at each stop where something is struck."""
+        """Jump (2n,) of the state in m and m/s at each stop with an impulse."""
         jumps: dict[int, Floats] = {}
         for impulse in self.excitation.impulses:
             stop = int(np.searchsorted(self.stops, impulse.time))
             jump = jumps.setdefault(stop, np.zeros(2 * self.structure.size))
-            mass = self._place[impulse.mass]
+            mass = self.structure.topology.index[impulse.mass]
             jump[self.structure.size + mass] += impulse.momentum / self.structure.mass_values[mass]
         return jumps
 
     @cached_property
     def pieces(self) -> Floats:
-        """(S - 1, w) parameters of the sampled inputs on each stretch, in the order of `ParameterLayout.inputs`."""
+        """Parameters (S - 1, w) of the sampled inputs between stops, in the order of `ParameterLayout.inputs`."""
         middle = 0.5 * (self.stops[1:] + self.stops[:-1])
         columns = [np.empty((middle.size, 0))]
         for drive in self._sampled:
@@ -104,7 +95,7 @@ class RunSchedule:
         return np.hstack(columns)
 
     def parameters(self, layout: ParameterLayout, kind: type = np.float64) -> NDArray[Any]:
-        """Every parameter but branches and pieces. In extended precision a number is what its decimals say."""
+        """All run-time parameters (P,) except branches and pieces; in extended precision a number is what its decimals say."""
         double = kind is np.float64
         exact: Callable[[float], Any] = float if double else lambda value: kind(repr(float(value)))
         values: NDArray[Any] = np.zeros(layout.size, dtype=kind)

@@ -1,4 +1,4 @@
-"""How a structure moves after a release, and how far that can be known: worked out once for every picture of it."""
+"""The motion after a release, with the range of orbits from releases that differ by less than can be repeated."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ APART = 1e-12  # of the release, from one neighbour to the next: less than any t
 
 @dataclass(frozen=True, eq=False)
 class OrbitEnvelope:
-    """A simulated `record` of displacements and the range that its neighbours cover.
+    """A simulated `record` of displacements, and the range of its neighbouring orbits.
 
-    `least` and `greatest` (N, n) in m are the extremes, sample by sample, of orbits whose releases differ by
-    parts of `APART`. Up to the horizon they are one curve; past it the record shows one of many.
+    `least` and `greatest` (N, n) in m are the extremes, sample by sample, of orbits whose releases differ by multiples of
+    `APART`. Up to the horizon they coincide; past it the record is one of many possible orbits.
     """
 
     record: Record
@@ -30,21 +30,21 @@ class OrbitEnvelope:
 
     @property
     def horizon(self) -> float | None:
-        """The time in s past which the orbit is one of many; None where it can be told throughout."""
+        """Time in s past which the orbit is one of many; None where it is predictable throughout."""
         return self.record.simulated.horizon if self.record.simulated else None
 
     @property
     def masses(self) -> tuple[str, ...]:
-        """The masses, in the structure's order."""
+        """Names of the masses, in the order of the structure."""
         return self.record.masses
 
 
 def motion_after(
     structure: Structure, release: Mapping[str, float], *, duration: float, rate: float
 ) -> OrbitEnvelope:
-    """The motion of every mass after `release` ({"v:m1": m/s, "x:m1": m}), as `simulate` has it.
+    """The motion of every mass after `release`, ``{"v:m1": m/s, "x:m1": m}``, over `duration` in s at `rate` in Hz.
 
-    Neighbours are run only where chaos leaves something to show. Raises what `simulate` raises.
+    Neighbouring orbits are simulated only if the motion is chaotic. Raises the errors of `simulate`.
     """
 
     def run(factor: float) -> Record:

@@ -1,0 +1,59 @@
+"""A structure as arrays: the one numbering of masses, ground and base, and the links grouped by law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from linkwise.arrays import Indices
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND, Link
+
+GROUND_INDEX = -1
+BASE_INDEX = -2
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Which links join which masses, by number.
+
+    `index` is the number of each mass by name, from 0, and `GROUND_INDEX` and `BASE_INDEX` of "ground" and "base"; `ends` (L,
+    2) are those of the first and the second end of each link; `by_law` has each law with the numbers (m,) of its links, in
+    order of first appearance.
+    """
+
+    index: Mapping[str, int]
+    ends: Indices
+    by_law: tuple[tuple[Law, Indices], ...]
+
+    @classmethod
+    def of(cls, mass_names: Sequence[str], links: Sequence[Link]) -> Topology:
+        """The topology of these masses and links."""
+        index = {name: number for number, name in enumerate(mass_names)}
+        index |= {GROUND: GROUND_INDEX, BASE: BASE_INDEX}
+        ends = np.array([[index[end] for end in link.between] for link in links], dtype=np.intp)
+        ends = ends.reshape(-1, 2)
+        ends.flags.writeable = False
+        members: dict[Law, list[int]] = {}
+        for number, link in enumerate(links):
+            members.setdefault(link.law, []).append(number)
+        by_law = tuple((law, np.array(numbers, dtype=np.intp)) for law, numbers in members.items())
+        return cls(index, ends, by_law)
+
+    @property
+    def size(self) -> int:
+        """Number of masses."""
+        return len(self.index) - 2
+
+    @cached_property
+    def links_at(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of the links that have each mass as an end, (n,)."""
+        links: list[list[int]] = [[] for _ in range(self.size)]
+        for number, pair in enumerate(self.ends.tolist()):
+            for end in pair:
+                if end >= 0:
+                    links[end].append(number)
+        return tuple(tuple(numbers) for numbers in links)

@@ -1,0 +1,207 @@
+"""Equations of motion as heyoka expressions.
+
+    m s y'' = -B f(d, d'),  d = s B'y + e x_base(t),  x = s y       (METHODS section 1)
+
+The scale s makes every y large: heyoka's step control is relative where a state exceeds one and absolute below, and a motion
+of micrometres needs the same digits as one of metres.
+
+A law with kinks (abs, sign, max, min) is written on its smooth branches: each kink g has a run-time parameter sigma = sign(g),
+and abs(g) is sigma*g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import heyoka
+
+from linkwise.expression import (
+    FUNCTIONS,
+    Call,
+    Expression,
+    Number,
+    Power,
+    Product,
+    Sum,
+    Symbol,
+    differentiate,
+    kink_and_branch,
+    kinks,
+    symbols,
+)
+from linkwise.model.law import dissipated_power
+from linkwise.model.topology import BASE_INDEX
+from linkwise.simulation.integrator.shape import SCALE, ParameterLayout, SystemShape, flat_ends
+
+Formula = Any  # heyoka.expression: the library has no type information
+_INPUT = -1  # owner of a kink of an input
+
+
+class MotionFormulas:
+    """The equations of motion of one shape as heyoka expressions.
+
+    States are y of every mass, then y'. `kinks` is the number of expressions at whose zeros a law or an input is not smooth,
+    or leaves a flat part (`flat_ends`).
+    """
+
+    def __init__(self, shape: SystemShape) -> None:
+        self.shape = shape
+        trees = [(link, law) for link, (_, _, law) in enumerate(shape.links)]
+        trees += [(_INPUT, kind) for _, kind in shape.inputs if isinstance(kind, Expression)]
+        owned = [(owner, kink) for owner, tree in trees for kink in (*kinks(tree), *flat_ends(tree))]
+        self._kinks = {kink: number for number, kink in enumerate(dict.fromkeys(owned))}
+        self.kinks = len(self._kinks)
+        self.layout = ParameterLayout(shape, self.kinks)
+
+    def link_of(self, kink: int) -> int | None:
+        """The number of the link whose law has this kink; None for an input."""
+        owner = [owner for owner, _ in self._kinks][kink]
+        return None if owner == _INPUT else owner
+
+    @cached_property
+    def variables(self) -> tuple[list[Formula], list[Formula]]:
+        """Symbols of y and y' of every mass."""
+        numbers = range(self.shape.masses)
+        return [heyoka.expression(f"y{i}") for i in numbers], [heyoka.expression(f"u{i}") for i in numbers]
+
+    @cached_property
+    def equations(self) -> list[tuple[Formula, Formula]]:
+        """Pairs of variable and derivative, (2n,)."""
+        y, u = self.variables
+        forces: list[list[Formula]] = [[] for _ in y]
+        for number, (first, second, law) in enumerate(self.shape.links):
+            force = self._translated(law, self._link_names(number), number)
+            if first >= 0:
+                forces[first].append(-force)
+            if second >= 0:
+                forces[second].append(force)
+        for number, (mass, _) in enumerate(self.shape.inputs):
+            if mass >= 0:
+                forces[mass].append(self._input(number)[0])
+        inverse = self.layout.inverse_masses.start
+        accelerations = [heyoka.sum(f) * heyoka.par[inverse + i] for i, f in enumerate(forces)]
+        return [*zip(y, u, strict=True), *zip(u, accelerations, strict=True)]
+
+    @cached_property
+    def energy_equations(self) -> list[tuple[Formula, Formula]]:
+        """Equations of the energy in J that each link dissipates, and of the work of forces and base, (L + 1,)."""
+        dissipated, work = [], [heyoka.expression(0.0)]
+        base = [self._input(i)[1] for i, (mass, _) in enumerate(self.shape.inputs) if mass == BASE_INDEX]
+        for number, (first, second, law) in enumerate(self.shape.links):
+            names = self._link_names(number)
+            power = self._translated(dissipated_power(law), names, number)
+            dissipated.append((heyoka.expression(f"h{number}"), power))
+            if BASE_INDEX in (first, second):
+                sign = 1.0 if first == BASE_INDEX else -1.0
+                work.append(sign * self._translated(law, names, number) * base[0])
+        for number, (mass, _) in enumerate(self.shape.inputs):
+            if mass >= 0:
+                work.append(SCALE * self._input(number)[0] * self.variables[1][mass])
+        return [*dissipated, (heyoka.expression("w"), heyoka.sum(work))]
+
+    @cached_property
+    def kink_formulas(self) -> list[Formula]:
+        """The expressions whose zeros are the kinks, (kinks,)."""
+        clock = {"t": heyoka.time}
+        return [
+            self._translated(kink, clock if owner == _INPUT else self._link_names(owner), owner)
+            for owner, kink in self._kinks
+        ]
+
+    def kink_events(self) -> list[Any]:
+        """Terminal events of the kinks that motion or time can cross; one of coefficients alone keeps its sign."""
+        first = self.layout.unwatched.start
+        return [
+            # without cooldown: `branches.choose_branches` leaves a kink behind before the event is watched again
+            heyoka.t_event(formula + heyoka.par[first + number], cooldown=0.0)
+            for (_, kink), (number, formula) in zip(self._kinks, enumerate(self.kink_formulas), strict=True)
+            if {"d", "v", "t"} & set(symbols(kink))
+        ]
+
+    def elongation(self, link: int) -> Formula:
+        """Elongation of a link in m."""
+        return self._link_names(link)["d"]
+
+    def _link_names(self, number: int) -> dict[str, Formula]:
+        """Formulas of d, v and the coefficients of a link."""
+        first, second, _ = self.shape.links[number]
+        offset = sum(len(names) for names in self.layout.coefficients[:number])
+        names = {name: heyoka.par[offset + k] for k, name in enumerate(self.layout.coefficients[number])}
+        base = [self._input(i) for i, (mass, _) in enumerate(self.shape.inputs) if mass == BASE_INDEX]
+        for name, variables, derivative in zip(("d", "v"), self.variables, (0, 1), strict=True):
+            ends = [(sign, variables[end]) for sign, end in ((1.0, first), (-1.0, second)) if end >= 0]
+            moving = ends[0][1] - ends[1][1] if len(ends) == 2 else ends[0][0] * ends[0][1]
+            names[name] = SCALE * moving
+            if BASE_INDEX in (first, second):
+                names[name] = names[name] + (1.0 if first == BASE_INDEX else -1.0) * base[0][derivative]
+        return names
+
+    def _input(self, number: int) -> tuple[Formula, Formula]:
+        """An input and its derivative as functions of time."""
+        _, kind = self.shape.inputs[number]
+        if isinstance(kind, Expression):
+            clock = {"t": heyoka.time}
+            return self._translated(kind, clock, _INPUT), self._translated(
+                differentiate(kind, "t"), clock, _INPUT
+            )
+        start = self.layout.inputs[number].start
+        elapsed = heyoka.time - heyoka.par[start]
+        value = heyoka.par[start + 1 + kind]
+        slope = kind * value
+        for k in range(kind - 1, -1, -1):
+            value = heyoka.par[start + 1 + k] + elapsed * value
+            if k:
+                slope = k * heyoka.par[start + 1 + k] + elapsed * slope
+        return value, slope if kind else heyoka.expression(0.0)
+
+    def _translated(self, tree: Expression, names: Mapping[str, Formula], owner: int) -> Formula:
+        """A tree as a heyoka expression, on the branch that the parameters sigma select."""
+
+        def translate(node: Expression) -> Formula:
+            match node:
+                case Number(value):
+                    return heyoka.expression(value)
+                case Symbol(name):
+                    return names[name]
+                case Sum(parts):
+                    return heyoka.sum([translate(part) for part in parts])
+                case Product(factors):
+                    return _product([translate(factor) for factor in factors])
+                case Power(base, int() as exponent):
+                    return _integer_power(translate(base), exponent)
+                case Power(base, exponent):
+                    raised = translate(exponent) if isinstance(exponent, Expression) else exponent
+                    return translate(base) ** raised
+                case Call(function, arguments) if FUNCTIONS[function].kink is not None:
+                    kink, branch = kink_and_branch(function, arguments)
+                    inner = dict(zip(("x", "y"), map(translate, arguments), strict=False))
+                    return self._translated(branch, {**inner, "s": self._branch(owner, kink)}, owner)
+                case Call(function, arguments):
+                    return getattr(heyoka, FUNCTIONS[function].integrator or function)(
+                        *map(translate, arguments)
+                    )
+            raise TypeError(f"not an expression: {node!r}")
+
+        return translate(tree)
+
+    def _branch(self, owner: int, kink: Expression) -> Formula:
+        return heyoka.par[self.layout.branches.start + self._kinks[owner, kink]]
+
+
+def _product(factors: Sequence[Formula]) -> Formula:
+    product = factors[0]
+    for factor in factors[1:]:
+        product = product * factor
+    return product
+
+
+def _integer_power(base: Formula, exponent: int) -> Formula:
+    """An integer power by products: heyoka's own power has no Taylor series at 0."""
+    if exponent < 0:
+        return 1.0 / _integer_power(base, -exponent)
+    if exponent == 1:
+        return base
+    half = _integer_power(base, exponent // 2)
+    return half * half * base if exponent % 2 else half * half

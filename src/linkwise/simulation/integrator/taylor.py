@@ -1,0 +1,202 @@
+"""heyoka's Taylor integrators, for one structure and for several side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import heyoka
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.arrays import Bools, Floats
+from linkwise.simulation.integrator.formulas import MotionFormulas
+from linkwise.simulation.integrator.interface import Outcome, Placement, Propagation, Time
+
+TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
+EXTENDED_TOLERANCE = 1e-16  # order 20, enough for 80-bit arithmetic, which stays far below its tolerance
+_SEARCH = 100_000  # steps in the search for the last finite state
+
+_OUTCOMES = {
+    heyoka.taylor_outcome.time_limit: Outcome.DONE,
+    heyoka.taylor_outcome.step_limit: Outcome.STEP_LIMIT,
+    heyoka.taylor_outcome.err_nf_state: Outcome.NOT_FINITE,
+}
+_FAILED = (heyoka.taylor_outcome.err_nf_state, heyoka.taylor_outcome.step_limit)
+
+
+@final
+class TaylorIntegrator:
+    """An `Integrator` of one structure: see there for its methods."""
+
+    def __init__(self, taylor: Any) -> None:
+        self._taylor = taylor
+
+    @classmethod
+    def double(cls, motion: MotionFormulas, *, compact: bool, events: Sequence[Any] = ()) -> TaylorIntegrator:
+        """In double precision; steps end at `events`. `compact` code has loops: slower, but quick to compile."""
+        return cls(
+            heyoka.taylor_adaptive(
+                motion.equations,
+                np.zeros(2 * motion.shape.masses),
+                pars=np.zeros(motion.layout.size),
+                tol=TOLERANCE,
+                fast_math=not motion.kinks,  # reassociates sums, a third faster; but events need exact zeros
+                compact_mode=compact,
+                t_events=list(events),
+            )
+        )
+
+    @classmethod
+    def extended(cls, motion: MotionFormulas) -> TaylorIntegrator:
+        """In 80-bit arithmetic."""
+        return cls(
+            heyoka.taylor_adaptive(
+                motion.equations,
+                np.zeros(2 * motion.shape.masses, dtype=np.longdouble),
+                pars=list(np.zeros(motion.layout.size, dtype=np.longdouble)),
+                tol=np.longdouble(EXTENDED_TOLERANCE),
+                compact_mode=True,
+                fp_type=np.longdouble,
+            )
+        )
+
+    @property
+    def dtype(self) -> type[np.floating[Any]]:
+        kind: type[np.floating[Any]] = self._taylor.state.dtype.type
+        return kind
+
+    @property
+    def time(self) -> Time:
+        time: Time = self._taylor.time
+        return time
+
+    @property
+    def state(self) -> NDArray[Any]:
+        state: NDArray[Any] = self._taylor.state.copy()
+        return state
+
+    @property
+    def parameters(self) -> NDArray[Any]:
+        parameters: NDArray[Any] = self._taylor.pars.copy()
+        return parameters
+
+    def place(self, placement: Placement) -> None:
+        self._taylor.pars[:] = placement.parameters
+        self._taylor.state[:] = placement.state
+        self._taylor.time = self.dtype(placement.time)
+
+    def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
+        self._taylor.pars[where] = values
+
+    def add_to_state(self, jump: NDArray[Any]) -> None:
+        self._taylor.state[:] += jump
+
+    def propagate(
+        self,
+        times: NDArray[Any],
+        *,
+        most_steps: int = 0,
+        longest_step: float = np.inf,
+        log: list[float] | None = None,
+    ) -> Propagation:
+        grid = np.concatenate([[self._taylor.time], times]).astype(self.dtype)
+        callback = None if log is None else _StepLog(log)
+        code, _, _, steps, *_, states = self._taylor.propagate_grid(
+            grid, most_steps, self.dtype(longest_step), callback
+        )
+        return Propagation(states[1:], steps, _OUTCOMES.get(code, Outcome.KINK))
+
+    def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
+        start = float(self._taylor.time)
+        self._taylor.step(max_delta_t=longest, write_tc=True)
+        time = start + fraction * float(self._taylor.last_h)
+        return self._taylor.update_d_output(time).copy(), time
+
+    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
+        self._taylor.time, self._taylor.state[:] = self.dtype(time), state
+        for _ in range(_SEARCH):
+            outcome, _ = self._taylor.step()
+            if outcome == heyoka.taylor_outcome.err_nf_state or not np.all(np.isfinite(self._taylor.state)):
+                break
+            time, state = float(self._taylor.time), self.state
+        return time, state
+
+
+@dataclass(frozen=True)
+class _StepLog:
+    """A step callback that records times."""
+
+    times: list[float]
+
+    def __call__(self, taylor: Any) -> bool:
+        self.times.append(float(taylor.time))
+        return True
+
+
+@final
+class BatchIntegrator:
+    """An integrator of several structures of one shape without kinks, each in a lane.
+
+    States (2n + L + 1, lanes) are y, y', the energy in J that each link has dissipated and the work of the inputs. Parameters
+    (size + W, lanes) are those of the layout and, for each of the W `watched` links, the elongation in m whose crossings are
+    recorded.
+    """
+
+    def __init__(self, motion: MotionFormulas, lanes: int, watched: Sequence[int], *, compact: bool) -> None:
+        self.crossings: list[list[tuple[int, float]]] = [[] for _ in watched]
+        """For each watched link, (lane, time in s) of its crossings."""
+        equations = [*motion.equations, *motion.energy_equations]
+        self._taylor = heyoka.taylor_adaptive_batch(
+            equations,
+            np.zeros((len(equations), lanes)),
+            pars=np.zeros((motion.layout.size + len(watched), lanes)),
+            tol=TOLERANCE,
+            fast_math=True,
+            compact_mode=compact,
+            nt_events=[
+                heyoka.nt_event_batch(
+                    motion.elongation(link) - heyoka.par[motion.layout.size + number],
+                    callback=_recording(self.crossings[number]),
+                )
+                for number, link in enumerate(watched)
+            ],
+        )
+
+    @property
+    def state(self) -> Floats:
+        """A copy of the states, shape (2n + L + 1, lanes)."""
+        state: Floats = self._taylor.state.copy()
+        return state
+
+    def place(self, state: Floats, parameters: Floats) -> None:
+        """Start at time 0 from these states and parameters, with no crossings recorded."""
+        self._taylor.set_time(0.0)
+        self._taylor.pars[:] = parameters
+        self._taylor.state[:] = state
+        for crossings in self.crossings:
+            crossings.clear()
+
+    def set_parameters(self, where: slice, values: Floats) -> None:
+        """Set some of the parameters, the same (k,) in all lanes."""
+        self._taylor.pars[where] = values[:, None]
+
+    def set_state(self, state: Floats) -> None:
+        """Set the states (2n + L + 1, lanes)."""
+        self._taylor.state[:] = state
+
+    def propagate(self, times: Floats, most_steps: int) -> tuple[Floats, Bools]:
+        """States (M, 2n + L + 1, lanes) at `times` (M,) in s, and which lanes failed.
+
+        If one lane fails, no longer finite or out of steps, the others may not reach the last time either.
+        """
+        lanes = self._taylor.batch_size
+        grid = np.concatenate([self._taylor.time[None], np.repeat(times[:, None], lanes, axis=1)])
+        _, states = self._taylor.propagate_grid(grid, most_steps)
+        return states[1:], np.array([result[0] in _FAILED for result in self._taylor.propagate_res])
+
+
+def _recording(crossings: list[tuple[int, float]]) -> Callable[[Any, float, int, int], None]:
+    """A callback that records crossings: a function, since heyoka copies objects and would record in the copy."""
+    return lambda _, time, __, lane: crossings.append((lane, time))

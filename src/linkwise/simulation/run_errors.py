@@ -1,0 +1,67 @@
+"""The errors that end a run: each names the time, the mass or link concerned, and what to change."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import SimulationError
+from linkwise.model.link import Link
+from linkwise.simulation.schedule import RunSchedule
+
+_MOST_LINKS = 6  # whose elongations a message shows
+
+
+def sticking(schedule: RunSchedule, time: float, link: Link | None) -> SimulationError:
+    """A law changes its branch without end at `time` in s; `link` is that of the law, None if unknown."""
+    subject = f"link {link.name!r} (law {link.law.text})" if link else "a law"
+    masses = schedule.structure.mass_names
+    mass = next((end for end in link.between if end in masses), None) if link else None
+    return SimulationError(
+        f"at {time:g} s {subject} sticks: its force jumps so that the motion is pushed back onto the jump from both sides, "
+        "and the equations of motion have no solution; replace the jump by a steep slope, such as F*tanh(v/s) with a small s "
+        "for F*sign(v)",
+        time,
+        mass,
+    )
+
+
+def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
+    """The motion has gone too far at `time` in s, where the state is `state` (2n,) in m and m/s."""
+    x = state[: schedule.structure.size]
+    number = int(np.argmax(np.abs(x)))
+    mass = schedule.structure.mass_names[number]
+    return SimulationError(
+        f"the motion diverges: at {time:g} s the displacement of mass {mass} is {abs(x[number]):.3g} m; a link with negative "
+        "stiffness or damping needs a term that limits the motion, or its sign is wrong",
+        time,
+        mass,
+    )
+
+
+def not_finite(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
+    """A force is not a finite number after `time` in s, where the state is `state` (2n,) in m and m/s."""
+    structure, base = schedule.structure, schedule.excitation.base
+    x = state[: structure.size]
+    d = structure.elongations(x, 0.0 if base is None else float(base.value(time)))
+    number = int(np.argmax(np.abs(x)))
+    elongations = list(zip(structure.links, d, strict=True))[:_MOST_LINKS]
+    return SimulationError(
+        f"a force is not finite after {time:g} s: the displacement of mass {structure.mass_names[number]} is "
+        f"{x[number]:.3g} m and the elongations are "
+        + ", ".join(f"{link.name} {value:.3g} m" for link, value in elongations),
+        time,
+        structure.mass_names[number],
+    )
+
+
+def too_many_steps(schedule: RunSchedule, time: float, state: Floats, steps: int) -> SimulationError:
+    """More than `steps` steps between two output times at `time` in s, where the scaled state is `state` (2n,)."""
+    size = schedule.structure.size
+    mass = schedule.structure.mass_names[int(np.argmax(np.abs(state[size:])))]
+    return SimulationError(
+        f"at {time:g} s the motion takes more than {steps} steps between two output times, mass {mass} being the fastest: "
+        "it diverges, or the structure is too stiff for this sampling rate; check stiffnesses, masses and their units",
+        time,
+        mass,
+    )
