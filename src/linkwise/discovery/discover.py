@@ -31,6 +31,7 @@ from linkwise.model.toml_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
+from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.units import to_si
@@ -85,6 +86,8 @@ def discover(
     IdentificationError
         If the records determine no structure: a mass without a sensor, a moving base without its displacement, no motion
         above the noise, too few samples, or a mass to which no link was found.
+    RecordError
+        If two records hold the same samples.
     StructureError
         If a mass is listed twice or unknown, or a stated link ends at something that is not a mass.
     LawError
@@ -125,7 +128,8 @@ def discover(
     )
     discovery = _discovery(records, checks, screened, selection)
     seconds = perf_counter() - started
-    return replace(discovery, estimate=replace(discovery.estimate, seconds=seconds), seconds=seconds)
+    estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
+    return replace(discovery, estimate=estimate, seconds=seconds)
 
 
 def check_discovery(
@@ -175,6 +179,7 @@ def candidates_for(
     """All candidates between the masses of the records."""
     if not records:
         raise IdentificationError("discovery needs at least one record, got none")
+    check_distinct(records)
     if isinstance(masses, Structure | PartialStructure):
         given, stated = masses.masses, masses.links
     else:

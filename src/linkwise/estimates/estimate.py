@@ -62,7 +62,8 @@ class Estimate:
     `compute_motion` tells, when asked, how the identified links moved; `profile` gives, for a likelihood fit, the
     profile-likelihood interval of a parameter, from its name, its standard error and a function that is told each value
     tried. `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals`
-    is False for methods whose covariance tells no more than the size of the residuals.
+    is False for methods whose covariance tells no more than the size of the residuals. `notes` are those of the records: what
+    was assumed or changed before anything was estimated.
     """
 
     method: str
@@ -82,6 +83,7 @@ class Estimate:
     remarks: tuple[str, ...] = ()
     intervals: bool = True
     profile: Callable[[str, float, Progress], tuple[float, float]] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def trusted(self) -> bool:
@@ -198,6 +200,7 @@ class Estimate:
             },
             "fit": fit,
             "findings": list(self.findings),
+            "notes": list(self.notes),
             "masses": {each.name.removesuffix(".mass"): _as_dict(each) for each in self.masses},
             "links": [_link_dict(each) for each in self.links],
         }

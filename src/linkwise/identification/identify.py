@@ -16,6 +16,7 @@ from linkwise.likelihood.loss import Loss
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
+from linkwise.records.repetition import check_distinct, joined_notes
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
 
@@ -58,6 +59,8 @@ def identify(
     IdentificationError
         If the records do not determine an unknown at all, nothing is unknown, or options are given that the method does not
         have.
+    RecordError
+        If two records hold the same samples.
 
     Examples
     --------
@@ -74,13 +77,14 @@ def identify(
     records = [record] if isinstance(record, Record) else list(record)
     if not records:
         raise IdentificationError("there is no record to identify from")
+    check_distinct(records)
     if not structure.parameters:
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
         )
     started = perf_counter()
     estimate = estimator.estimate(records, structure, progress)
-    return replace(estimate, seconds=perf_counter() - started)
+    return replace(estimate, seconds=perf_counter() - started, notes=joined_notes(records))
 
 
 def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:

@@ -25,6 +25,7 @@ GROUND = "ground"
 BASE = "base"
 """The end of a link that moves with a recorded or stated base motion."""
 
+LONGEST_NAME = 200  # bytes: the name of a link is part of the names of its files, which have at most 255
 _FORBIDDEN = set("[]:=/\\")  # reserved in channel names, file names and name=value pairs
 
 
@@ -184,6 +185,10 @@ def _list(names: Iterable[str]) -> str:
 def _check_name(name: object, kind: str) -> None:
     if not isinstance(name, str) or not name:
         raise StructureError(f"a {kind} needs a name, got {name!r}", kind)
+    if len(name.encode()) > LONGEST_NAME:
+        raise StructureError(
+            f"a name has at most {LONGEST_NAME} bytes, got {name[:20]}... of {len(name.encode())}", kind
+        )
     if name != name.strip() or not name.isprintable() or _FORBIDDEN & set(name):
         raise StructureError(
             f"{name!r} is not a valid name: leading or trailing spaces, control characters and [ ] : = / \\ are not allowed",

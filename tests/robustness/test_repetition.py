@@ -1,0 +1,79 @@
+"""A measurement counts once, and what was done to it is told with the answer."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+
+CHAIN = lw.bnes_chain(2)
+MASSES = {"m1": 1.0, "m2": 0.01}
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    return lw.simulate(CHAIN, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+
+
+def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
+    """It would narrow every interval by the square root of two."""
+    for records in ([record, record], [record, record.select(["x:m2"])]):
+        with pytest.raises(
+            lw.RecordError, match=r"records 1 and 2 .* hold the same samples; give each record once"
+        ):
+            lw.identify(records, CHAIN.unknown("nes"))
+    with pytest.raises(lw.RecordError, match="hold the same samples"):
+        lw.discover([record, record], MASSES)
+    with pytest.raises(lw.RecordError, match="hold the same samples"):
+        lw.check_discovery([record, record], MASSES)
+
+
+def test_two_measurements_of_one_test_are_taken(record: lw.Record) -> None:
+    clean = lw.simulate(CHAIN, release={"v:m1": 1.0}, duration=1.0, rate=500.0)
+    one = lw.identify(record, CHAIN.unknown("nes"))
+    both = lw.identify([record, clean.with_noise(30.0, seed=2)], CHAIN.unknown("nes"))
+    assert both.samples == 2 * one.samples
+    pieces = lw.identify([record[:250], record[250:]], CHAIN.unknown("nes"))
+    assert pieces.samples == one.samples
+
+
+def test_the_same_file_with_with_is_refused(
+    record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lw.write_record(record, "run.csv")
+    lw.write_record(record, "copy.h5")
+    lw.write_structure(CHAIN.unknown("nes"), "unknown.toml")
+    for again in ("run.csv", "copy.h5"):
+        assert run(["identify", "run.csv", "unknown.toml", "--with", again]) == 2
+        assert "records 1 and 2 (run.csv) hold the same samples" in capsys.readouterr().err
+
+
+def test_the_notes_of_all_records_are_in_the_result(record: lw.Record, tmp_path: Path) -> None:
+    gap = record.channel("x:m2").copy()
+    gap[10:20] = np.nan
+    clean = lw.simulate(CHAIN, release={"v:m1": 0.8}, duration=1.0, rate=500.0).with_noise(30.0, seed=3)
+    other = lw.Record.from_arrays(record.time, {"x:m1": record.channel("x:m1"), "x:m2": gap})
+    fit = lw.identify([clean, other], CHAIN.unknown("nes"))
+    lw.write_result(fit, tmp_path / "answer")
+    notes = json.loads((tmp_path / "answer" / "result.json").read_text())["notes"]
+    assert notes == ["Noise of 30 dB per channel was added (seed 3).", "x:m2: 10 of 501 samples are missing."]
+    assert lw.discover(clean, MASSES).to_dict()["notes"] == notes[:1]
+
+
+@pytest.mark.parametrize("kind", ["mass", "link"])
+def test_a_name_has_the_length_that_names_of_files_leave_it(kind: str) -> None:
+    def renamed(name: str) -> lw.Structure:
+        old = {"mass": '"m2"', "link": '"nes1"'}[kind]
+        return lw.parse_structure(lw.format_structure(CHAIN).replace(old, f'"{name}"'))
+
+    assert renamed("n" * 200).size == 2
+    for name in ("n" * 201, "ü" * 101, "n" * 200_000):
+        with pytest.raises(lw.StructureError, match="a name has at most 200 bytes") as error:
+            renamed(name)
+        assert len(str(error.value)) < 3000
