@@ -17,7 +17,6 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
-from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
@@ -92,8 +91,7 @@ class _Search:
         self, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
     ) -> tuple[QuadraticModel, Penalty]:
         """The cost about the fit in its parameters and, after them, the other candidates tested; and the penalty."""
-        index = {name: number for number, name in enumerate(structure.mass_names)}
-        index |= {GROUND: -1, BASE: -2}
+        index = structure.topology.index
         added = [entry for entry in self.candidates.entries if entry.name in self.tested - chosen]
         ends = [self.candidates.pairs[entry.pair].between for entry in added]
         forces = [

@@ -9,7 +9,7 @@ import numpy as np
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
 from linkwise.model.law import Law
-from linkwise.model.structure import BASE, GROUND, Structure
+from linkwise.model.structure import Structure
 
 _TERMS = tuple(
     map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
@@ -30,10 +30,11 @@ class MissingForce:
 
 def missing_force(optimum: Optimum, structure: Structure) -> MissingForce | None:
     """The term of a link that explains most of what the laws leave; None where none does beyond chance."""
-    index = {name: number for number, name in enumerate(structure.mass_names)} | {GROUND: -1, BASE: -2}
     candidates = [
-        (link.name, term, CandidateForce(index[link.between[0]], index[link.between[1]], term))
-        for link in structure.links[:_LINKS]
+        (link.name, term, CandidateForce(first, second, term))
+        for link, (first, second) in zip(
+            structure.links[:_LINKS], structure.topology.ends.tolist(), strict=False
+        )
         for term in _TERMS
     ]
     try:

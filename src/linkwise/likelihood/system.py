@@ -85,15 +85,15 @@ class System:
     @classmethod
     def of(cls, structure: Structure) -> System:
         """The system of a structure; its parameters are `structure.parameters`."""
-        by_law: dict[Law, list[int]] = {}
-        for index, link in enumerate(structure.links):
-            by_law.setdefault(link.law, []).append(index)
-        order = np.array([index for indices in by_law.values() for index in indices], dtype=int)
+        by_law = structure.topology.by_law
+        order = np.concatenate([indices for _, indices in by_law])
         unknown = {member for parameter in structure.parameters for member in parameter.members}
         groups, links, rows = [], 0, 0
-        for law, indices in by_law.items():
+        for law, indices in by_law:
             free = tuple(
-                name for name in law.coefficients if any((index, name) in unknown for index in indices)
+                name
+                for name in law.coefficients
+                if any((index, name) in unknown for index in indices.tolist())
             )
             groups.append(LawGroup(law, slice(links, links + len(indices)), rows, free))
             links, rows = links + len(indices), rows + len(indices) * len(law.coefficients)

@@ -13,10 +13,9 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.model.law import Law
-from linkwise.model.structure import BASE, GROUND, Structure
+from linkwise.model.structure import Structure
+from linkwise.model.topology import GROUND_INDEX
 from linkwise.weak.weak_form import PHI, PHI_2, WeakLaw, WeakPart, weak_law
-
-_GROUND, _BASE = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +232,7 @@ class StructureLayout:
             nodes=nodes,
             incidence=incidence[: sum(sizes)],
             link_incidence=holds,
-            far_ends=np.where(holds == 0.0, _GROUND, self.ends[links].sum(axis=1) - masses[:, None]),
+            far_ends=np.where(holds == 0.0, GROUND_INDEX, self.ends[links].sum(axis=1) - masses[:, None]),
         )
 
     def _numbers(self, where: Iterable[tuple[int, str]]) -> TermCoefficients:
@@ -253,20 +252,14 @@ class StructureLayout:
 @lru_cache(maxsize=32)
 def structure_layout(structure: Structure) -> StructureLayout:
     """The layout of a structure, the same one for equal structures."""
-    index = {name: i for i, name in enumerate(structure.mass_names)} | {GROUND: _GROUND, BASE: _BASE}
-    ends = [[index[end] for end in link.between] for link in structure.links]
-    links_at: list[list[int]] = [[] for _ in range(structure.size)]
-    for link, pair in enumerate(ends):
-        for end in pair:
-            if end >= 0:
-                links_at[end].append(link)
+    topology = structure.topology
     parameters = structure.parameters
     return StructureLayout(
         structure=structure,
         names=tuple(parameter.name for parameter in parameters),
         parameter_index={place: number for number, each in enumerate(parameters) for place in each.members},
-        ends=np.array(ends, dtype=np.intp).reshape(-1, 2),
-        links_at=tuple(tuple(links) for links in links_at),
+        ends=topology.ends,
+        links_at=topology.links_at,
     )
 
 
@@ -279,7 +272,9 @@ def _multipliers(group: WeakLawGroup, part: WeakPart) -> TermCoefficients:
 
 def _nodes_of(masses: Indices, forced: tuple[int, ...]) -> tuple[Indices, Indices]:
     """Between which nodes inertia (m, 2) and forces (f, 2) lie: a mass and the ground; nowhere."""
-    return np.stack([masses, np.full(len(masses), _GROUND)], axis=1), np.full((len(forced), 2), _GROUND)
+    return np.stack([masses, np.full(len(masses), GROUND_INDEX)], axis=1), np.full(
+        (len(forced), 2), GROUND_INDEX
+    )
 
 
 def _incidence(ends: Indices) -> tuple[Indices, Floats]:
