@@ -387,7 +387,7 @@ def test_progress_tells_every_step(chain: lw.Structure, clean: lw.Record) -> Non
 def test_without_any_start_it_says_which_is_missing() -> None:
     true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
     record = shaken(true, sensors=("v:m1",)).with_noise(40.0, seed=20)
-    with pytest.raises(lw.IdentificationError, match=r"needs a start for .*link\.s.*start = "):
+    with pytest.raises(lw.IdentificationError, match=r"no starting value for .*link\.s.*start = "):
         lw.identify(record, true.unknown("link"))
 
 

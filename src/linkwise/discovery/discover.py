@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -22,8 +23,7 @@ from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
-from linkwise.likelihood.starts.coefficients import law_start
-from linkwise.likelihood.starts.inverse_dynamics import needs_integration
+from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
@@ -33,7 +33,6 @@ from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.runtime import one_blas_thread
-from linkwise.signals.channel_noise import channel_noise
 from linkwise.units import to_si
 from linkwise.verdict import Verdict, is_trusted
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
@@ -123,7 +122,7 @@ def discover(
         screened.candidates,
         screened.first,
         tested=screened.result.tested,
-        start=lambda structure: _start(records, screened, structure),
+        start=partial(starting_values, records, weak=partial(_weak_values, screened)),
         progress=part(progress, _SCREENED, 1.0),
     )
     discovery = _discovery(records, checks, screened, selection)
@@ -252,22 +251,16 @@ def _untested_remark(count: int) -> tuple[str, ...]:
     )
 
 
-def _start(
-    records: Sequence[Record], screened: _Screened, structure: Structure
-) -> tuple[Floats, Floats | None]:
-    """Start values (p,) of the parameters of `structure` and, where they are known, their standard deviations (p,).
+def _weak_values(
+    screened: _Screened, structure: Structure, known: Mapping[str, float]
+) -> tuple[Floats, Floats]:
+    """The parameters (p,) of `structure` by the weak form, and their standard deviations (p,).
 
-    From the forces if displacements were not measured and accelerations determine the forces, else from the weak form; from
-    its search if a stated law is nonlinear in an unknown.
+    By its search, from the `known` values, if a stated law is nonlinear in an unknown.
     """
-    if needs_integration(records[0], structure):
-        values = law_start(records[0], structure, channel_noise(records[0]), {})
-        return np.array([values[parameter.name] for parameter in structure.parameters]), None
-    nonlinear = any(set(link.law.nonlinear) & set(_unknowns(link)) for link in structure.links)
-    with one_blas_thread():
-        if not nonlinear:
-            return weak_start(screened.records, screened.motions, structure)
-        fit = weak_search(screened.records[0], structure, screened.motions[0])[1]
+    if not any(set(link.law.nonlinear) & set(_unknowns(link)) for link in structure.links):
+        return weak_start(screened.records, screened.motions, structure)
+    fit = weak_search(screened.records[0], structure, screened.motions[0], known)[1]
     return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
 
 

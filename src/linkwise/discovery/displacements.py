@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkwise.likelihood.starts.inverse_dynamics import DRIFT, highpassed, smoothed, summed
 from linkwise.model.link import Mass
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.integrate import DRIFT_FREQUENCY, highpass, integral, smoothed
 
 
 def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
@@ -27,10 +27,11 @@ def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
     for name in missing:
         kind = "v" if f"v:{name}" in record.channels else "a"
         channel = f"{kind}:{name}"
-        value = smoothed(record, channel, sigma)[0]
-        x = summed(value, record.step)
+        value = smoothed(record, channel, sigma[channel])[0]
+        x = integral(value, record.step)
         if kind == "a":
-            x = highpassed(summed(highpassed(x, record.rate, DRIFT), record.step), record.rate, DRIFT)
+            velocity = highpass(x, record.rate, DRIFT_FREQUENCY)
+            x = highpass(integral(velocity, record.step), record.rate, DRIFT_FREQUENCY)
         names.append(f"x:{name}")
         columns.append(x[:, None])
         relative = sigma[channel] / float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))

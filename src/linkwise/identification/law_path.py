@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.identification.identify import identify
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.structure import Link, Structure
@@ -106,13 +106,10 @@ def _fitted(record: Record, structure: Structure, link: str, terms: tuple[str, .
     new = Link(old.name, old.between, *law_of(terms))
     asked = replace(structure, links=tuple(new if each.name == link else each for each in structure.links))
     try:
-        weak = identify(record, asked, method="weak")
+        theta, spread = starting_values([record], asked)
     except IdentificationError:
         return None
-    spread = np.sqrt(np.maximum(weak.covariance.diagonal(), 0.0))
-    fit = likelihood_fit(
-        [record], asked, weak.values, spread=spread, options=LikelihoodOptions(model_error=False)
-    )
+    fit = likelihood_fit([record], asked, theta, spread=spread, options=LikelihoodOptions(model_error=False))
     if fit.status is not AnnealingStatus.CONVERGED:
         return None
     channels = record.responses

@@ -20,15 +20,13 @@ from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.restarts import fit_with_restarts
-from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
+from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
-from linkwise.weak.estimate import weak_search
 from linkwise.weak.residual import weak_residual
 
 
@@ -70,7 +68,7 @@ class MaximumLikelihood(Estimator):
 
     def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The most likely unknowns; raises IdentificationError where there is no start."""
-        theta, spread = _start(records, structure, dict(self.starts or {}))
+        theta, spread = starting_values(records, structure, self.starts)
         options = LikelihoodOptions(self.offsets, self.gains, self.loss, progress=progress)
         if needs_integration(records[0], structure):
             fit = fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
@@ -105,37 +103,6 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         remarks=_remarks(fit),
         profile=partial(profile_ends, fit.optimum),
     )
-
-
-def _start(
-    records: Sequence[Record], structure: Structure, starts: dict[str, float]
-) -> tuple[Floats, Floats | None]:
-    """theta (p,) and, where the weak form gave it, its deviations."""
-    parameters = structure.parameters
-    given = {p.name: p.start for p in parameters if p.start is not None} | starts
-    if all(p.name in starts for p in parameters):
-        return np.array([starts[p.name] for p in parameters]), None
-    if needs_integration(records[0], structure):
-        found = law_start(records[0], structure, channel_noise(records[0]), given)
-        return np.array([found[p.name] for p in parameters]), None
-    fits, reason = [], ""
-    for record in records:
-        try:
-            fits.append(weak_search(record, structure, read_displacements(record, structure), given)[1])
-        except IdentificationError as error:
-            reason = reason or str(error)
-    if not fits:
-        lost = [p.name for p in parameters if p.name not in given]
-        if lost:
-            raise IdentificationError(
-                f"maximum likelihood needs a start for {', '.join(lost)}, and the weak form, which would give "
-                f"one, cannot: {reason}. Write {{ start = ... }} for it in the structure file"
-            )
-        return np.array([given[p.name] for p in parameters]), None
-    tiny = np.finfo(float).tiny
-    best = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
-    values = np.array([starts.get(p.name, value) for p, value in zip(parameters, best.values, strict=True)])
-    return values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))
 
 
 def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:

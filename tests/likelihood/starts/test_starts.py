@@ -86,7 +86,7 @@ def test_a_nonlinear_coefficient_needs_a_start() -> None:
         chain.masses,
         (lw.Link("slip1", chain.link("spring1").between, law, values), chain.link("nes1")),
     )
-    with pytest.raises(lw.IdentificationError, match=r"not linear in s, which therefore needs a start"):
+    with pytest.raises(lw.IdentificationError, match=r"not linear in s, which needs a start"):
         law_start(noisy(2, "v", 1000), structure, channel_noise(noisy(2, "v", 1000)), {})
 
 

@@ -1,0 +1,75 @@
+"""Starting values of the parameters for a likelihood fit: the one place that chooses where a search starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.likelihood.starts.coefficients import law_start
+from linkwise.likelihood.starts.inverse_dynamics import needs_integration
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+from linkwise.signals.channel_noise import channel_noise
+from linkwise.weak.displacements import read_displacements
+from linkwise.weak.estimate import weak_search
+
+ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
+
+
+def starting_values(
+    records: Sequence[Record],
+    structure: Structure,
+    given: Mapping[str, float] | None = None,
+    *,
+    weak: Callable[[Structure, Mapping[str, float]], ValuesAndDeviations] | None = None,
+) -> tuple[Floats, Floats | None]:
+    """Starting values (p,) of the parameters of `structure` and, where they are known, their standard deviations (p,).
+
+    Values in `given`, by name, come first. The others come from the forces of the links where displacements were not measured
+    and accelerations determine the forces, else from the weak form (`weak` in place of the best weak fit to one of the
+    records), else from the starts that the structure states. Raises IdentificationError where a parameter has none of them.
+    """
+    given, parameters = dict(given or {}), structure.parameters
+    known = {p.name: p.start for p in parameters if p.start is not None} | given
+    if parameters and all(p.name in given for p in parameters):
+        return np.array([given[p.name] for p in parameters]), None
+    if needs_integration(records[0], structure):
+        values = law_start(records[0], structure, channel_noise(records[0]), known)
+        return np.array([values[p.name] for p in parameters]), None
+    try:
+        with one_blas_thread():
+            found, deviations = (weak or partial(_best_weak_fit, records))(structure, known)
+    except IdentificationError as error:
+        missing = [p.name for p in parameters if p.name not in known]
+        if missing:
+            raise IdentificationError(
+                f"no starting value for {', '.join(missing)}: the weak form, which would estimate one, fails because {error}. "
+                "State { start = ... } for it in the structure"
+            ) from error
+        return np.array([known[p.name] for p in parameters]), None
+    return np.array(
+        [given.get(p.name, value) for p, value in zip(parameters, found, strict=True)]
+    ), deviations
+
+
+def _best_weak_fit(
+    records: Sequence[Record], structure: Structure, known: Mapping[str, float]
+) -> ValuesAndDeviations:
+    """The weak fit with the smallest standard deviations, in the geometric mean, among those to each of the records."""
+    fits, failure = [], None
+    for record in records:
+        try:
+            fits.append(weak_search(record, structure, read_displacements(record, structure), known)[1])
+        except IdentificationError as error:
+            failure = failure or error
+    if failure is not None and not fits:
+        raise failure
+    tiny = np.finfo(float).tiny
+    best = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
+    return best.values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))

@@ -1,0 +1,60 @@
+"""Displacement, velocity and acceleration from one measured channel, by smoothing and by integration over time."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import cumulative_simpson
+
+from linkwise.arrays import Floats
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+from linkwise.signals.noise import bandwidth
+from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half
+
+DRIFT_FREQUENCY = 3.0  # Hz: below it a twice integrated acceleration is drift
+_DEGREE = 5
+
+
+def bridged(record: Record, channel: str) -> Floats:
+    """Samples (N,) of a channel with missing ones interpolated linearly: good enough for starting values only."""
+    values = record.channel(channel)
+    missing = np.isnan(values)
+    if missing.any():
+        index = np.arange(len(values))
+        values = np.interp(index, index[~missing], values[~missing])
+    return values
+
+
+def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats, Floats]:
+    """Value, first and second derivative (N,) of a channel whose noise has the standard deviation `sigma`."""
+    values = bridged(record, channel)
+    highest = float(bandwidth(values, record.rate, [sigma])[0])
+    half = min(savitzky_golay_half(highest, record.rate, degree=_DEGREE), (len(values) - 1) // 2)
+    value, first, second = savitzky_golay(values, record.rate, half=half, degree=_DEGREE)
+    return value[:, 0], first[:, 0], second[:, 0]
+
+
+def integral(values: Floats, step: float) -> Floats:
+    """Integral (N,) of samples (N,) at intervals of `step` s from the first sample on, by Simpson's rule."""
+    return np.asarray(cumulative_simpson(values, dx=step, initial=0.0))
+
+
+def highpass(values: Floats, rate: float, cutoff: float) -> Floats:
+    """Samples (N,) without what is slower than `cutoff` Hz: a Gaussian in frequency, with mirrored ends."""
+    mirrored = np.concatenate([values, values[::-1]])
+    frequency = np.fft.rfftfreq(len(mirrored), 1.0 / rate)
+    gain = 1.0 - np.exp(-0.5 * (frequency / cutoff) ** 2)
+    return np.asarray(np.fft.irfft(np.fft.rfft(mirrored) * gain, len(mirrored))[: len(values)])
+
+
+def channel_motion(record: Record, channel: str, sigma: float) -> Floats:
+    """(3, N) displacement, velocity and acceleration from a channel of any of the three; integrals start at 0."""
+    kind = Channel.parse(channel).kind
+    if kind == "x":
+        return np.stack(smoothed(record, channel, sigma))
+    values = bridged(record, channel)
+    if kind == "v":
+        velocity, acceleration, _ = smoothed(record, channel, sigma)
+        return np.stack([integral(values, record.step), velocity, acceleration])
+    velocity = integral(values, record.step)
+    return np.stack([integral(velocity, record.step), velocity, values])
