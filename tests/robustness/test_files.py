@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import pyuff
 import scipy.sparse
+from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 import linkwise as lw
@@ -146,3 +147,32 @@ def test_uff_data_set_of_another_type_or_function_is_told(tmp_path: Path) -> Non
     path.write_bytes(head + b"    x8" + tail)
     with pytest.raises(lw.RecordError, match="type of data set 2 cannot be read"):
         lw.read_record(path)
+
+
+def test_tdms_file_that_was_cut_or_whose_segments_are_damaged_is_an_error(tmp_path: Path) -> None:
+    """nptdms stops at the first segment that leads nowhere, and says nothing of the channels behind it."""
+    path = tmp_path / "run.tdms"
+    with TdmsWriter(str(path)) as writer:
+        for name, values in {"x:m1": X, "x:m2": Y}.items():
+            step = {"wf_increment": 0.01}
+            writer.write_segment([ChannelObject("rig", name, values, properties=step)])
+    content = path.read_bytes()
+    assert lw.read_record(path).channels == ("x:m1", "x:m2")
+    longer = bytearray(content)
+    longer[14] = 1  # of the length of the first segment: 65 536 bytes more
+    for damaged in (bytes(longer), content[:-100], content + b"TDS", content[:-1]):
+        path.write_bytes(damaged)
+        with pytest.raises(lw.RecordError, match=r"damaged"):
+            lw.read_record(path)
+
+
+def test_tdms_file_of_a_program_that_crashed_is_read_with_a_note(tmp_path: Path) -> None:
+    path = tmp_path / "run.tdms"
+    with TdmsWriter(str(path)) as writer:
+        channel = ChannelObject("rig", "x:m1", X, properties={"wf_increment": 0.01})
+        writer.write_segment([channel])
+    content = bytearray(path.read_bytes())
+    content[12:20] = b"\xff" * 8
+    path.write_bytes(content)
+    record = lw.read_record(path)
+    assert "The last segment of the file has no end: the program that wrote it has crashed." in record.notes

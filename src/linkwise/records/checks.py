@@ -91,7 +91,8 @@ def check_responses(names: tuple[str, ...], values: Floats, file: str | None) ->
             )
         peak = np.max(np.abs(present))
         # single precision, so that copies in different units compare equal
-        key = np.append(samples / peak, peak).astype(np.float32).tobytes()
+        with np.errstate(over="ignore"):
+            key = np.append(samples / peak, peak).astype(np.float32).tobytes()
         if key in seen:
             raise RecordError(
                 f"has the same samples as {seen[key]}; one of the two is mislabelled", file, channel=name

@@ -32,6 +32,7 @@ class BranchChoice(NamedTuple):
     stuck: int | None = None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of a kink's value; what is not finite has no branch
 def choose_branches(system: CompiledSystem, start: Placement, longest: float) -> BranchChoice:
     """The branches of the motion that follows from `start`; `longest` in s bounds the trial step.
 

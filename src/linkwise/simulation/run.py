@@ -217,6 +217,8 @@ class _Run:
         choice = choose_branches(self.system, placement, min(end - start, _REST * self.schedule.end))
         if choice.stuck is not None:
             raise self.sticking(choice.stuck)
+        if not choice.time > start:  # a force that is not finite leaves no step
+            raise self.not_finite(start, placement.state)
         passed = self.times[self.next : np.searchsorted(self.times, choice.time, side="left")]
         passed = passed[passed > start]
         smooth = self.system.without_events

@@ -30,8 +30,10 @@ _FAILED = (heyoka.taylor_outcome.err_nf_state, heyoka.taylor_outcome.step_limit)
 class TaylorIntegrator:
     """An `Integrator` of one structure: see there for its methods."""
 
-    def __init__(self, taylor: Any) -> None:
+    def __init__(self, taylor: Any, size: int) -> None:
         self._taylor = taylor
+        # heyoka keeps those only that its equations use: a law may have a coefficient that cancels
+        self._parameters = np.zeros(size, dtype=self.dtype)
 
     @classmethod
     def double(cls, motion: MotionFormulas, *, compact: bool, events: Sequence[Any] = ()) -> TaylorIntegrator:
@@ -40,12 +42,12 @@ class TaylorIntegrator:
             heyoka.taylor_adaptive(
                 motion.equations,
                 np.zeros(2 * motion.shape.masses),
-                pars=np.zeros(motion.layout.size),
                 tol=TOLERANCE,
                 fast_math=not motion.kinks,  # reassociates sums, a third faster; but events need exact zeros
                 compact_mode=compact,
                 t_events=list(events),
-            )
+            ),
+            motion.layout.size,
         )
 
     @classmethod
@@ -55,11 +57,11 @@ class TaylorIntegrator:
             heyoka.taylor_adaptive(
                 motion.equations,
                 np.zeros(2 * motion.shape.masses, dtype=np.longdouble),
-                pars=list(np.zeros(motion.layout.size, dtype=np.longdouble)),
                 tol=np.longdouble(EXTENDED_TOLERANCE),
                 compact_mode=True,
                 fp_type=np.longdouble,
-            )
+            ),
+            motion.layout.size,
         )
 
     @property
@@ -79,16 +81,19 @@ class TaylorIntegrator:
 
     @property
     def parameters(self) -> NDArray[Any]:
-        parameters: NDArray[Any] = self._taylor.pars.copy()
-        return parameters
+        return self._parameters.copy()
 
     def place(self, placement: Placement) -> None:
-        self._taylor.pars[:] = placement.parameters
-        self._taylor.state[:] = placement.state
+        self.set_parameters(slice(None), placement.parameters)
+        with np.errstate(
+            over="ignore"
+        ):  # from 80 bits to 64: a motion that went so far is refused as diverging
+            self._taylor.state[:] = placement.state
         self._taylor.time = self.dtype(placement.time)
 
     def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
-        self._taylor.pars[where] = values
+        self._parameters[where] = values
+        self._taylor.pars[:] = self._parameters[: len(self._taylor.pars)]
 
     def add_to_state(self, jump: NDArray[Any]) -> None:
         self._taylor.state[:] += jump
@@ -148,10 +153,10 @@ class BatchIntegrator:
         self.crossings: list[list[tuple[int, float]]] = [[] for _ in watched]
         """For each watched link, (lane, time in s) of its crossings."""
         equations = [*motion.equations, *motion.energy_equations]
+        self._parameters = np.zeros((motion.layout.size + len(watched), lanes))
         self._taylor = heyoka.taylor_adaptive_batch(
             equations,
             np.zeros((len(equations), lanes)),
-            pars=np.zeros((motion.layout.size + len(watched), lanes)),
             tol=TOLERANCE,
             fast_math=True,
             compact_mode=compact,
@@ -173,14 +178,18 @@ class BatchIntegrator:
     def place(self, state: Floats, parameters: Floats) -> None:
         """Start at time 0 from these states and parameters, with no crossings recorded."""
         self._taylor.set_time(0.0)
-        self._taylor.pars[:] = parameters
+        self._place_parameters(slice(None), parameters)
         self._taylor.state[:] = state
         for crossings in self.crossings:
             crossings.clear()
 
     def set_parameters(self, where: slice, values: Floats) -> None:
         """Set some of the parameters, the same (k,) in all lanes."""
-        self._taylor.pars[where] = values[:, None]
+        self._place_parameters(where, values[:, None])
+
+    def _place_parameters(self, where: slice, values: Floats) -> None:
+        self._parameters[where] = values
+        self._taylor.pars[:] = self._parameters[: len(self._taylor.pars)]
 
     def set_state(self, state: Floats) -> None:
         """Set the states (2n + L + 1, lanes)."""
