@@ -8,7 +8,7 @@ STUDY := results/paper
 PYTEST := -m pytest -q -n auto --maxprocesses 8 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify study test coverage matrix docs benchmark check clean
+.PHONY: help env identify study test coverage matrix docs benchmark fuzz check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,6 +40,10 @@ coverage: env  ## run all tests and measure the lines that they run; fail below 
 
 matrix: env  ## run all tests on every installed Python from 3.11, and once with the lowest versions of all dependencies
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/matrix.py $(PYTEST)
+
+INPUTS ?= 10000
+fuzz: env  ## throw damaged and hostile inputs at every reader and command: 10 000, or INPUTS=20000
+	PYTHONPATH=tests $(BIN)/python -m fuzz --inputs $(INPUTS)
 
 benchmark: env  ## measure speed and accuracy against the figures that they must reach
 	$(BIN)/python -m pytest -q -s -o python_files='bench_*.py' benchmarks

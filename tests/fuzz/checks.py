@@ -1,0 +1,45 @@
+"""What must never come of an input, whatever it is."""
+
+from __future__ import annotations
+
+import json
+
+from fuzz.case import Case, Outcome
+
+CODES = frozenset({0, 1, 2, 3})
+SCREEN = 4000  # characters of a message
+_FORBIDDEN = ("Traceback", "fault of linkwise", "Warning:", "too little memory")
+
+
+def complaints(case: Case, outcome: Outcome) -> list[str]:
+    """What is wrong with the outcome; nothing, if nothing is."""
+    if outcome.died:
+        return [outcome.died]
+    if outcome.error:
+        return [f"raised {outcome.error.strip().splitlines()[-1][:200]}"]
+    found = [f"says {word!r}" for word in _FORBIDDEN if word in outcome.message]
+    if outcome.code not in CODES:
+        found.append(f"ends with code {outcome.code}")
+    if outcome.code in (1, 2) and not outcome.message.strip():
+        found.append("fails without a word")
+    longest = max((len(line) for line in outcome.message.split("\nlinkwise: ")), default=0)
+    if longest > SCREEN:
+        found.append(f"has a message of {longest} characters")
+    if outcome.lost:
+        found.append(f"loses {', '.join(outcome.lost)} in silence")
+    if (
+        "--json" in case.arguments
+        and "--help" not in case.arguments
+        and outcome.out
+        and not _is_json(outcome.out)
+    ):
+        found.append("prints something that is not JSON")
+    return found
+
+
+def _is_json(text: str) -> bool:
+    try:
+        json.loads(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,65 @@
+"""Options of every command, with values that nobody means among those that are meant."""
+
+from __future__ import annotations
+
+from random import Random
+
+from fuzz.case import Case, Kind
+from fuzz.damage import hostile
+from fuzz.record_files import sound_record
+from fuzz.structures import sound_structures
+
+_DRIVE = ("--release", "--impulse", "--force", "--base", "--sensors", "--noise", "--rate", "--duration")
+_RECORD = ("--channel", "--rate", "--resample", "--from", "--to", "--noise-of")
+_COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
+    ("identify", "run.csv", "unknown.toml", "--method", "weak"): (
+        *_RECORD, "--with", "--truth", "-o", "--json", "--derivative",
+    ),
+    ("identify", "run.csv", "unknown.toml"): (*_RECORD, "--offset", "--gain", "--robust", "--with", "--truth"),
+    ("discover", "run.csv", "--mass", "m1=1", "--mass", "m2=0.01", "--terms", "v, d"): (
+        *_RECORD, "--mass", "--terms", "--structure", "--with", "--truth", "--json",
+    ),
+    ("simulate", "chain.toml", "--duration", "0.05", "--rate", "200", "--release", "v:m1=1", "-o", "o.csv"): (
+        *_DRIVE, "--seed", "-o", "--json",
+    ),
+    ("limit", "chain.toml", "--duration", "0.1", "--rate", "500", "--release", "v:m1=1", "--noise", "30"): (
+        *_DRIVE, "--noise-of", "--unknown", "--segment", "--json",
+    ),
+    ("absorb", "chain.toml", "--duration", "0.2", "--release", "v:m1=1"): (
+        "--release", "--force", "--duration", "--sink", "--harvester", "--without", "--settle", "--sweep", "--json",
+    ),
+    ("structure", "bnes", "--dof", "2"): ("--dof", "--unknown", "-o", "--json"),
+    ("study", "paper", "--export", "-o", "out"): ("--workers", "--scheduler", "-o", "--quick", "--json"),
+}  # fmt: skip
+_MEANT = (
+    "x:m1=1e-4", "v:m1=1.0", "m1=0.3@0.1", "m1=sin(30*t)", "0.1", "100", "1", "2", "nes", "nes1", "x,v", "a:m2", "x:m2", "all",
+    "run.csv", "chain.toml", "unknown.toml", "out", "o.h5", "v, d, d**3", "m2=10 g", "nes1.alpha=-200:-20:3", "locked",
+    "huber",
+)  # fmt: skip
+
+
+def option_case(seed: int, rng: Random) -> Case:
+    command = rng.choice(tuple(_COMMANDS))
+    arguments = list(command)
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        option = rng.choice(_COMMANDS[command])
+        arguments.append(option)
+        if option not in ("--json", "--quick"):
+            arguments.append(_value(rng))
+    chain, unknown = (text.encode() for text in sound_structures()[:2])
+    files = {"run.csv": sound_record(), "chain.toml": chain, "unknown.toml": unknown}
+    return Case(seed, "option", Kind.COMMAND, tuple(arguments), files)
+
+
+def _value(rng: Random) -> str:
+    match rng.randrange(4):
+        case 0:
+            return rng.choice(_MEANT)
+        case 1:
+            return hostile(rng)
+        case 2:
+            return (
+                f"{rng.choice(('m1', 'x:m1', 'v:m2', 'nes1', 'force:m1', 'm3', 'nes1.alpha'))}={hostile(rng)}"
+            )
+        case _:
+            return f"{hostile(rng)}={rng.choice(('1', hostile(rng)))}"

@@ -1,0 +1,87 @@
+"""Workers, and what becomes of them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Iterable, Iterator
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+
+from fuzz.case import Outcome
+from fuzz.worker import work
+
+_PATIENCE = 120.0  # s after which a worker that uses no processor time hangs too
+
+
+class _Worker:
+    """One process, the seed that it is at, and since when."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, end = context.Pipe()
+        self.process: BaseProcess = context.Process(target=work, args=(end,), daemon=True)
+        self.process.start()
+        end.close()
+        self.seed: int | None = None
+        self.since = 0.0
+
+    def give(self, seed: int | None) -> None:
+        self.seed, self.since = seed, time.monotonic()
+        self.connection.send(seed)
+
+    def end(self) -> str:
+        """Why it is no more, in words."""
+        self.process.join(5.0)
+        if self.process.exitcode is None:
+            self.process.kill()
+            self.process.join()
+            return "hangs without using the processor"
+        if self.process.exitcode == -getattr(signal, "SIGXCPU", 0):
+            return "hangs"
+        return f"died with code {self.process.exitcode}"
+
+
+def outcomes(seeds: Iterable[int], count: int) -> Iterator[tuple[int, Outcome]]:
+    """The outcome of every seed, as they come, from `count` processes."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    pending = iter(seeds)
+    workers: dict[Connection, _Worker] = {}
+    for seed in pending:
+        worker = _Worker()
+        worker.give(seed)
+        workers[worker.connection] = worker
+        if len(workers) == count:
+            break
+    while workers:
+        ready = wait(list(workers), timeout=1.0)
+        late = [
+            c
+            for c, worker in workers.items()
+            if time.monotonic() - worker.since > _PATIENCE and c not in ready
+        ]
+        for connection in [*ready, *late]:
+            assert isinstance(connection, Connection)
+            worker = workers[connection]
+            assert worker.seed is not None
+            try:
+                if connection in late:
+                    raise EOFError
+                result = connection.recv()
+            except (EOFError, ConnectionError):
+                result = Outcome(None, died=worker.end())
+            yield worker.seed, result
+            seed_or_none = next(pending, None)
+            if result.died or seed_or_none is None:
+                del workers[connection]
+                if not result.died:
+                    worker.give(None)
+                    worker.process.join()
+                connection.close()
+                if seed_or_none is None:
+                    continue
+                worker = _Worker()
+                workers[worker.connection] = worker
+            worker.give(seed_or_none)

@@ -1,0 +1,98 @@
+"""A few inputs of chance in every run of the tests, and the checks that look at what comes of them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from multiprocessing.connection import Connection
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from fuzz import pool, worker
+from fuzz.case import Case, Kind, Outcome
+from fuzz.cases import make_case
+from fuzz.checks import complaints
+
+INPUTS = 120
+
+
+def test_nothing_that_must_not_comes_of_a_few_inputs() -> None:
+    wrong = {}
+    for seed, outcome in pool.outcomes(range(INPUTS), 2):
+        if found := complaints(make_case(seed), outcome):
+            wrong[seed] = found
+    assert wrong == {}
+
+
+def test_an_input_depends_on_its_seed_alone() -> None:
+    assert make_case(7) == make_case(7)
+    assert len({repr(make_case(seed)) for seed in range(50)}) == 50
+    assert {make_case(seed).family for seed in range(200)} == {
+        "law",
+        "structure",
+        "record",
+        "study",
+        "option",
+    }
+
+
+COMMAND = Case(0, "option", Kind.COMMAND, ("structure", "bnes", "--dof", "2", "--json"))
+
+
+@pytest.mark.parametrize(
+    ("outcome", "found"),
+    [
+        (Outcome(0, "{}"), []),
+        (Outcome(2, "", "linkwise: no such file"), []),
+        (Outcome(None, died="hangs"), ["hangs"]),
+        (Outcome(None, error="Traceback\nValueError: x"), ["raised ValueError: x"]),
+        (Outcome(1, "", "linkwise: this is a fault of linkwise"), ["says 'fault of linkwise'"]),
+        (Outcome(2), ["fails without a word"]),
+        (Outcome(7, "", "x"), ["ends with code 7"]),
+        (Outcome(2, "", "x" * 4001), ["has a message of 4001 characters"]),
+        (Outcome(0, "no json"), ["prints something that is not JSON"]),
+        (Outcome(0, lost=("x:m1",)), ["loses x:m1 in silence"]),
+    ],
+)
+def test_what_must_not_come_is_noticed(outcome: Outcome, found: list[str]) -> None:
+    assert complaints(COMMAND, outcome) == found
+
+
+@pytest.mark.parametrize(
+    ("channels", "notes", "lost"),
+    [
+        (("x:m1", "x:m2"), (), ()),
+        (("x:m1",), (), ("x:m2",)),
+        (("x:m1", "x:m3"), (), ()),  # a bit of the name was flipped
+        (("x:m1",), ("Columns that are not channels were ignored: y:m2.",), ()),
+    ],
+)
+def test_a_channel_that_is_lost_in_silence_is_noticed(
+    channels: tuple[str, ...], notes: tuple[str, ...], lost: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = np.random.default_rng(0).standard_normal((len(channels), 40))
+    record = lw.Record.from_arrays(np.arange(40) / 100, dict(zip(channels, values, strict=True)), notes=notes)
+    monkeypatch.setattr(lw, "read_record", lambda path: record)
+    case = Case(0, "record", Kind.READ, ("run.csv",), {"run.csv": b""}, ("x:m1", "x:m2"))
+    assert worker.outcome(case).lost == lost
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals there")
+def test_deaths_and_hangs_are_noticed_and_the_rest_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pool, "work", _dying)
+    found = dict(pool.outcomes(range(4), 2))
+    assert found[0].died == f"died with code {-signal.SIGSEGV}" and found[2].died == "hangs"
+    assert found[1].code == found[3].code == 0
+
+
+def _dying(connection: Connection) -> None:
+    """A worker that dies of seed 0 and hangs at seed 2."""
+    while (seed := connection.recv()) is not None:
+        if seed == 0:
+            os.kill(os.getpid(), signal.SIGSEGV)
+        if seed == 2:
+            os.kill(os.getpid(), signal.SIGXCPU)
+        connection.send(Outcome(0))
