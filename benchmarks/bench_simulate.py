@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from linkwise.model.chains import bnes_chain
-from linkwise.model.excitation import Sampled
+from linkwise.model.input_signal import Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.records.record import Record

@@ -53,7 +53,8 @@ if TYPE_CHECKING:
     from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.model.chains import bnes_chain
-    from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
+    from linkwise.model.excitation import Excitation, Impulse
+    from linkwise.model.input_signal import Sampled, TimeFunction
     from linkwise.model.law import Law
     from linkwise.model.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.model.toml_file import (
@@ -243,7 +244,8 @@ _HOMES = {
     ),
     "estimates.estimator": ("Estimator",),
     "estimates.estimate": ("Estimate",),
-    "model.excitation": ("Excitation", "Impulse", "Sampled", "TimeFunction"),
+    "model.excitation": ("Excitation", "Impulse"),
+    "model.input_signal": ("Sampled", "TimeFunction"),
     "files": ("read_record", "write_record"),
     "identification.identify": ("identify",),
     "model.law": ("Law",),

@@ -119,6 +119,15 @@ class StructureError(LinkwiseError):
     ----------
     message, where
         As given.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> try:
+    ...     lw.bnes_chain(2).link("nes2")
+    ... except lw.StructureError as error:
+    ...     print(error)
+    unknown link "nes2"; did you mean "nes1"?; the links are "spring1", "nes1"
     """
 
     exit_code = 2
@@ -148,6 +157,15 @@ class RecordError(LinkwiseError):
     ----------
     message, file, line, channel
         As given; None where unknown.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> try:
+    ...     lw.read_record("run.xyz")
+    ... except lw.RecordError as error:
+    ...     print(error)
+    run.xyz: there is no such file
     """
 
     exit_code = 2
@@ -189,6 +207,15 @@ class SimulationError(LinkwiseError):
     ----------
     message, time, mass
         As given.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> try:
+    ...     lw.simulate(lw.bnes_chain(2), duration=1.0, rate=-1.0)
+    ... except lw.SimulationError as error:
+    ...     print(error)
+    rate must be positive and finite, got -1.0 Hz
     """
 
     def __init__(
@@ -204,7 +231,20 @@ class SimulationError(LinkwiseError):
 
 
 class IdentificationError(LinkwiseError):
-    """A record and a structure from which no estimate can be made."""
+    """A record and a structure from which no estimate can be made.
+
+    Parameters, attributes and exit code are those of `LinkwiseError`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> try:
+    ...     lw.identify(record, lw.bnes_chain(2))
+    ... except lw.IdentificationError as error:
+    ...     print(type(error).__name__)
+    IdentificationError
+    """
 
 
 class StudyError(LinkwiseError):
@@ -223,6 +263,15 @@ class StudyError(LinkwiseError):
     ----------
     message, where
         As given.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> try:
+    ...     lw.read_study("papr")
+    ... except lw.StudyError as error:
+    ...     print(error)
+    papr: there is no such study file; did you mean "paper"?; a study is a TOML file, or one that ships with linkwise: paper
     """
 
     exit_code = 2

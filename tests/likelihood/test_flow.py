@@ -14,7 +14,7 @@ from linkwise.likelihood.flow import Inputs, flow, tangents
 from linkwise.likelihood.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
-from linkwise.model.excitation import TimeFunction
+from linkwise.model.input_signal import TimeFunction
 
 RATE = 1000.0
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from linkwise.errors import LawError, SimulationError
-from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
+from linkwise.model.excitation import Excitation, Impulse
+from linkwise.model.input_signal import Sampled, TimeFunction
 
 FREQUENCY = 7.0
 

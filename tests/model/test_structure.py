@@ -344,13 +344,13 @@ def test_a_thousand_masses_are_built_and_changed_in_time_linear_in_size() -> Non
     """Ten times the masses may take at most thirty times as long: a quadratic method takes a hundred."""
 
     def seconds(n: int) -> float:
-        began = time.perf_counter()
+        began = time.process_time()
         masses = tuple(mass(f"m{i}") for i in range(n))
         links = tuple(spring(f"s{i}", f"m{i}", f"m{i - 1}" if i else GROUND) for i in range(n))
         chain = Structure("", masses, links).unknown("all")
         found = chain.with_values({parameter.name: 1.0 for parameter in chain.parameters})
         found.elongations(np.zeros((2, n)))
-        return time.perf_counter() - began
+        return time.process_time() - began
 
     seconds(100)
     assert min(seconds(2000) for _ in range(3)) < 30.0 * min(seconds(200) for _ in range(3))

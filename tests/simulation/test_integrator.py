@@ -14,7 +14,8 @@ from scipy.integrate import solve_ivp
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.excitation import Excitation, Sampled
+from linkwise.model.excitation import Excitation
+from linkwise.model.input_signal import Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.simulation.integrator.compiled import CompiledSystem, compiled_system

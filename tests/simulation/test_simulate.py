@@ -13,7 +13,8 @@ from problems import chain_record, oscillator
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.excitation import Excitation, Impulse, Sampled
+from linkwise.model.excitation import Excitation, Impulse
+from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import Structure
 from linkwise.progress import ProgressReport
 from linkwise.records.record import Record

@@ -13,7 +13,8 @@ from linkwise.absorption.sinks import Sink
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Number, Symbol, add, substitute, to_text
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.excitation import Excitation, Impulse, InputSignal, TimeFunction
+from linkwise.model.excitation import Excitation, Impulse
+from linkwise.model.input_signal import InputSignal, TimeFunction
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.structure import Structure

@@ -46,6 +46,12 @@ class Equilibrium:
         Sum of the potentials of the links in J.
     neutral : int
         Number of zero eigenvalues of the tangent stiffness: rigid-body motions, and directions without stiffness.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.equilibria(lw.bnes_chain(2))[0].x.round(6).tolist()
+    [0.0, -0.01]
     """
 
     x: Floats

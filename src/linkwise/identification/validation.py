@@ -10,7 +10,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.model.excitation import Sampled
+from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record

@@ -12,7 +12,7 @@ from linkwise.likelihood.flow import Inputs
 from linkwise.likelihood.segments import A, Segments, Sensors, V, X
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import POINTS
-from linkwise.model.excitation import Sampled
+from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record

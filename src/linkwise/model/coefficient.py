@@ -46,19 +46,54 @@ class Coefficient:
 
     @staticmethod
     def number(value: float) -> Coefficient:
-        """A known coefficient."""
+        """A known coefficient.
+
+        Parameters
+        ----------
+        value : float
+            The number in SI units.
+
+        Returns
+        -------
+        Coefficient
+            The coefficient.
+        """
         return Coefficient(value, known=True)
 
     @staticmethod
     def unknown(
         start: float | None = None, *, lower: float = -math.inf, upper: float = math.inf
     ) -> Coefficient:
-        """A coefficient to be identified, with an optional start value and bounds."""
+        """A coefficient to be identified.
+
+        Parameters
+        ----------
+        start : float, optional
+            Start value of the search in SI units.
+        lower, upper : float, optional
+            Bounds in SI units.
+
+        Returns
+        -------
+        Coefficient
+            The coefficient.
+        """
         return Coefficient(start, known=False, lower=lower, upper=upper)
 
     @staticmethod
     def shared(same_as: str) -> Coefficient:
-        """A coefficient equal to that named `same_as`, "link.coefficient"."""
+        """A coefficient that is equal to another one.
+
+        Parameters
+        ----------
+        same_as : str
+            Full name of the other coefficient, such as ``"nes1.alpha"``.
+
+        Returns
+        -------
+        Coefficient
+            The coefficient.
+        """
         return Coefficient(None, known=False, same_as=same_as)
 
     def __post_init__(self) -> None:
@@ -84,7 +119,18 @@ class Coefficient:
             )
 
     def following(self, leader: Coefficient) -> Coefficient:
-        """This shared coefficient with the fields of its leader, the coefficient it is equal to."""
+        """This shared coefficient with the fields of the coefficient it is equal to.
+
+        Parameters
+        ----------
+        leader : Coefficient
+            The coefficient it is equal to.
+
+        Returns
+        -------
+        Coefficient
+            The coefficient, still shared.
+        """
         return Coefficient(leader.value, leader.known, leader.lower, leader.upper, same_as=self.same_as)
 
     def freed(self) -> Coefficient:

@@ -1,223 +1,15 @@
-"""Excitations: initial conditions, impulses, forces on masses, and the motion of the base.
-
-A force or a base motion is a `TimeFunction` (an expression of t) or `Sampled` (samples, interpolated by a spline).
-"""
+"""Excitations: initial conditions, impulses, forces on masses, and the motion of the base."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
-import scipy
-from numpy.typing import ArrayLike
 
-from linkwise.arrays import Floats
-from linkwise.errors import LawError, SimulationError
-from linkwise.expression import Expression, Program, differentiate, parse_with_positions, symbols
-from linkwise.expression.tree import Symbol
-
-ORDERS = (0, 1, 3, 5, 7)
-_UPSAMPLING = 4  # factor by which band-limited samples are refined before the spline
-_HALF_WIDTH = 32  # of the windowed sinc, in samples
-_KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
-
-
-@dataclass(frozen=True)
-class TimeFunction:
-    """An input given by an expression of time.
-
-    Parameters
-    ----------
-    text : str
-        An expression of ``t`` in s, such as ``"2*sin(30*t)*exp(-t)"``, in N for a force and in m for the base.
-
-    Raises
-    ------
-    LawError
-        If the expression is invalid or contains a name other than ``t``.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> float(lw.TimeFunction("2*sin(30*t)").value(0.0))
-    0.0
-    """
-
-    text: str
-    expression: Expression = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        parsed = parse_with_positions(self.text, ("t",))
-        others = [name for name in symbols(parsed.expression) if name != "t"]
-        if others:
-            raise LawError(
-                f"Unknown name {others[0]!r} in a function of time.",
-                self.text,
-                parsed.position(Symbol(others[0])),
-                "The only variable is the time t, in s.",
-            )
-        object.__setattr__(self, "expression", parsed.expression)
-
-    def value(self, time: ArrayLike) -> Floats:
-        """Values at `time` in s, in the shape of `time`."""
-        return _program(self.expression)(time)[0]
-
-    def derivative(self, time: ArrayLike) -> Floats:
-        """Time derivative at `time` in s, in the shape of `time`."""
-        return _program(differentiate(self.expression, "t"))(time)[0]
-
-
-@lru_cache(maxsize=256)
-def _program(expression: Expression) -> Program:
-    return Program([expression], ("t",))
-
-
-class PiecewisePolynomial(NamedTuple):
-    """A piecewise polynomial: on [edges[p], edges[p+1]] it is sum_k coefficients[p, k] (t - edges[p])^k."""
-
-    edges: Floats
-    coefficients: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """An input given by samples, interpolated by a spline.
-
-    Parameters
-    ----------
-    start : float
-        Time of the first sample in s.
-    rate : float
-        Sampling rate in Hz.
-    values : array of shape (N,)
-        Samples in N for a force and in m for the base.
-    order : {5, 7, 3, 1, 0}, optional
-        Order of the spline. 5 has four continuous derivatives and an error of the sixth order in the sampling interval; 0
-        holds each sample until the next.
-    band_limited : bool, optional
-        Whether the signal has no content above half the sampling rate. A windowed sinc then adds three samples to each
-        interval before the spline is fitted.
-
-    Raises
-    ------
-    SimulationError
-        If samples are not finite numbers or too few, or the order is another one.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> import numpy as np
-    >>> time = np.arange(200) / 100.0
-    >>> force = lw.Sampled(0.0, 100.0, np.sin(20.0 * time))
-    >>> bool(abs(force.value(0.505) - np.sin(20.0 * 0.505)) < 1e-6)
-    True
-    """
-
-    start: float
-    rate: float
-    values: Floats
-    order: int = 5
-    band_limited: bool = False
-
-    def __post_init__(self) -> None:
-        try:
-            values = np.array(self.values, dtype=float)
-        except (TypeError, ValueError):
-            raise SimulationError("the samples of an input must be numbers") from None
-        values.flags.writeable = False
-        object.__setattr__(self, "values", values)
-        object.__setattr__(self, "start", float(self.start))
-        object.__setattr__(self, "rate", float(self.rate))
-        if self.order not in ORDERS:
-            raise SimulationError(
-                f"unknown spline order {self.order!r}; choose from {', '.join(map(str, ORDERS))}"
-            )
-        if not (np.isfinite(self.start) and np.isfinite(self.rate) and self.rate > 0.0):
-            raise SimulationError(
-                f"the start of an input must be finite and its rate positive, got {self.start!r} s and {self.rate!r} Hz"
-            )
-        if values.ndim != 1 or values.size < max(self.order + 1, 2):
-            raise SimulationError(
-                f"a spline of order {self.order} needs a one-dimensional array of at least {max(self.order + 1, 2)} samples, "
-                f"got shape {values.shape}; a lower order needs fewer"
-            )
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise SimulationError(
-                f"sample {bad[0]} of an input, at {self.start + bad[0] / self.rate:g} s, is {values[bad[0]]}; "
-                "inputs must not have gaps: fill them first"
-            )
-
-    @property
-    def end(self) -> float:
-        """Time of the last sample in s."""
-        return self.start + (self.values.size - 1) / self.rate
-
-    @cached_property
-    def _spline(self) -> scipy.interpolate.PPoly:
-        values, rate = self.values, self.rate
-        if self.band_limited:
-            values, rate = _upsampled(values), rate * _UPSAMPLING
-        time = self.start + np.arange(values.size) / rate
-        if self.order == 0:
-            return scipy.interpolate.PPoly(values[None, :-1], time)
-        spline = scipy.interpolate.make_interp_spline(time, values, k=self.order)
-        pieces = scipy.interpolate.PPoly.from_spline(scipy.interpolate.BSpline(spline.t, spline.c, spline.k))
-        nonempty = np.diff(pieces.x) > 0.0  # knots at the ends are repeated
-        return scipy.interpolate.PPoly(
-            pieces.c[:, nonempty], np.append(pieces.x[:-1][nonempty], pieces.x[-1])
-        )
-
-    @cached_property
-    def pieces(self) -> PiecewisePolynomial:
-        """The interpolant as polynomials, lowest power first."""
-        return PiecewisePolynomial(self._spline.x, np.ascontiguousarray(self._spline.c[::-1].T))
-
-    def value(self, time: ArrayLike) -> Floats:
-        """Interpolant at `time` in s, in its shape. Raises SimulationError outside the samples."""
-        return self._evaluated(self._spline, time)
-
-    def derivative(self, time: ArrayLike) -> Floats:
-        """Time derivative at `time` in s, in its shape. Raises SimulationError outside the samples."""
-        return self._evaluated(self._spline.derivative(), time)
-
-    def integral(self, time: ArrayLike) -> Floats:
-        """Integral from the first sample to `time` in s, in its shape. Raises SimulationError outside the samples."""
-        return self._evaluated(self._spline.antiderivative(), time)
-
-    def _evaluated(self, spline: scipy.interpolate.PPoly, time: ArrayLike) -> Floats:
-        time = np.asarray(time, dtype=float)
-        slack = 1e-6 / self.rate  # times are computed as k/rate, with rounding
-        outside = (time < self.start - slack) | (time > self.end + slack)
-        if np.any(outside):
-            raise SimulationError(
-                f"an input is sampled from {self.start:g} to {self.end:g} s, but is needed at "
-                f"{np.atleast_1d(time)[np.atleast_1d(outside)][0]:g} s; give more samples or simulate a shorter time"
-            )
-        return np.asarray(spline(np.clip(time, self.start, self.end)), dtype=float)
-
-
-def _upsampled(values: Floats) -> Floats:
-    """`_UPSAMPLING` (N - 1) + 1 samples of the band-limited signal through `values` (N,).
-
-    A sinc under a Kaiser window; beyond its ends the signal is continued by point reflection, which keeps value and slope.
-    """
-    reach = min(_HALF_WIDTH, values.size - 1)
-    before = 2.0 * values[0] - values[reach:0:-1]
-    after = 2.0 * values[-1] - values[-2 : -2 - reach : -1]
-    extended = np.concatenate([before, values, after])
-    upsampled: Floats = np.empty((values.size, _UPSAMPLING))
-    upsampled[:, 0] = values
-    for phase in range(1, _UPSAMPLING):
-        offset = np.arange(-reach, reach + 1) - phase / _UPSAMPLING  # from the new point to the samples
-        window = np.clip(1.0 - (offset / (reach + 1)) ** 2, 0.0, None)
-        taps = np.sinc(offset) * np.i0(_KAISER * np.sqrt(window)) / np.i0(_KAISER)
-        upsampled[:, phase] = np.convolve(extended, taps[::-1] / taps.sum(), mode="valid")
-    return upsampled.ravel()[: _UPSAMPLING * (values.size - 1) + 1]
+from linkwise.errors import SimulationError
+from linkwise.model.input_signal import InputSignal, Sampled, TimeFunction
 
 
 @dataclass(frozen=True)
@@ -256,9 +48,6 @@ class Impulse:
                 f"{self.time!r} s",
                 mass=self.mass,
             )
-
-
-InputSignal = TimeFunction | Sampled
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,9 +91,28 @@ class Excitation:
         forces: Mapping[str, InputSignal | str | float] | None = None,
         base: InputSignal | str | float | None = None,
     ) -> Excitation:
-        """An excitation in which forces and base motion may be texts or numbers, which become `TimeFunction`.
+        """Build an excitation in which inputs may be texts or numbers, which become `TimeFunction`.
 
-        Raises SimulationError for an input of another type, and for a release that is not a finite number.
+        Parameters
+        ----------
+        release, impulses
+            As of `Excitation`.
+        forces : mapping of str to TimeFunction, Sampled, str or float, optional
+            Force in N on each mass.
+        base : TimeFunction, Sampled, str or float, optional
+            Displacement of the base in m.
+
+        Returns
+        -------
+        Excitation
+            The excitation.
+
+        Raises
+        ------
+        SimulationError
+            If an input has another type, or a release is not a finite number.
+        LawError
+            If a text is not a valid expression of t.
         """
         return cls(
             {name: _number(name, value) for name, value in (release or {}).items()},

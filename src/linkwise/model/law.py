@@ -210,19 +210,50 @@ class Law:
         return _force_program(self.expression, self.coefficients)(d, v, *self._ordered(values))[0][()]
 
     def partials(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Partials:
-        """Force and exact derivatives by d, v and every coefficient; arguments and errors as of `force`.
+        """Force and exact derivatives by d, v and every coefficient.
 
         At a kink the derivative is the mean of the two one-sided derivatives.
+
+        Parameters
+        ----------
+        d, v, values
+            As of `force`.
+
+        Returns
+        -------
+        Partials
+            The force and its derivatives, read-only.
+
+        Raises
+        ------
+        LawError
+            If a coefficient has no value.
         """
         outputs = _partials_program(self.expression, self.coefficients)(d, v, *self._ordered(values))
         force, by_d, by_v, *others = outputs
         return Partials(force, by_d, by_v, dict(zip(self.coefficients, others, strict=True)))
 
     def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
-        """Energy in J stored at elongation `d` in m: the integral of the force at v = 0 from 0 to d.
+        """Stored energy: the integral of the force at v = 0 from 0 to d.
 
         In closed form if there is one and it is finite; otherwise by Gauss-Legendre quadrature between the kinks of the law.
-        Arguments and errors are those of `force`.
+
+        Parameters
+        ----------
+        d : array
+            Elongation in m.
+        values
+            As of `force`.
+
+        Returns
+        -------
+        array
+            Energy in J, of the broadcast shape of d and the coefficients.
+
+        Raises
+        ------
+        LawError
+            If a coefficient has no value.
         """
         ordered = self._ordered(values)
         closed, quadrature = _potential_programs(self.elastic, self.coefficients)

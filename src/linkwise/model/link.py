@@ -156,20 +156,64 @@ class Link:
         return values
 
     def force(self, d: ArrayLike, v: ArrayLike = 0.0) -> Floats:
-        """Force in N at elongation `d` in m and rate `v` in m/s, of their broadcast shape."""
+        """Force of the link.
+
+        Parameters
+        ----------
+        d, v : array
+            Elongation in m and rate in m/s.
+
+        Returns
+        -------
+        array
+            Force in N, of the broadcast shape of d and v.
+        """
         return _full(self.law.force(d, v, self.values), d, v)
 
     def stiffness(self, d: ArrayLike) -> Floats:
-        """Derivative of the force by d in N/m at rest (v = 0), in the shape of `d`."""
+        """Tangent stiffness at rest (v = 0).
+
+        Parameters
+        ----------
+        d : array
+            Elongation in m.
+
+        Returns
+        -------
+        array
+            Derivative of the force by d in N/m, in the shape of `d`.
+        """
         return self.tangent(d)[0]
 
     def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Derivatives of the force by d in N/m and by v in N s/m, each of the broadcast shape of `d` and `v`."""
+        """Tangent stiffness and damping.
+
+        Parameters
+        ----------
+        d, v : array
+            Elongation in m and rate in m/s.
+
+        Returns
+        -------
+        tuple of two arrays
+            Derivatives of the force by d in N/m and by v in N s/m, each of the broadcast shape of d and v.
+        """
         partials = self.law.partials(d, v, self.values)
         return _full(partials.by_d, d, v), _full(partials.by_v, d, v)
 
     def potential(self, d: ArrayLike) -> Floats:
-        """Energy in J stored at elongation `d` in m by the law at v = 0, zero at d = 0, in the shape of `d`."""
+        """Energy stored by the law at v = 0.
+
+        Parameters
+        ----------
+        d : array
+            Elongation in m.
+
+        Returns
+        -------
+        array
+            Energy in J, zero at d = 0, in the shape of `d`.
+        """
         return _full(self.law.potential(d, self.values), d, 0.0)
 
 

@@ -7,8 +7,7 @@ B is `Structure.incidence`, e is `Structure.base_incidence`, f holds the laws of
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,6 +20,7 @@ from linkwise.errors import StructureError
 from linkwise.expression import Expression
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import BASE, GROUND, Link, Mass
+from linkwise.model.names import check_unique, index_of, matching, quoted
 from linkwise.model.parameters import (
     CoefficientSlot,
     Parameter,
@@ -53,11 +53,6 @@ class Structure:
     StructureError
         If a name is used twice, an end of a link is not a mass, a mass has no link, or a shared coefficient does not exist.
 
-    See Also
-    --------
-    read_structure : Read a structure from a TOML file.
-    bnes_chain : A chain of bistable sinks.
-
     Examples
     --------
     >>> import linkwise as lw
@@ -77,8 +72,8 @@ class Structure:
         object.__setattr__(self, "links", tuple(self.links))
         if not self.masses:
             raise StructureError("a structure needs at least one mass")
-        _check_unique(self.mass_names, "mass")
-        _check_unique(tuple(link.name for link in self.links), "link")
+        check_unique(self.mass_names, "mass")
+        check_unique(tuple(link.name for link in self.links), "link")
         self._check_ends()
         slots = self._slots
         leaders = resolve_sharing(slots)
@@ -101,7 +96,7 @@ class Structure:
                     raise StructureError(
                         f'unknown end "{end}"'
                         f'{near_miss(end, [*self.mass_names, GROUND, BASE])}; an end is "ground", "base" or one of the masses '
-                        f"{_quoted(self.mass_names)}",
+                        f"{quoted(self.mass_names)}",
                         f'link "{link.name}"',
                     )
             linked.update(link.between)
@@ -109,7 +104,7 @@ class Structure:
         if loose:
             raise StructureError(
                 "no link has it as an end; add a link or remove the mass",
-                f"mass {_quoted(loose)}",
+                f"mass {quoted(loose)}",
             )
 
     @cached_property
@@ -152,12 +147,44 @@ class Structure:
         return {link.name: index for index, link in enumerate(self.links)}
 
     def mass(self, name: str) -> Mass:
-        """The mass named `name`. Raises StructureError if there is none."""
-        return self.masses[_index(self._mass_index, name, "mass", "masses")]
+        """Look up a mass.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Mass
+            The mass.
+
+        Raises
+        ------
+        StructureError
+            If there is no mass of this name.
+        """
+        return self.masses[index_of(self._mass_index, name, "mass", "masses")]
 
     def link(self, name: str) -> Link:
-        """The link named `name`. Raises StructureError if there is none."""
-        return self.links[_index(self._link_index, name, "link", "links")]
+        """Look up a link.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Link
+            The link.
+
+        Raises
+        ------
+        StructureError
+            If there is no link of this name.
+        """
+        return self.links[index_of(self._link_index, name, "link", "links")]
 
     @cached_property
     def incidence(self) -> scipy.sparse.csr_array:
@@ -221,13 +248,26 @@ class Structure:
         return d
 
     def coefficient(self, name: str) -> Coefficient:
-        """The coefficient of a full name, such as ``"nes1.alpha"`` or ``"m1.mass"``; of a shared one its leader.
+        """Look up a coefficient.
 
-        Raises StructureError if there is none.
+        Parameters
+        ----------
+        name : str
+            Its full name, such as ``"nes1.alpha"`` or ``"m1.mass"``.
+
+        Returns
+        -------
+        Coefficient
+            The coefficient; of a shared one its leader.
+
+        Raises
+        ------
+        StructureError
+            If there is no coefficient of this name.
         """
         if name not in self._slots:
             raise StructureError(
-                f'unknown coefficient "{name}"{near_miss(name, self._slots)}; choose from {_quoted(self._slots)}'
+                f'unknown coefficient "{name}"{near_miss(name, self._slots)}; choose from {quoted(self._slots)}'
             )
         return self._slots[self._leaders.get(name, name)].coefficient
 
@@ -331,16 +371,16 @@ class Structure:
             return [f"{self.mass(selector.removeprefix('mass:')).name}.mass"]
         if selector == "all":
             return [name for name, slot in self._slots.items() if slot.index >= 0]
-        links = _matching(self._link_index, selector)
+        links = matching(self._link_index, selector)
         if links:
             return [f"{name}.{key}" for name in links for key in self.link(name).coefficients]
         head, _, key = selector.rpartition(".")
-        chosen = [f"{name}.{key}" for name in (_matching(self._link_index, head) if head else ())]
+        chosen = [f"{name}.{key}" for name in (matching(self._link_index, head) if head else ())]
         chosen = [name for name in chosen if name in self._slots]
         if not chosen:
             raise StructureError(
                 f'"{selector}" is not a link, a prefix of link names or a coefficient'
-                f"{near_miss(selector, [*self._link_index, *self._slots])}; the links are {_quoted(self._link_index)}"
+                f"{near_miss(selector, [*self._link_index, *self._slots])}; the links are {quoted(self._link_index)}"
             )
         return chosen
 
@@ -356,33 +396,3 @@ class Structure:
             (first, second, link.law.expression)
             for (first, second), link in zip(self.topology.ends.tolist(), self.links, strict=True)
         )
-
-
-def _matching(names: Iterable[str], typed: str) -> list[str]:
-    """`typed` alone if it is one of the names, else all names that begin with it."""
-    names = list(names)
-    return [typed] if typed in names else [name for name in names if typed and name.startswith(typed)]
-
-
-def _check_unique(names: tuple[str, ...], kind: str) -> None:
-    repeated = [name for name, count in Counter(names).items() if count > 1]
-    if repeated:
-        count = names.count(repeated[0])
-        raise StructureError(
-            f"the name is used {count} times; names must be unique", f'{kind} "{repeated[0]}"'
-        )
-
-
-def _index(indices: Mapping[str, int], name: str, kind: str, kinds: str) -> int:
-    if name not in indices:
-        raise StructureError(
-            f'unknown {kind} "{name}"{near_miss(name, indices)}; the {kinds} are {_quoted(indices)}'
-        )
-    return indices[name]
-
-
-def _quoted(names: Iterable[str]) -> str:
-    """The names in quotes; of a long list the middle is left out."""
-    listed = [f'"{name}"' for name in names]
-    shown = listed if len(listed) <= 12 else [*listed[:10], "...", listed[-1]]
-    return ", ".join(shown) if shown else "none"

@@ -175,9 +175,25 @@ def write_structure(structure: Structure, path: str | Path) -> None:
     path : str or Path
         The file; replaced if it exists.
 
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+
     See Also
     --------
     format_structure : The text that is written.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "chain.toml"
+    ...     lw.write_structure(lw.bnes_chain(2), path)
+    ...     path.read_text().splitlines()[0]
+    'name = "bistable chain of 2 masses"'
     """
     Path(path).write_text(format_structure(structure), encoding="utf-8", newline="\n")
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.errors import RecordError
 
 ATTENUATION = 80.0  # dB, above the new Nyquist frequency
 PASSBAND = 0.8  # of the new Nyquist frequency; there the gain is 1 within 10^(-ATTENUATION / 20)
@@ -59,3 +60,19 @@ def lowpass(factor: int) -> Lowpass:
     cutoff = (nyquist - width / 2.0) / np.pi
     taps = cutoff * np.sinc(cutoff * lag) * np.kaiser(2 * half + 1, beta)
     return Lowpass(factor, taps / taps.sum())
+
+
+def check_factor(factor: float) -> None:
+    """Raise RecordError unless `factor` is a positive integer."""
+    if isinstance(factor, bool) or int(factor) != factor or factor < 1:
+        raise RecordError(f"factor must be a positive integer, got {factor!r}")
+
+
+def lowpass_for(factor: int, samples: int) -> Lowpass:
+    """The filter for a record of so many samples. Raises RecordError where it is longer than the record."""
+    antialias = lowpass(factor)
+    if samples < antialias.length:
+        raise RecordError(
+            f"{samples} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
+        )
+    return antialias

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,13 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
-from linkwise.records.checks import check_names, check_responses, check_values, column_notes
-from linkwise.records.decimation import lowpass
-from linkwise.records.synthetic_noise import white_noise
-from linkwise.records.timeline import Timeline
+from linkwise.records.checks import check_names, check_values
+from linkwise.records.decimation import check_factor, lowpass_for
+from linkwise.records.measured import sampled_columns
+from linkwise.records.synthetic_noise import with_white_noise
+from linkwise.records.timeline import rows_between
 from linkwise.records.truth import SimulationTruth
-
-_EDGE = 1e-6  # of a sampling interval: a time typed in decimals is meant to hit its sample
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,11 +52,6 @@ class Record:
     RecordError
         If shapes do not match, a name is not a channel or is listed twice, or a value is infinite.
 
-    See Also
-    --------
-    read_record : Read a record from a file.
-    simulate : Simulate a record.
-
     Examples
     --------
     >>> import linkwise as lw
@@ -67,6 +60,8 @@ class Record:
     Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2
     >>> record.between(0.1, 0.2).channel("x:m1").shape
     (101,)
+    >>> sorted(record.with_noise(20.0, seed=1).simulated.noise)
+    ['x:m1', 'x:m2']
     """
 
     start: float
@@ -135,26 +130,7 @@ class Record:
         >>> lw.Record.from_arrays(time, {"x:m1": 1e-3 * np.sin(20.0 * time)})
         Record of 200 samples at 100 Hz, 0 to 1.99 s: x:m1
         """
-        times = np.asarray(time)
-        if times.ndim != 1 or times.dtype.kind not in "iuf":
-            raise RecordError(
-                f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}",
-                file,
-            )
-        timeline = Timeline.fit(times, file=file, lines=lines)
-        all_notes = [*notes, *timeline.notes]
-        values = np.full((timeline.count, len(channels)), np.nan)
-        for column, (name, array) in enumerate(channels.items()):
-            samples = np.asarray(array)
-            if samples.shape != times.shape:
-                raise RecordError(
-                    f"has shape {samples.shape}, but time has shape {times.shape}", file, channel=name
-                )
-            all_notes += column_notes(name, samples, file, lines)
-            values[timeline.index, column] = samples
-        values.setflags(write=False)
-        check_responses(tuple(channels), values, file)
-        origin = source or (file or "")
+        timeline, values, remarks = sampled_columns(time, channels, file, lines)
         return cls(
             timeline.start,
             timeline.rate,
@@ -162,14 +138,9 @@ class Record:
             values,
             noise or {},
             None,
-            origin,
-            tuple(all_notes),
+            source or (file or ""),
+            (*notes, *remarks),
         )
-
-    def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
-        given = (getattr(self, each.name) for each in fields(self) if each.name != "noise")
-        start, rate, channels, values, *rest = given
-        return type(self), (start, rate, channels, values, dict(self.noise), *rest)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -223,7 +194,23 @@ class Record:
         return tuple(dict.fromkeys(Channel.parse(name).mass for name in self.responses))
 
     def unit(self, name: str) -> str:
-        """SI unit of a channel, such as ``"m/s"``. Raises RecordError if it is not in the record."""
+        """SI unit of a channel.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        str
+            The unit, such as ``"m/s"``.
+
+        Raises
+        ------
+        RecordError
+            If the channel is not in the record.
+        """
         self._column(name)
         return Channel.parse(name).unit
 
@@ -233,11 +220,43 @@ class Record:
         return self.channels.index(name)
 
     def channel(self, name: str) -> Floats:
-        """Samples of one channel, shape (N,), read-only. Raises RecordError if it is not in the record."""
+        """Samples of one channel.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        array of shape (N,)
+            Its samples in SI units, read-only.
+
+        Raises
+        ------
+        RecordError
+            If the channel is not in the record.
+        """
         return self.values[:, self._column(name)]
 
     def select(self, names: Iterable[str]) -> Record:
-        """The record with these channels only, in this order. Raises RecordError if one is not in the record."""
+        """Select channels.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Names of the channels, in the order wanted.
+
+        Returns
+        -------
+        Record
+            The record with these channels only.
+
+        Raises
+        ------
+        RecordError
+            If a channel is not in the record.
+        """
         names = tuple(names)
         columns = [self._column(name) for name in names]
         noise = {name: self.noise[name] for name in names if name in self.noise}
@@ -259,18 +278,24 @@ class Record:
         )
 
     def between(self, earliest: float, latest: float) -> Record:
-        """The samples from `earliest` to `latest` in s, both included; either may be infinite.
+        """Select samples by time.
 
-        Raises RecordError if there are none, or if a time is NaN.
+        Parameters
+        ----------
+        earliest, latest : float
+            First and last time in s, both included; either may be infinite.
+
+        Returns
+        -------
+        Record
+            The samples in between.
+
+        Raises
+        ------
+        RecordError
+            If there are none, or a time is NaN.
         """
-        if np.isnan(earliest) or np.isnan(latest):
-            raise RecordError(
-                f"times must be numbers, got {earliest:g} and {latest:g} s", arguments=("earliest", "latest")
-            )
-        ends = np.array([earliest - self.start, latest - self.start]) * self.rate
-        ends = np.clip(ends, -1.0, len(self))
-        first = max(0, int(np.ceil(ends[0] - _EDGE)))
-        last = min(len(self), int(np.floor(ends[1] + _EDGE)) + 1)
+        first, last = rows_between(earliest, latest, self.start, self.rate, len(self))
         if last <= first:
             end = self.start + self.duration
             raise RecordError(
@@ -300,16 +325,8 @@ class Record:
         ------
         RecordError
             If `factor` is not a positive integer, samples are missing, or the record is shorter than the filter.
-
-        Examples
-        --------
-        >>> import linkwise as lw
-        >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
-        >>> record.decimate(2).rate
-        500.0
         """
-        if isinstance(factor, bool) or int(factor) != factor or factor < 1:
-            raise RecordError(f"factor must be a positive integer, got {factor!r}")
+        check_factor(factor)
         if factor == 1:
             return self
         if self.missing.any():
@@ -319,12 +336,7 @@ class Record:
                 "record.between first",
                 channel=name,
             )
-        antialias = lowpass(int(factor))
-        if len(self) < antialias.length:
-            raise RecordError(
-                f"{len(self)} samples are too few to decimate by {factor}: its anti-alias filter spans "
-                f"{antialias.length}"
-            )
+        antialias = lowpass_for(int(factor), len(self))
         kept = slice(antialias.half, len(self) - antialias.half, int(factor))
         return replace(
             self,
@@ -361,27 +373,13 @@ class Record:
         ------
         RecordError
             If `decibel` is not finite.
-
-        Examples
-        --------
-        >>> import linkwise as lw
-        >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
-        >>> sorted(record.with_noise(20.0, seed=1).simulated.noise)
-        ['x:m1', 'x:m2']
         """
         if not np.isfinite(decibel):
             raise RecordError(
                 f"decibel must be finite, got {decibel!r}; without noise, use the record as it is"
             )
-        values = self.values.copy()
-        added = {}
-        for name in self.responses:
-            samples = values[:, self._column(name)]
-            noise, sigma = white_noise(name, samples, decibel, seed)
-            samples += noise
-            earlier = self.simulated.noise.get(name, 0.0) if self.simulated else 0.0
-            added[name] = float(np.hypot(sigma, earlier))
-        values.setflags(write=False)
+        earlier = self.simulated.noise if self.simulated else {}
+        values, added = with_white_noise(self.values, self.channels, self.responses, decibel, seed, earlier)
         return replace(
             self,
             values=values,

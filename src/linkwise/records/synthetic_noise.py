@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from linkwise.arrays import Floats
 
 
-def white_noise(name: str, samples: Floats, decibel: float, seed: int) -> tuple[Floats, float]:
-    """White Gaussian noise (N,) for one channel, and its standard deviation, at a signal-to-noise ratio in dB.
+def with_white_noise(
+    values: Floats,
+    channels: Sequence[str],
+    names: Sequence[str],
+    decibel: float,
+    seed: int,
+    earlier: Mapping[str, float],
+) -> tuple[Floats, dict[str, float]]:
+    """`values` (N, C) of `channels` with white Gaussian noise on those in `names`, and the standard deviation of each.
 
-    The generator depends on `seed` and the channel's name only. Missing samples (NaN) do not count in the signal's power.
+    `decibel` is the signal-to-noise ratio in dB; missing samples (NaN) do not count in the power of the signal. The generator
+    of a channel depends on `seed` and its name only. `earlier` is the noise that is there already, which adds to the
+    deviations.
     """
-    sigma = 0.0
-    if not np.isnan(samples).all():
-        sigma = float(np.sqrt(np.nanmean(samples**2) * 10.0 ** (-decibel / 10.0)))
-    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
-    return sigma * generator.standard_normal(len(samples)), sigma
+    noisy, added = values.copy(), {}
+    for name in names:
+        samples = noisy[:, channels.index(name)]
+        sigma = 0.0
+        if not np.isnan(samples).all():
+            sigma = float(np.sqrt(np.nanmean(samples**2) * 10.0 ** (-decibel / 10.0)))
+        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
+        samples += sigma * generator.standard_normal(len(samples))
+        added[name] = float(np.hypot(sigma, earlier.get(name, 0.0)))
+    noisy.setflags(write=False)
+    return noisy, added

@@ -15,6 +15,7 @@ JITTER = 1e-3  # of a step: deviation of a clock up to which samples count as ev
 COARSEST = 0.4  # of a step: with printed digits coarser than that the grid is ambiguous
 RESOLVED = 0.05  # of a decimal: where double precision resolves less, every number looks like a printed one
 SLOW = 0.5  # s: no vibrating structure is sampled this slowly, but times in milliseconds look like it
+EDGE = 1e-6  # of a step: a time typed in decimals is meant to hit its sample
 LONGEST = 10  # times the number of rows: a grid with more missing samples than that is two records
 
 
@@ -147,6 +148,19 @@ class _TimeColumn:
                 f"The sampling interval is {1.0 / rate:g} s. If the times are in ms, name their column time[ms]."
             )
         return notes
+
+
+def rows_between(earliest: float, latest: float, start: float, rate: float, count: int) -> tuple[int, int]:
+    """First and past-the-end row of the times in s from `earliest` to `latest` among `count` at `start` + k/`rate`.
+
+    Raises RecordError for a time that is NaN.
+    """
+    if np.isnan(earliest) or np.isnan(latest):
+        raise RecordError(
+            f"times must be numbers, got {earliest:g} and {latest:g} s", arguments=("earliest", "latest")
+        )
+    ends = np.clip(np.array([earliest - start, latest - start]) * rate, -1.0, count)
+    return max(0, int(np.ceil(ends[0] - EDGE))), min(count, int(np.floor(ends[1] + EDGE)) + 1)
 
 
 def _typical_step(steps: Floats) -> float:

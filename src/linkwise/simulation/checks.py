@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
-from linkwise.model.excitation import Excitation, Sampled
+from linkwise.model.excitation import Excitation
+from linkwise.model.input_signal import Sampled
 from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory

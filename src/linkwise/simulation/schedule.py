@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.model.excitation import Excitation, Sampled
+from linkwise.model.excitation import Excitation
+from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import Structure
 from linkwise.simulation.integrator.shape import SCALE, ParameterLayout, SystemShape
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.errors import RecordError, SimulationError
-from linkwise.model.excitation import Excitation, Impulse, InputSignal
+from linkwise.model.excitation import Excitation, Impulse
+from linkwise.model.input_signal import InputSignal
 from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
