@@ -172,9 +172,9 @@ def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:
     try:
         record = source.read(names)
     except lw.RecordError as error:
-        mass = (error.channel or "").partition(":")[2]
-        if error.channel is None or mass in (*names, lw.BASE) or "has no mass" not in error.message:
+        if error.channel is None or "known_masses" not in error.arguments:
             raise
+        mass = error.channel.partition(":")[2]
         raise lw.RecordError(
             f"{error.message}. Add --mass {mass}=... for it, or take the column out of the record",
             error.file, error.line, error.channel,

@@ -194,4 +194,5 @@ def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tup
         file,
         table.header_line,
         choice.name,
+        arguments=("known_masses",),
     )

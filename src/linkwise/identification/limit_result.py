@@ -248,7 +248,7 @@ def _rows(rows: list[tuple[str, ...]]) -> str:
     lines = align_columns(rows)
     left_out = len(lines) - 1 - _MANY
     if left_out > 0:
-        lines = [*lines[: 1 + _MANY], f"  ... and {left_out} more; --json prints all"]
+        lines = [*lines[: 1 + _MANY], f"  ... and {left_out} more"]
     return "\n".join(lines)
 
 

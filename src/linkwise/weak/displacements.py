@@ -91,7 +91,8 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     if not seen.any():
         raise IdentificationError(
             f"the weak form needs displacements, and the record holds {', '.join(record.channels)}: give a channel x:MASS, "
-            "or map a column to one with --channel x:MASS=COLUMN"
+            "or map a column of the file to one (`channels`)",
+            arguments=("channels",),
         )
     ends = np.zeros((len(names) + 1, len(record)))
     for row in np.flatnonzero(there):

@@ -158,7 +158,8 @@ def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Float
         lost = ", ".join(names[i] for i in np.flatnonzero(~np.isfinite(diagonal)))
         raise IdentificationError(
             f"the law with {lost} is not finite everywhere the record went: write it for both signs of d, as in "
-            "sqrt(abs(d))*sign(d), or cut the record with record.between (--from, --to)"
+            "sqrt(abs(d))*sign(d), or cut the record with record.between",
+            arguments=("earliest", "latest"),
         )
     if np.any(diagonal <= 0.0):
         _raise_not_identifiable([names[i] for i in np.flatnonzero(diagonal <= 0.0)])
