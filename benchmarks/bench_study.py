@@ -29,10 +29,10 @@ QUICK, WHOLE = 4.0, 90.0  # minutes on two processors
 
 @final
 class Timed(Executor):
-    """A crew that takes note of how long its workers worked, from when all of them were up to the last row."""
+    """An executor that takes note of how long its workers worked, from when all of them were up to the last row."""
 
     def __init__(self, executor: Executor) -> None:
-        self._executor, self.seconds = executor, executor.seconds
+        self._executor, self.batch_seconds = executor, executor.batch_seconds
         self.worked, self.last, self.up = 0.0, 0.0, 0.0
         self._results = 0
 

@@ -77,7 +77,7 @@ def rows(folder: Path) -> tuple[lw.Row, ...]:
     try:
         return lw.read_rows(folder)
     except lw.StudyError as error:
-        assert "there is no study in it" in str(error)
+        assert "the folder does not hold a study" in str(error)
         return ()
 
 

@@ -108,7 +108,7 @@ def test_a_fault_of_linkwise_says_so(
 ) -> None:
     monkeypatch.setattr(lw, "bnes_chain", lambda n: 1 / 0)
     assert run(["structure", "bnes", "--dof", "2"]) == 1
-    assert "this is a fault of linkwise, not yours: ZeroDivisionError" in capsys.readouterr().err
+    assert "internal error of linkwise: ZeroDivisionError" in capsys.readouterr().err
 
 
 def test_interrupt_is_no_traceback(

@@ -33,7 +33,7 @@ def test_it_runs_a_study_as_the_library_does(
 ) -> None:
     small(tmp_path, cycles=3)
     assert run(arguments(tmp_path / "new" / "out", "--quick")) == 2  # the file is not beside that folder
-    assert "there is no such study file" in capsys.readouterr().err
+    assert "there is no such study; give a TOML file" in capsys.readouterr().err
     assert run(arguments(tmp_path / "out", "--quick", "--workers", "1")) == 0
     out, err = capsys.readouterr()
     assert err == "" and out.startswith("small: 12 of 12 cases done, 0 failed\n\nbnes2, 40 dB\n")
@@ -70,7 +70,7 @@ def test_export_runs_nothing(finished: Path, tmp_path: Path, capsys: pytest.Capt
     assert "12 of 12 cases done" in capsys.readouterr().out
     assert (finished / "rows.csv").exists()
     assert run(["study", "paper", "-o", str(tmp_path / "nothing"), "--export"]) == 2
-    assert "there is no study in it" in capsys.readouterr().err and not (tmp_path / "nothing").exists()
+    assert "the folder does not hold a study" in capsys.readouterr().err and not (tmp_path / "nothing").exists()
     assert run(["study", "paper", "-o", str(finished), "--export"]) == 2
     assert 'holds the study "small", not "paper"; name that one' in capsys.readouterr().err
 
@@ -97,7 +97,7 @@ def test_no_answer_at_all_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["papr", "-o", "x"], 'papr: there is no such study file; did you mean "paper"?'),
+        (["papr", "-o", "x"], 'papr: there is no such study; did you mean "paper"?'),
         (["paper"], "Missing option '-o' / '--output'"),
         (["paper", "-o", "x", "--workers", "0"], "0 is not in the range x>=1"),
         (["paper", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"], "--scheduler has its own; give one of them"),

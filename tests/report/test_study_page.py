@@ -255,7 +255,7 @@ def test_the_command_ends_with_the_report(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match="there is no study in it"):
+    with pytest.raises(StudyError, match="the folder does not hold a study"):
         lw.write_study_report(tmp_path)
     assert list(tmp_path.iterdir()) == []
 

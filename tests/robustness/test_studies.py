@@ -14,7 +14,7 @@ from small_study import small
 import linkwise as lw
 from linkwise.atomic import FullDiskError
 from linkwise.cli import run
-from linkwise.study.row import DIED, FAILED, Row
+from linkwise.study.row import FAILED, WORKER_DIED, Row
 from linkwise.study.store import open_store
 
 
@@ -24,12 +24,13 @@ def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path
     database = sqlite3.connect(tmp_path / "out" / "study.sqlite")
     key = "structure = ? AND snr_db = ? AND method = ? AND seed = ?"
     with database:
-        for row, reason in zip(rows[:2], (f"{DIED}3 times while at it: killed", "it diverged"), strict=True):
-            asked = (FAILED, reason, row.structure, row.snr_db, row.method, row.seed)
+        outcomes = ((WORKER_DIED, "its worker process died 3 times"), (FAILED, "it diverged"))
+        for row, (status, reason) in zip(rows[:2], outcomes, strict=True):
+            asked = (status, reason, row.structure, row.snr_db, row.method, row.seed)
             database.execute(f"UPDATE rows SET status = ?, reason = ? WHERE {key}", asked)
     database.close()
     again = lw.run_study(study, tmp_path / "out", workers=1)
-    assert again[0] == rows[0] and again[0].status != FAILED
+    assert again[0] == rows[0] and not again[0].failed
     assert (again[1].status, again[1].reason) == (FAILED, "it diverged")
 
 

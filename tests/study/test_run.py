@@ -19,18 +19,18 @@ from linkwise.study.row import Case
 from linkwise.study.runner import StudyProgress, run
 from linkwise.study.store import open_store
 from linkwise.study.timing import Timing, next_batch
-from linkwise.study.worker import CaseBatch, CaseResult, failure, run_batch
+from linkwise.study.worker import CaseBatch, CaseResult, failed_row, run_batch
 
 
 class Died(Exception):
-    """What the crew below says of a worker that died."""
+    """What the executor below raises for a worker that died."""
 
 
 @final
 class Here(Executor):
-    """A crew that works in this process, the newest batch first; a worker dies at each case in `deadly`, so many times."""
+    """An executor that works in this process, the newest batch first; a worker dies at a case in `deadly`, so many times."""
 
-    seconds = 0.2
+    batch_seconds = 0.2
 
     def __init__(
         self, slots: int = 1, deadly: dict[Case, int] | None = None, error: Exception | None = None
@@ -56,7 +56,7 @@ class Here(Executor):
         return future
 
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
-        return FailureKind.DIED if isinstance(future.exception(), Died) else FailureKind.FAULT
+        return FailureKind.WORKER_DIED if isinstance(future.exception(), Died) else FailureKind.CANNOT_RUN
 
     def __enter__(self) -> Self:
         return self
@@ -106,7 +106,7 @@ def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("slots", [1, 5])
-def test_rows_depend_neither_on_order_nor_on_the_crew(folder: Path, tmp_path: Path, slots: int) -> None:
+def test_rows_depend_neither_on_order_nor_on_the_executor(folder: Path, tmp_path: Path, slots: int) -> None:
     study = lw.stored_study(folder)
     with open_store(tmp_path / "out", study) as store, Here(slots) as executor:
         run(study, store, executor, silent)
@@ -162,7 +162,7 @@ def test_a_case_that_kills_its_worker_three_times_is_a_failure(folder: Path, tmp
     rows = lw.read_rows(tmp_path / "out")
     assert [row.case for row in rows if row.failed] == [deadly]
     row = next(row for row in rows if row.failed)
-    assert row.reason == "its worker process died 3 times while at it: killed, out of memory, or crashed"
+    assert row.reason == "its worker process died 3 times while running it: killed, out of memory, or crashed"
     assert [row for row in rows if not row.failed] == [
         row for row in lw.read_rows(folder) if row.case != deadly
     ]
@@ -178,16 +178,16 @@ def test_workers_that_cannot_work_end_the_study_and_keep_its_rows(folder: Path, 
         run(study, store, executor, silent)
     with (
         open_store(tmp_path / "out", study) as store,
-        pytest.raises(lw.StudyError, match="the workers are gone"),
+        pytest.raises(lw.StudyError, match="the connection to the workers is lost"),
     ):
         run(study, store, Gone(), silent)
 
 
 @final
 class Gone(Executor):
-    """A crew whose cluster has gone: it drops what it is given."""
+    """An executor whose cluster has gone: it drops what it is given."""
 
-    seconds = 1.0
+    batch_seconds = 1.0
     slots = 1
 
     def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
@@ -197,7 +197,7 @@ class Gone(Executor):
         return future
 
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
-        return FailureKind.FAULT
+        return FailureKind.CANNOT_RUN
 
     def __enter__(self) -> Self:
         return self
@@ -208,7 +208,7 @@ class Gone(Executor):
 
 def test_a_worker_with_another_version_says_so(folder: Path) -> None:
     with pytest.raises(
-        lw.StudyError, match=r"it has version .*, and the study is run by 99\.0; install that"
+        lw.StudyError, match=r"the worker has linkwise .*, but the study is run by 99\.0; install that"
     ):
         run_batch(CaseBatch(lw.stored_study(folder).text(), (), linkwise="99.0"))
 
@@ -221,7 +221,7 @@ def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: p
     assert done.row.failed and done.row.reason == "the answer is not finite."
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
-    assert done.row.reason == "this is a fault of linkwise: ZeroDivisionError: division by zero"
+    assert done.row.reason == "internal error of linkwise: ZeroDivisionError: division by zero"
 
 
 def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
@@ -253,7 +253,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
 
 
 def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
-    with pytest.raises(lw.StudyError, match="a scheduler has workers of its own; give one of the two"):
+    with pytest.raises(lw.StudyError, match="and a scheduler has workers of its own; give one of the two"):
         lw.run_study("paper", tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:8786")
     with pytest.raises(lw.StudyError, match="at least one worker, got 0"):
         lw.run_study("paper", tmp_path / "out", workers=0)
@@ -266,8 +266,8 @@ def test_batches_last_as_long_as_they_should() -> None:
         Case("a", 20.0, "slow", seed) for seed in range(4)
     ]
     rows = [
-        failure(Case("a", 20.0, "fast", 99), 2, "", 0.01),
-        failure(Case("a", 20.0, "slow", 99), 2, "", 5.0),
+        failed_row(Case("a", 20.0, "fast", 99), 2, "", seconds=0.01),
+        failed_row(Case("a", 20.0, "slow", 99), 2, "", seconds=5.0),
     ]
     timing, pending = Timing(rows, cases, {"a": 2, "b": 4}), deque(cases)
     suspects = {cases[12]}
@@ -309,11 +309,11 @@ def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
             child.kill()
         wait([long, behind])
         assert (
-            executor.failure_kind(long) is FailureKind.DIED
-            and executor.failure_kind(behind) is FailureKind.SPARED
+            executor.failure_kind(long) is FailureKind.WORKER_DIED
+            and executor.failure_kind(behind) is FailureKind.NOT_STARTED
         )
         (again,) = executor.submit(CaseBatch(study.text(), (case,))).result()
         assert again.row == first.row
         unreadable = executor.submit(CaseBatch("no JSON", (case,)))
         wait([unreadable])
-        assert executor.failure_kind(unreadable) is FailureKind.FAULT
+        assert executor.failure_kind(unreadable) is FailureKind.CANNOT_RUN

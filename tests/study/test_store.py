@@ -77,7 +77,7 @@ def test_a_case_is_stored_once_and_a_batch_whole_or_not_at_all(tmp_path: Path, s
     with open_store(tmp_path / "out", study) as store:
         store.add(rows[:1])
         with pytest.raises(
-            lw.StudyError, match=r"out: rows could not be written: UNIQUE .*; what was there is safe"
+            lw.StudyError, match=r"out: rows could not be written: UNIQUE .*; earlier rows are not affected"
         ):
             store.add([rows[1], rows[0]])
         assert store.done() == {rows[0].case}
@@ -103,7 +103,7 @@ def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.Study) -> None
     with other:
         assert other.stdout is not None and other.stdout.readline() == "open\n"
         with (
-            pytest.raises(lw.StudyError, match="wait for it, stop it, or give another folder"),
+            pytest.raises(lw.StudyError, match="wait for it, stop it, or choose another folder"),
             open_store(folder, study),
         ):
             pass
@@ -133,12 +133,12 @@ def test_a_changed_definition_is_noticed(tmp_path: Path, study: lw.Study) -> Non
     }
     for message, changed in changes.items():
         with (
-            pytest.raises(lw.StudyError, match=f"begun with another definition: {message}"),
+            pytest.raises(lw.StudyError, match=f"started with another definition: {message}"),
             open_store(folder, changed),
         ):
             pass
     with (
-        pytest.raises(lw.StudyError, match="give another folder, or go on with"),
+        pytest.raises(lw.StudyError, match="choose another folder, or continue with"),
         open_store(folder, study.quickly()),
     ):
         pass
@@ -171,18 +171,18 @@ def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.St
     foreign.mkdir()
     (foreign / "thesis.tex").write_text("x")
     with (
-        pytest.raises(lw.StudyError, match=r"it is not empty and holds no study"),
+        pytest.raises(lw.StudyError, match=r"the folder is not empty and does not hold a study"),
         open_store(foreign, study),
     ):
         pass
     assert [path.name for path in foreign.iterdir()] == ["thesis.tex"]
     with (
-        pytest.raises(lw.StudyError, match=r"thesis\.tex: it is a file"),
+        pytest.raises(lw.StudyError, match=r"thesis\.tex: this is a file"),
         open_store(foreign / "thesis.tex", study),
     ):
         pass
     for read in (lw.read_rows, lw.stored_study, lw.export_study, lw.study_summary):
-        with pytest.raises(lw.StudyError, match=r"foreign: there is no study in it \(no study\.sqlite\)"):
+        with pytest.raises(lw.StudyError, match=r"foreign: the folder does not hold a study \(no study\.sqlite\)"):
             read(foreign)
 
 
@@ -199,10 +199,10 @@ def test_a_damaged_store_is_said_to_be_one(tmp_path: Path, study: lw.Study) -> N
         else:
             (folder / DATABASE).write_bytes(content)
         with pytest.raises(
-            lw.StudyError, match=r"study\.sqlite: this is no study of linkwise, or a damaged one"
+            lw.StudyError, match=r"study\.sqlite: not a study of linkwise, or damaged"
         ):
             lw.read_rows(folder)
-        with pytest.raises(lw.StudyError, match="no study of linkwise"), open_store(folder, study):
+        with pytest.raises(lw.StudyError, match="not a study of linkwise"), open_store(folder, study):
             pass
 
 
@@ -210,7 +210,7 @@ def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.Study) -> None:
     """As a kill between the first two system calls leaves it."""
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / DATABASE).touch()
-    with pytest.raises(lw.StudyError, match="there is no study in it"):
+    with pytest.raises(lw.StudyError, match="the folder does not hold a study"):
         lw.read_rows(tmp_path / "out")
     with open_store(tmp_path / "out", study) as store:
         assert store.done() == set()

@@ -35,7 +35,7 @@ class PaperStudy:
 
         return cls(
             dict(sorted(found.items(), key=lambda item: item[1])),
-            named("classical"),
+            named("monomial"),
             named("physics-informed"),
             named("weak"),
             named("ml"),

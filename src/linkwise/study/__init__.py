@@ -1,1 +1,1 @@
-"""Monte Carlo campaigns: cases of structure, noise, method and seed; a store that loses none; crews that run them."""
+"""Monte Carlo studies: cases of structure, noise level, method and seed, the store of their rows, and executors."""

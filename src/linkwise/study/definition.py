@@ -1,4 +1,4 @@
-"""A study as it stands on paper: which structures, how much noise, which methods, which seeds."""
+"""The definition of a study: structures, noise levels, methods and seeds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 from linkwise.errors import StudyError
 from linkwise.study.method import StudyMethod
@@ -16,13 +16,39 @@ from linkwise.study.row import Case
 from linkwise.study.subject import Subject
 from linkwise.text import near_miss
 
+_Entry = TypeVar("_Entry", Subject, StudyMethod)
+
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Every subject at every noise level by every method, once for each of `cycles` seeds from `first_seed` on.
+    """A Monte Carlo study: every subject at every noise level by every method, once for each seed.
 
-    `snr_db` are signal-to-noise ratios (METHODS section 2); `quick` is how many cycles a quick run takes. Raises StudyError,
-    naming the key, for what is missing, twice there, or no such number.
+    Parameters
+    ----------
+    name : str
+        The name of the study.
+    subjects : tuple of Subject
+        The structures, with their excitation, sensors and unknowns.
+    snr_db : tuple of float
+        Signal-to-noise ratios in dB (METHODS section 2).
+    methods : tuple of StudyMethod
+        The methods.
+    first_seed, cycles : int
+        The first seed, and the number of seeds.
+    quick : int
+        The number of seeds of a quick run.
+
+    Raises
+    ------
+    StudyError
+        If a list is empty or has an entry twice, or a number is out of range; the error names the key.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> study = lw.read_study("paper")
+    >>> len(study), len(study.quickly())
+    (10500, 525)
     """
 
     name: str
@@ -35,29 +61,31 @@ class Study:
 
     def __post_init__(self) -> None:
         named: dict[str, list[object]] = {
-            "structure": [one.name for one in self.subjects],
+            "structure": [subject.name for subject in self.subjects],
             "snr_db": list(self.snr_db),
-            "method": [one.name for one in self.methods],
+            "method": [method.name for method in self.methods],
         }
         for key, values in named.items():
             _check_distinct(key, values)
         for level in self.snr_db:
             if not math.isfinite(level):
-                raise StudyError(f"a signal-to-noise ratio is a finite number of dB, got {level!r}", "snr_db")
+                raise StudyError(
+                    f"a signal-to-noise ratio must be a finite number of dB, got {level!r}", "snr_db"
+                )
         for key, value, least in (
             ("first_seed", self.first_seed, 0),
             ("cycles", self.cycles, 1),
             ("quick", self.quick, 1),
         ):
             if value < least:
-                raise StudyError(f"it must be at least {least}, got {value}", key)
+                raise StudyError(f"must be at least {least}, got {value}", key)
 
     def quickly(self) -> Study:
-        """The same study with no more than its quick number of cycles."""
+        """The same study with its quick number of cycles at most."""
         return replace(self, cycles=min(self.cycles, self.quick))
 
     def cases(self) -> Iterator[Case]:
-        """All cases, cycle by cycle, so that a study that is stopped has something of everything."""
+        """All cases, cycle by cycle, so that a study that is stopped has rows of every cell."""
         for seed in range(self.first_seed, self.first_seed + self.cycles):
             for subject in self.subjects:
                 for level in self.snr_db:
@@ -73,23 +101,23 @@ class Study:
         return len(self.subjects) * len(self.snr_db) * len(self.methods) * self.cycles
 
     def subject(self, name: str) -> Subject:
-        """The structure called `name` and all that is done with it; StudyError lists those there are."""
-        return self._subjects[name] if name in self._subjects else _absent(name, "structure", self._subjects)
+        """The subject called `name`; StudyError if there is none."""
+        return _lookup(name, "structure", self._subjects)
 
     def method(self, name: str) -> StudyMethod:
-        """The method called `name`; StudyError lists those there are."""
-        return self._methods[name] if name in self._methods else _absent(name, "method", self._methods)
+        """The method called `name`; StudyError if there is none."""
+        return _lookup(name, "method", self._methods)
 
     def cycle(self, case: Case) -> int:
-        """Which cycle a case belongs to, 0 the first: the number that `Subject.simulate` asks for."""
+        """The number of the cycle of a case, 0 for the first."""
         return case.seed - self.first_seed
 
-    def place(self, case: Case) -> tuple[int, int, int, int]:
-        """Where a case stands in tables: by structure, noise, method, seed, in the order of the study."""
-        return (*self._places[case.structure, case.snr_db, case.method], case.seed)
+    def sort_key(self, case: Case) -> tuple[int, int, int, int]:
+        """The position of a case in tables: by structure, noise level, method and seed, in the order of the study."""
+        return (*self._positions[case.structure, case.snr_db, case.method], case.seed)
 
     def document(self) -> dict[str, Any]:
-        """The study file that gives this study, with every default filled in and every structure inside."""
+        """The tables of a study file that defines this study, with all defaults and structures."""
         return {
             "name": self.name,
             "snr_db": list(self.snr_db),
@@ -101,19 +129,19 @@ class Study:
         }
 
     def text(self) -> str:
-        """The document as JSON: equal for equal studies."""
+        """The document as JSON, which is equal for equal studies."""
         return json.dumps(self.document(), indent=1, ensure_ascii=False)
 
     @cached_property
     def _subjects(self) -> dict[str, Subject]:
-        return {one.name: one for one in self.subjects}
+        return {subject.name: subject for subject in self.subjects}
 
     @cached_property
     def _methods(self) -> dict[str, StudyMethod]:
-        return {one.name: one for one in self.methods}
+        return {method.name: method for method in self.methods}
 
     @cached_property
-    def _places(self) -> dict[tuple[str, float, str], tuple[int, int, int]]:
+    def _positions(self) -> dict[tuple[str, float, str], tuple[int, int, int]]:
         return {
             (subject.name, level, method.name): (i, j, k)
             for i, subject in enumerate(self.subjects)
@@ -124,11 +152,16 @@ class Study:
 
 def _check_distinct(key: str, values: Sequence[object]) -> None:
     if not values:
-        raise StudyError("the study needs at least one", key)
+        raise StudyError("a study needs at least one", key)
     value, count = Counter(values).most_common(1)[0]
     if count > 1:
-        raise StudyError(f"{value!r} is there {count} times; each must be another", key)
+        raise StudyError(f"{value!r} is listed {count} times; entries must be distinct", key)
 
 
-def _absent(name: str, kind: str, there: dict[str, Any]) -> Any:
-    raise StudyError(f'there is no {kind} "{name}"{near_miss(name, there)}; there are {", ".join(there)}')
+def _lookup(name: str, kind: str, by_name: dict[str, _Entry]) -> _Entry:
+    """The entry called `name`; StudyError with all names if there is none."""
+    if name not in by_name:
+        raise StudyError(
+            f'unknown {kind} "{name}"{near_miss(name, by_name)}; choose from {", ".join(by_name)}'
+        )
+    return by_name[name]

@@ -1,4 +1,4 @@
-"""The rows of a study as tables that other programs read, and their summary by cell."""
+"""The rows of a study and their summary by cell as tables for other programs."""
 
 from __future__ import annotations
 
@@ -20,9 +20,27 @@ ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
 
 
 def export_study(folder: str | Path) -> tuple[Path, ...]:
-    """Write what the study in `folder` has so far into it: rows.csv, summary.csv and, with the extra [files], rows.parquet.
+    """Write the tables of a study, finished or not, into its folder.
 
-    Returns the files. Each appears whole or not at all. Raises StudyError where there is no study.
+    Parameters
+    ----------
+    folder : str or path
+        The folder of the study.
+
+    Returns
+    -------
+    tuple of pathlib.Path
+        rows.csv, summary.csv and, if pyarrow is installed, rows.parquet; each appears whole or not at all.
+
+    Raises
+    ------
+    StudyError
+        If the folder does not hold a study.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> paths = lw.export_study("results/paper")  # doctest: +SKIP
     """
     folder = Path(folder)
     rows = read_rows(folder)
@@ -41,7 +59,7 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
 
 
 def row_record(row: Row) -> dict[str, Any]:
-    """A row as plain columns: NMSE in % (`nmse` the median over its links), mappings as JSON."""
+    """A row as a table line: NMSE in % (`nmse` is the median over its links), mappings as JSON."""
     return {
         "structure": row.structure,
         "masses": row.masses,

@@ -1,4 +1,4 @@
-"""What a case does with a noisy record: the family of methods, and those that ask for the links' own coefficients."""
+"""The methods of a study: the interface, and the methods that identify the coefficients of the links."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from linkwise.study.subject import Subject
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What a method found: the fields of a row that are its own."""
+    """The result of a method: its part of a row, with the same fields."""
 
     status: str
     seconds: float
@@ -31,20 +31,20 @@ class MethodResult:
 
 
 class StudyMethod(ABC):
-    """A column of the study."""
+    """A method of a study."""
 
     name: str
 
     @abstractmethod
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
-        """Add noise of `snr_db` drawn from `seed` to the `clean` record of `subject`, and judge what is found in that.
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        """Identify `subject` from its `clean` record with noise of `snr_db` dB drawn with `seed`, and judge the result.
 
-        Raises LinkwiseError where nothing is.
+        Raises LinkwiseError if nothing can be identified.
         """
 
     @abstractmethod
     def document(self) -> dict[str, Any]:
-        """The table of a study file that gives this method."""
+        """The table of a study file that defines this method."""
 
 
 @final
@@ -55,8 +55,8 @@ class LinkByLink(StudyMethod):
     name: str
     kind: Literal["ml", "weak"]
 
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
-        return _identified(subject, clean, snr_db, seed, self.kind)
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        return _identify(subject, clean, snr_db, seed, self.kind)
 
     def document(self) -> dict[str, Any]:
         return {"name": self.name, "kind": self.kind}
@@ -65,7 +65,7 @@ class LinkByLink(StudyMethod):
 @final
 @dataclass(frozen=True)
 class PhysicsInformedMethod(StudyMethod):
-    """The paper's physics-informed SINDy: derivatives, the links' own columns, sparse regression."""
+    """The paper's physics-informed SINDy: derivatives, the columns of the links' own laws, sparse regression."""
 
     name: str
     derivative: Derivative = "spline"
@@ -74,10 +74,8 @@ class PhysicsInformedMethod(StudyMethod):
     def __post_init__(self) -> None:
         PhysicsInformedSindy(self.derivative, self.regressor)
 
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
-        return _identified(
-            subject, clean, snr_db, seed, PhysicsInformedSindy(self.derivative, self.regressor)
-        )
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        return _identify(subject, clean, snr_db, seed, PhysicsInformedSindy(self.derivative, self.regressor))
 
     def document(self) -> dict[str, Any]:
         return {
@@ -88,15 +86,15 @@ class PhysicsInformedMethod(StudyMethod):
         }
 
 
-def _identified(
+def _identify(
     subject: Subject,
     clean: Record,
     snr_db: float,
     seed: int,
-    how: IdentificationMethod | Estimator,
+    estimator: IdentificationMethod | Estimator,
 ) -> MethodResult:
-    record = subject.seen(clean).with_noise(snr_db, seed=seed)
-    estimate = identify(record, subject.unknown_structure, method=how)
+    record = subject.measured(clean).with_noise(snr_db, seed=seed)
+    estimate = identify(record, subject.unknown_structure, method=estimator)
     names = [parameter.name for parameter in estimate.parameters]
     errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)) if estimate.trusted else ()
     return MethodResult(

@@ -1,4 +1,4 @@
-"""The paper's classical SINDy as a method of a study: all monomials of all states, read for the force of each judged link."""
+"""The paper's monomial SINDy as a method of a study: all monomials of all states, read as the force of each judged link."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from linkwise.verdict import Verdict
 @final
 @dataclass(frozen=True)
 class MonomialMethod(StudyMethod):
-    """Noise where the `convention` puts it, all monomials up to `order`, a regressor, and a `reading` of the force.
+    """Noise added as the `convention` says, all monomials up to `order`, a regressor, and a `reading` of the force.
 
     `regressor` is a name in `REGRESSORS`; `threshold` is that of "stlsq", None for the one of smallest BIC. Methods that
     differ in regressor or reading share the Gram matrix of a case; its time counts for each of them. Only the equations of
-    masses with one link are solved: the others tell no link's force alone. Raises IdentificationError for an unknown
+    masses with a single link are solved: others do not separate the forces of links. Raises IdentificationError for an unknown
     regressor, and for a threshold of one that has none.
     """
 
@@ -46,24 +46,24 @@ class MonomialMethod(StudyMethod):
     threshold: float | None = None
 
     def __post_init__(self) -> None:
-        self._chosen()
+        self._regressor()
 
-    def answer(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
         started = perf_counter()
-        fit = _fit(equations, gram, subject.structure, self._chosen())
+        fit = _fit(equations, gram, subject.structure, self._regressor())
         seconds += perf_counter() - started
-        structure, links, found = subject.structure, {}, {}
+        structure, links, coefficients = subject.structure, {}, {}
         for name in subject.judged_links:
             links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
             d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
-            found.update(_coefficients(structure.link(name), d, force))
-        return MethodResult(Verdict.CONVERGED.status, seconds, links, found)
+            coefficients.update(_coefficients(structure.link(name), d, force))
+        return MethodResult(Verdict.CONVERGED.status, seconds, links, coefficients)
 
     def document(self) -> dict[str, Any]:
         return {
             "name": self.name,
-            "kind": "classical",
+            "kind": "monomial",
             "convention": self.convention,
             "regressor": self.regressor,
             "reading": self.reading,
@@ -71,7 +71,7 @@ class MonomialMethod(StudyMethod):
             **({} if self.threshold is None else {"threshold": self.threshold}),
         }
 
-    def _chosen(self) -> Regressor:
+    def _regressor(self) -> Regressor:
         regressor = REGRESSORS.lookup(self.regressor)()
         return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
 
@@ -80,7 +80,7 @@ class MonomialMethod(StudyMethod):
 def _gram(
     clean: Record, convention: Convention, snr_db: float, seed: int, order: int
 ) -> tuple[StreamedSystem, Gram, float]:
-    """The equations of a case, their Gram matrix and the seconds that it took; the last one is kept."""
+    """The equations of a case, their Gram matrix and the time in s that it took; the last one is cached."""
     states = noisy_states(clean, convention, snr_db, seed=seed)
     started = perf_counter()
     equations = monomial_equations(states, order)
@@ -89,8 +89,9 @@ def _gram(
 
 
 def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor: Regressor) -> RegressionFit:
-    """The equations of the masses that hold on to one link only. Standard errors, which nobody reads here, are NaN: the
-    inverse of a matrix of 1771 columns takes longer than everything else.
+    """Solve the equations of the masses with a single link.
+
+    Standard errors, which are not used here, are NaN: the inverse of a matrix of 1771 columns takes longer than all else.
     """
     named = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
     ends = [end for link in structure.links for end in link.between]
@@ -98,8 +99,8 @@ def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor:
     columns = [equations.targets.index(target) for target in targets]
     scaled = np.zeros((len(gram.names), len(targets)))
     setting = np.zeros(len(targets))
-    for place, column in enumerate(columns):
-        scaled[:, place], setting[place], _ = regressor.solve(gram, column)
+    for number, column in enumerate(columns):
+        scaled[:, number], setting[number], _ = regressor.solve(gram, column)
     norms = np.where(gram.norms[columns] > 0, gram.norms[columns], 1.0)
     return RegressionFit(
         names=gram.names,
@@ -116,8 +117,9 @@ def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor:
 
 
 def _coefficients(link: Link, d: Floats, force: Floats) -> dict[str, float]:
-    """The coefficients of a polynomial law, those of its stiffness, that come closest to a force (N,) at elongations d (N,);
-    none for another law.
+    """The stiffness coefficients of a polynomial law that fit a force (N,) N at elongations `d` (N,) m.
+
+    None for another law.
     """
     if polynomial(link.law.elastic, ("d",)) is None:
         return {}

@@ -7,13 +7,24 @@ from dataclasses import dataclass, field
 from statistics import median
 
 FAILED = "failed"  # the status of a row without an answer
-DIED = "its worker process died "  # how the reason begins where workers were killed, ran out of memory, or crashed
-FAULT = "this is a fault of linkwise: "  # how the reason begins where linkwise, not the case, is to blame
+INTERNAL_ERROR = "internal error"  # the same, if the fault is linkwise's and not the case's
+WORKER_DIED = "worker died"  # the same, if worker processes were killed, ran out of memory, or crashed
+REPEATED = (INTERNAL_ERROR, WORKER_DIED)  # the cases of such rows are run again
 
 
 @dataclass(frozen=True, order=True)
 class Case:
-    """One run: `structure` and `method` by name, noise in dB, the seed of the noise."""
+    """One run of a study.
+
+    Attributes
+    ----------
+    structure, method : str
+        Names of the structure and the method.
+    snr_db : float
+        The signal-to-noise ratio in dB.
+    seed : int
+        The seed of the noise.
+    """
 
     structure: str
     snr_db: float
@@ -26,13 +37,32 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """What came of one case; equal whoever ran it, and in whatever order, but for its `seconds`, on processors of one kind
-    (two kinds round differently, and follow different orbits of a chaotic motion past its horizon).
+    """The outcome of one case of a study.
 
-    `links` holds the NMSE in % (paper Eq. 8) of every judged link; `coefficients` and `standard_errors` what was found, by
-    full name, in SI units, where the method has such. `status` is that of the estimate ("converged", "not converged",
-    "chi-square off", "forces unexplained"), or "failed": then there are no figures and `reason` says why. `seconds` is the
-    time of the estimate alone, without simulation and noise; `masses` counts them.
+    Rows of one case are equal, except for `seconds`, whichever worker ran it and in whatever order, on processors of one
+    kind. Two kinds round differently, and follow different orbits of a chaotic motion past its horizon.
+
+    Attributes
+    ----------
+    structure, method : str
+        Names of the structure and the method.
+    masses : int
+        The number of masses.
+    snr_db : float
+        The signal-to-noise ratio in dB.
+    seed : int
+        The seed of the noise.
+    status : str
+        The status of the estimate ("converged", "not converged", "chi-square off", "forces unexplained"), "failed" without
+        one, "internal error" or "worker died".
+    links : mapping of str to float
+        The NMSE in % (paper Eq. 8) of the force of each judged link.
+    coefficients, standard_errors : mapping of str to float
+        The identified coefficients by full name, in SI units, and their standard errors, if the method has such.
+    seconds : float
+        Time of the estimate in s, without simulation and noise.
+    reason : str
+        Why there is no answer, or none to be trusted.
     """
 
     structure: str
@@ -49,20 +79,20 @@ class Row:
 
     @property
     def case(self) -> Case:
-        """The case that this row is of."""
+        """The case of this row."""
         return Case(self.structure, self.snr_db, self.method, self.seed)
 
     @property
     def failed(self) -> bool:
         """Whether there is no answer."""
-        return self.status == FAILED
+        return self.status in (FAILED, *REPEATED)
 
     @property
     def nmse(self) -> float | None:
-        """The median of `links` in %: what a table of the study counts; None where the case failed."""
+        """The median of `links` in %, which tables of the study show; None if the case failed."""
         return median(self.links.values()) if self.links else None
 
     @property
     def worst(self) -> float | None:
-        """The largest of `links` in %."""
+        """The largest of `links` in %; None if the case failed."""
         return max(self.links.values(), default=None)

@@ -16,11 +16,11 @@ from linkwise.study.runner import run
 from linkwise.study.store import open_store, read_rows
 from linkwise.study.toml_file import read_study
 
-MOST_CASES = 1_000_000  # kept in memory and in one file: years of one processor
+MOST_CASES = 1_000_000  # kept in memory and in one file: years of computing time
 
 
 def run_study(
-    which: Study | str | Path,
+    study: Study | str | Path,
     folder: str | Path,
     *,
     quick: bool = False,
@@ -28,36 +28,62 @@ def run_study(
     scheduler: str | None = None,
     progress: Progress = silent,
 ) -> tuple[Row, ...]:
-    """Run a study, "paper" or a TOML file, in `folder`, or go on with it there; write its tables and return its rows.
+    """Run a study, or continue one, and write its tables.
 
-    `quick` takes the few cycles that the study calls quick. It runs on `workers` processes of this machine (default: as many
-    as there are processors), or on the dask cluster whose `scheduler` is at this address. Killed at any moment it loses only
-    what was being computed; a row never depends on who computed it. `progress` is told how far it is, with a `StudyProgress`
-    as `detail`.
+    A process that is killed loses only the cases that were running; a row does not depend on the worker that computed it.
 
-    Raises StudyError for a study that cannot be read, for a folder that holds another one or in which another process runs
-    one, for more than `MOST_CASES` cases, and where workers cannot be had.
+    Parameters
+    ----------
+    study : Study, str or path
+        A study, the name of one that ships with linkwise ("paper"), or a TOML file.
+    folder : str or path
+        The folder of the study; it is created, or holds the same study already.
+    quick : bool
+        Whether to run the quick number of cycles only.
+    workers : int, optional
+        The number of processes on this machine; by default one for each processor.
+    scheduler : str, optional
+        The address of the scheduler of a dask cluster to run on ("tcp://host:8786"), in place of `workers`.
+    progress : Progress
+        Called with reports whose `detail` is a `StudyProgress`.
+
+    Returns
+    -------
+    tuple of Row
+        In the order of the study.
+
+    Raises
+    ------
+    StudyError
+        If the study cannot be read, the folder holds another one, another process runs one there, it has more than a million
+        cases, or there are no workers.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> rows = lw.run_study("paper", "results/quick", quick=True)  # doctest: +SKIP
     """
-    study = which if isinstance(which, Study) else read_study(which)
-    study = study.quickly() if quick else study
+    definition = study if isinstance(study, Study) else read_study(study)
+    definition = definition.quickly() if quick else definition
     if workers is not None and scheduler is not None:
         raise StudyError(
-            "workers are processes of this machine, a scheduler has workers of its own; give one of the two"
+            "workers are processes of this machine, and a scheduler has workers of its own; give one of the two"
         )
-    if study.count > MOST_CASES:
+    if definition.count > MOST_CASES:
         raise StudyError(
-            f"a study has at most {MOST_CASES} cases, and this one has more; take fewer cycles, or make several studies of it",
+            f"a study has at most {MOST_CASES} cases, got {definition.count}; take fewer cycles, or make several "
+            "studies of it",
             "cycles",
         )
-    with open_store(Path(folder), study) as store:
-        if len(store.done()) < len(study):
-            with _crew(workers, scheduler) as executor:
-                run(study, store, executor, progress)
+    with open_store(Path(folder), definition) as store:
+        if len(store.done()) < len(definition):
+            with _executor(workers, scheduler) as executor:
+                run(definition, store, executor, progress)
         export_study(folder)
     return read_rows(folder)
 
 
-def _crew(workers: int | None, scheduler: str | None) -> Executor:
+def _executor(workers: int | None, scheduler: str | None) -> Executor:
     if scheduler is None:
         return ProcessExecutor(workers if workers is not None else processors())
     try:
@@ -66,7 +92,7 @@ def _crew(workers: int | None, scheduler: str | None) -> Executor:
         if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
             raise
         raise StudyError(
-            "a scheduler needs the library distributed, which comes with the extra 'cluster': pip install 'linkwise[cluster]'"
+            "a scheduler needs the library distributed; install it with pip install 'linkwise[cluster]'"
         ) from error
     executor: Executor = cluster.DaskExecutor(scheduler)
     return executor

@@ -1,4 +1,4 @@
-"""The coordinator: hands cases out, writes what comes back, and hands out again what was lost."""
+"""The coordinator of a study: submits cases, stores their results, and submits again what was lost."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from linkwise.errors import StudyError
 from linkwise.progress import Progress, ProgressReport
 from linkwise.study.definition import Study
 from linkwise.study.executor import Executor, FailureKind
-from linkwise.study.row import DIED, Case
+from linkwise.study.row import WORKER_DIED, Case
 from linkwise.study.store import Store
 from linkwise.study.timing import Timing, next_batch
-from linkwise.study.worker import CaseBatch, CaseResult, failure
+from linkwise.study.worker import CaseBatch, CaseResult, failed_row
 
-_DEATHS = 3  # of a worker at one case, after which the case is to blame
-_SHARES = 4  # batches for each place that must be left, or batches are made smaller
-_TICK = 0.5  # s between two reports while nothing comes back
+_MOST_DEATHS = 3  # of workers that run a case, after which the case is the reason
+_BATCHES_LEFT = 4  # per slot; with fewer left, batches are made smaller
+_INTERVAL = 0.5  # s between two reports while no result arrives
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class StudyProgress:
     Parameters
     ----------
     done, total : int
-        Cases that are done, those of earlier runs included, and all cases.
+        The numbers of cases done, those of earlier runs included, and of all cases.
     rate : float
-        Cases a second since this run began.
+        Cases per second since this run began.
     left : float or None
-        Seconds to go; None while nothing tells.
+        Seconds left; None before there is an estimate.
     """
 
     done: int
@@ -42,7 +42,7 @@ class StudyProgress:
 
     @property
     def report(self) -> ProgressReport:
-        """For whoever waits."""
+        """The report for a person."""
         left = "" if self.left is None else f", {_duration(self.left)} left"
         activity = f"{self.done} of {self.total} cases, {self.rate:.2g}/s{left}"
         return ProgressReport(self.done / self.total, activity, self)
@@ -55,82 +55,88 @@ def _duration(seconds: float) -> str:
 
 
 def run(study: Study, store: Store, executor: Executor, progress: Progress) -> None:
-    """Run every case of `study` that is not done in `store`. What is interrupted, by whatever, goes on where it was.
+    """Run every case of `study` that is not done in `store`. After an interrupt a later call continues.
 
-    Raises StudyError where workers cannot run cases at all.
+    Raises StudyError if the workers cannot run cases at all.
     """
-    there = store.done()
-    rows = [row for row in store.rows() if row.case in there]
-    pending = [case for case in study.cases() if case not in there]
-    timing = Timing(rows, pending, {one.name: one.structure.size for one in study.subjects})
-    work = _Work(study, executor, timing, pending)
+    done = store.done()
+    rows = [row for row in store.rows() if row.case in done]
+    pending = [case for case in study.cases() if case not in done]
+    timing = Timing(rows, pending, {subject.name: subject.structure.size for subject in study.subjects})
+    queue = _Queue(study, executor, timing, pending)
 
-    def tell() -> None:
-        progress(StudyProgress(len(there) + timing.done, len(study), timing.rate, timing.left).report)
+    def report() -> None:
+        progress(StudyProgress(len(done) + timing.done, len(study), timing.rate, timing.left).report)
 
-    tell()
-    work.hand_out()
-    while work.out:
-        results, fault = work.collect(wait(work.out, timeout=_TICK, return_when=FIRST_COMPLETED).done)
-        if fault is None:
-            work.hand_out()  # before writing, so that nobody waits for the disk
+    report()
+    queue.submit()
+    while queue.running:
+        finished = wait(queue.running, timeout=_INTERVAL, return_when=FIRST_COMPLETED).done
+        results, error = queue.collect(finished)
+        if error is None:
+            queue.submit()  # before writing, so that no worker waits for the disk
         store.add(result.row for result in results)
-        if fault is not None:
-            raise fault
-        tell()
+        if error is not None:
+            raise error
+        report()
 
 
-class _Work:
-    """What is still to be handed out, and what is out."""
+class _Queue:
+    """The cases that are pending, and the batches that are `running`."""
 
     def __init__(self, study: Study, executor: Executor, timing: Timing, pending: list[Case]) -> None:
-        self._study, self._crew, self._pace = study, executor, timing
+        self._study, self._executor, self._timing = study, executor, timing
         self._text = study.text()
         self._pending = deque(pending)
         self._deaths: Counter[Case] = Counter()
-        self.out: dict[Future[list[CaseResult]], tuple[Case, ...]] = {}
+        self.running: dict[Future[list[CaseResult]], tuple[Case, ...]] = {}
 
-    def hand_out(self) -> None:
-        """Fill every place of the crew."""
-        slots = self._crew.slots
+    def submit(self) -> None:
+        """Fill all slots of the executor."""
+        slots = self._executor.slots
         # Towards the end batches get smaller, so that all workers finish together.
-        seconds = min(self._crew.seconds, self._pace.work / (_SHARES * slots))
-        while self._pending and len(self.out) < slots:
-            cases = next_batch(self._pending, self._pace, seconds, set(self._deaths))
-            self.out[self._crew.submit(CaseBatch(self._text, cases))] = cases
+        seconds = min(self._executor.batch_seconds, self._timing.work / (_BATCHES_LEFT * slots))
+        while self._pending and len(self.running) < slots:
+            cases = next_batch(self._pending, self._timing, seconds, set(self._deaths))
+            self.running[self._executor.submit(CaseBatch(self._text, cases))] = cases
 
     def collect(
         self, finished: Iterable[Future[list[CaseResult]]]
     ) -> tuple[list[CaseResult], StudyError | None]:
-        """What came of some batches; what was lost is put in front again. And why there is no going on, if there is none."""
+        """The results of finished batches, and the error that ends the study, if there is one.
+
+        Cases of batches without a result are put in front of the pending ones.
+        """
         results: list[CaseResult] = []
-        fault = None
+        failure: StudyError | None = None
         for future in finished:
-            cases = self.out.pop(future)
+            cases = self.running.pop(future)
             if future.cancelled():
-                fault = StudyError(
-                    "the workers are gone; what was finished is kept, so start the study again to go on"
+                failure = StudyError(
+                    "the connection to the workers is lost; finished cases are stored, start the study again to continue"
                 )
             elif (error := future.exception()) is None:
                 results += future.result()
-            elif (failure_kind := self._crew.failure_kind(future)) is FailureKind.FAULT:
-                fault = StudyError(f"a worker cannot run linkwise: {type(error).__name__}: {error}")
-                fault.__cause__ = error
+            elif (kind := self._executor.failure_kind(future)) is FailureKind.CANNOT_RUN:
+                failure = StudyError(f"a worker cannot run linkwise: {type(error).__name__}: {error}")
+                failure.__cause__ = error
             else:
-                results += self._lost(cases, failure_kind)
+                results += self._resubmit(cases, kind)
         for result in results:
-            self._pace.finished(result.row.case, result.seconds)
-        return results, fault
+            self._timing.finished(result.row.case, result.seconds)
+        return results, failure
 
-    def _lost(self, cases: tuple[Case, ...], failure_kind: FailureKind) -> list[CaseResult]:
-        """Put cases in front again, but for those at which too many workers have died."""
-        if failure_kind is FailureKind.DIED:
+    def _resubmit(self, cases: tuple[Case, ...], kind: FailureKind) -> list[CaseResult]:
+        """Put cases in front of the pending ones; those at which too many workers died have failed."""
+        if kind is FailureKind.WORKER_DIED:
             self._deaths.update(cases)
-        self._pending.extendleft(case for case in reversed(cases) if self._deaths[case] < _DEATHS)
-        return [_blamed(self._study, case) for case in cases if self._deaths[case] >= _DEATHS]
+        self._pending.extendleft(case for case in reversed(cases) if self._deaths[case] < _MOST_DEATHS)
+        return [_killed(self._study, case) for case in cases if self._deaths[case] >= _MOST_DEATHS]
 
 
-def _blamed(study: Study, case: Case) -> CaseResult:
+def _killed(study: Study, case: Case) -> CaseResult:
     masses = study.subject(case.structure).structure.size
-    reason = f"{DIED}{_DEATHS} times while at it: killed, out of memory, or crashed"
-    return CaseResult(failure(case, masses, reason), 0.0)
+    reason = (
+        f"its worker process died {_MOST_DEATHS} times while running it: killed, out of memory, or crashed"
+    )
+    return CaseResult(failed_row(case, masses, reason, status=WORKER_DIED), 0.0)

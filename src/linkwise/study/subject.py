@@ -1,4 +1,4 @@
-"""One structure of a study: what drives it, what sees it, what is asked about it."""
+"""One structure of a study, with its excitation, sensors, unknowns and judged links."""
 
 from __future__ import annotations
 
@@ -24,17 +24,34 @@ _ALL = ("x", "v", "a")
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """`structure` with every coefficient a number, simulated for `duration` s at `rate` Hz under its excitation.
+    """A structure of a study.
 
-    `release`, `impulses`, `forces` and `base` are as in `simulate`, forces and base as text in t. Estimators see `sensors`
-    and are asked for `unknown`, as in `Structure.unknown`; `judge` names, in the same way, the links whose force is compared
-    with the truth, by default those asked for whose stiffness is nonlinear, or all asked for where none is.
+    Parameters
+    ----------
+    name : str
+        The name in the study.
+    structure : Structure
+        The true structure, every coefficient a number.
+    duration, rate : float
+        Length of the records in s, and samples per second in Hz.
+    release, impulses, forces, base
+        The excitation, as in `simulate`; forces and base motion as text in t.
+    sensors : tuple of str
+        What is measured: kinds ("x", "v", "a") or channels ("x:m1").
+    unknown : tuple of str
+        What is identified, as in `Structure.unknown`.
+    judge : tuple of str
+        The links whose force is compared with the truth, as in `Structure.unknown`; by default the unknown ones with a
+        nonlinear stiffness, or all unknown ones if there are none.
+    scatter : float
+        Cycle k = 0, 1, ... starts from (1 + k scatter) times the release. Past its horizon a chaotic motion is one of many,
+        some harder to identify than others: with a tiny scatter every cycle follows its own orbit, so that a median over
+        cycles characterises the structure and not one orbit.
 
-    With `scatter` s, cycle k = 0, 1, ... is released from (1 + k s) times the release. Past its horizon a chaotic motion is
-    one of many, and some are harder to identify than others: a tiny scatter lets every cycle follow its own, so that a
-    median over cycles is of the structure and not of one orbit.
-
-    Raises StudyError, naming the key, for what does not fit the structure.
+    Raises
+    ------
+    StudyError
+        If something does not fit the structure; the error names the key.
     """
 
     name: str
@@ -53,13 +70,13 @@ class Subject:
     def __post_init__(self) -> None:
         for key, value in (("duration", self.duration), ("rate", self.rate)):
             if not 0.0 < value < float("inf"):
-                raise StudyError(f"it must be a number above 0, got {value!r}", key)
+                raise StudyError(f"must be positive and finite, got {value!r}", key)
         if not math.isfinite(self.scatter):
-            raise StudyError(f"it must be a finite number, got {self.scatter!r}", "scatter")
+            raise StudyError(f"must be finite, got {self.scatter!r}", "scatter")
         self._check_excitation()
         for key, names in (("sensors", self.sensors), ("unknown", self.unknown)):
             if not names:
-                raise StudyError("at least one must be named", key)
+                raise StudyError("must name at least one", key)
         for name in self.sensors:
             if name not in _ALL:
                 self._check_channel(name, "sensors", _ALL)
@@ -74,12 +91,12 @@ class Subject:
 
     @cached_property
     def unknown_structure(self) -> Structure:
-        """The structure with its unknowns, as estimators get it."""
+        """The structure with its unknowns, which methods identify."""
         return self.structure.unknown(*self.unknown)
 
     @cached_property
     def judged_links(self) -> tuple[str, ...]:
-        """The links by whose force an answer is judged."""
+        """The names of the links whose force is compared with the truth."""
         if self.judge:
             chosen = self.structure.unknown(*self.judge)
             return tuple(
@@ -94,9 +111,9 @@ class Subject:
         return tuple(link.name for link in nonlinear or unknown)
 
     def simulate(self, cycle: int = 0) -> Record:
-        """The clean record of a cycle, 0 the first: x, v and a of every mass, and the inputs.
+        """The clean record of a cycle, 0 for the first: x, v and a of every mass, and the inputs.
 
-        Raises SimulationError where it diverges.
+        Raises SimulationError if the motion diverges.
         """
         factor = 1.0 + self.scatter * cycle
         return simulate(
@@ -110,16 +127,16 @@ class Subject:
             base=self.base,
         )
 
-    def seen(self, clean: Record) -> Record:
-        """What the sensors see of `clean`, in their order, with the inputs."""
-        found: dict[str, None] = {}
+    def measured(self, clean: Record) -> Record:
+        """The channels of `clean` that the sensors measure, in their order, and the inputs."""
+        channels: dict[str, None] = {}
         for sensor in self.sensors:
             kinds = [f"{sensor}:{mass}" for mass in self.structure.mass_names] if sensor in _ALL else [sensor]
-            found.update(dict.fromkeys(kinds))
-        return clean.select([*found, *clean.inputs])
+            channels.update(dict.fromkeys(kinds))
+        return clean.select([*channels, *clean.inputs])
 
     def document(self) -> dict[str, Any]:
-        """The table of a study file that gives this subject, complete in itself."""
+        """The table of a study file that defines this subject, the structure included."""
         return {
             "name": self.name,
             "toml": format_structure(self.structure),
@@ -127,8 +144,8 @@ class Subject:
             "rate": float(self.rate),
             "release": {name: float(value) for name, value in self.release.items()},
             "impulse": [
-                {"mass": one.mass, "momentum": float(one.momentum), "time": float(one.time)}
-                for one in self.impulses
+                {"mass": impulse.mass, "momentum": float(impulse.momentum), "time": float(impulse.time)}
+                for impulse in self.impulses
             ],
             "forces": dict(self.forces),
             **({} if self.base is None else {"base": self.base}),
@@ -142,7 +159,10 @@ class Subject:
         for channel in self.release:
             self._check_channel(channel, f"release.{channel}")
             if channel[0] == "a":
-                raise StudyError("an acceleration cannot be released, only x or v", f"release.{channel}")
+                raise StudyError(
+                    "a release takes displacements (x) and velocities (v), got an acceleration",
+                    f"release.{channel}",
+                )
         for index, impulse in enumerate(self.impulses):
             self._check_mass(impulse.mass, f"impulse[{index}].mass")
         for mass, text in self.forces.items():
@@ -152,7 +172,7 @@ class Subject:
             self._check_time_function("base", base=self.base)
         if (self.base is not None) != bool(self.structure.base_incidence.any()):
             raise StudyError(
-                'it is the motion of "base", which must be given if, and only if, a link holds on to it',
+                'the motion of the base must be given if, and only if, a link ends at "base"',
                 "base",
             )
 
@@ -160,7 +180,7 @@ class Subject:
         try:
             Excitation.of(**excitation)
         except LinkwiseError as error:
-            raise StudyError(f"this is no function of time: {error}", key) from None
+            raise StudyError(f"not a function of time: {error}", key) from None
 
     def _check_channel(self, name: str, key: str, kinds: tuple[str, ...] = ()) -> None:
         try:
@@ -177,6 +197,5 @@ class Subject:
     def _check_mass(self, name: str, key: str) -> None:
         names = self.structure.mass_names
         if name not in names:
-            raise StudyError(
-                f'there is no mass "{name}"{near_miss(name, names)}; the masses are {", ".join(names)}', key
-            )
+            hint = near_miss(name, names)
+            raise StudyError(f'unknown mass "{name}"{hint}; choose from {", ".join(names)}', key)

@@ -1,4 +1,4 @@
-"""What a study came to, cell by cell: a result that prints itself."""
+"""The summary of a study, cell by cell."""
 
 from __future__ import annotations
 
@@ -15,7 +15,15 @@ from linkwise.verdict import Verdict
 
 @dataclass(frozen=True)
 class StudySummary:
-    """The `cells` of the study called `name`, in its order: structure, noise, method."""
+    """The summary of a study; printed, a table for each structure and noise level.
+
+    Attributes
+    ----------
+    name : str
+        The name of the study.
+    cells : tuple of Cell
+        The cells in the order of the study: by structure, noise level and method.
+    """
 
     name: str
     cells: tuple[Cell, ...]
@@ -27,11 +35,11 @@ class StudySummary:
 
     @property
     def failed_cells(self) -> tuple[Cell, ...]:
-        """The cells in which every case that was run failed."""
+        """The cells in which every case failed."""
         return tuple(cell for cell in self.cells if cell.done and not cell.answers)
 
     def to_dict(self) -> dict[str, Any]:
-        """Counts of cases, and the cells as in summary.csv."""
+        """The summary as plain data: numbers of cases, and the cells as in summary.csv."""
         return {"study": self.name, **self._counts(), "cells": [cell_record(cell) for cell in self.cells]}
 
     def __str__(self) -> str:
@@ -59,14 +67,37 @@ class StudySummary:
 
 
 def study_summary(folder: str | Path) -> StudySummary:
-    """The summary of the study in `folder`, finished or not. Raises StudyError where there is none."""
+    """Summarise a study.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder of the study, finished or not.
+
+    Returns
+    -------
+    StudySummary
+        Statistics over the seeds of each structure, noise level and method.
+
+    Raises
+    ------
+    StudyError
+        If the folder does not hold a study.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> print(lw.study_summary("results/paper"))  # doctest: +SKIP
+    """
     study = stored_study(folder)
     return StudySummary(study.name, StudyTable.of(study, read_rows(folder)).cells)
 
 
 def cell_record(cell: Cell) -> dict[str, Any]:
-    """A cell as plain columns. NMSE in %: median over its seeds, a failed one counting as worst, 5 and 95 % quantiles, and the
-    worst of those with an answer; `untrusted` counts answers that the method itself does not vouch for.
+    """A cell as a table line.
+
+    NMSE in %: median and 5 and 95 % quantiles over the seeds, a failed one counting as worst, and the worst of those with an
+    answer. `untrusted` counts answers that the method itself does not trust.
     """
     errors = [row.nmse for row in cell.answers if row.nmse is not None]
     return {

@@ -1,4 +1,4 @@
-"""How long cases take, from those that were run; how many make a batch, and how long is left."""
+"""How long cases take, measured on those that were run; the size of batches, and the time left."""
 
 from __future__ import annotations
 
@@ -8,66 +8,67 @@ from time import perf_counter
 
 from linkwise.study.row import Case, Row
 
-Cell = tuple[str, float, str]
+#: Structure, noise level in dB and method.
+CellKey = tuple[str, float, str]
 
 
 class Timing:
-    """Measured seconds of cases by (structure, noise, method), and what they promise for those still to come; `masses` says
-    how many each structure has.
-    """
+    """Measured times of cases by cell, and the expected times of those pending; `masses` is the size of each structure."""
 
     def __init__(self, done: list[Row], pending: list[Case], masses: Mapping[str, int]) -> None:
-        self._seconds: dict[Cell, float] = {}
-        self._counts: Counter[Cell] = Counter()
-        self._left: Counter[Cell] = Counter(map(_cell, pending))
+        self._seconds: dict[CellKey, float] = {}
+        self._counts: Counter[CellKey] = Counter()
+        self._left: Counter[CellKey] = Counter(map(_cell, pending))
         self._masses = masses
         self._guesses: dict[str, float] = {}
         self._began = perf_counter()
         self._worked = 0.0
         self.done = 0
         for row in done:
-            self._learn(_cell(row.case), row.seconds)
+            self._record(_cell(row.case), row.seconds)
 
     def finished(self, case: Case, seconds: float) -> None:
-        """Take note of a case that took so many `seconds` of a worker."""
-        self._learn(_cell(case), seconds)
+        """Note that a case took `seconds` of a worker."""
+        self._record(_cell(case), seconds)
         self._left[_cell(case)] -= 1
         self._worked += seconds
         self.done += 1
 
     def known(self, case: Case) -> bool:
-        """Whether one like it was run."""
+        """Whether a case of the same cell was run."""
         return self._counts[_cell(case)] > 0
 
     def expected(self, case: Case) -> float:
-        """Seconds that a worker should take: the mean of those like it; where there are none, of those by the same method (or
-        any) on the largest structure seen, times the square of the ratio of masses.
+        """The expected time of a case in s: the mean of its cell.
+
+        Without such, the mean of the same method (or any) on the largest structure so far, times the square of the ratio of
+        masses.
         """
         return self._expected(_cell(case))
 
     @property
     def rate(self) -> float:
-        """Cases a second since the start, 0 before the first."""
+        """Cases per second since the start, 0 before the first."""
         return self.done / max(perf_counter() - self._began, 1e-9)
 
     @property
     def left(self) -> float | None:
-        """Seconds left at the speed of the workers so far; None before anything is known."""
+        """Time left in s at the speed of the workers so far; None before the first case."""
         return self.work * (perf_counter() - self._began) / self._worked if self._worked else None
 
     @property
     def work(self) -> float:
-        """Seconds that a single worker should take for all that is left."""
+        """The expected time in s of a single worker for all pending cases."""
         return sum(count * self._expected(cell) for cell, count in self._left.items() if count)
 
-    def _learn(self, cell: Cell, seconds: float) -> None:
+    def _record(self, cell: CellKey, seconds: float) -> None:
         count = self._counts[cell]
         self._seconds[cell] = (self._seconds.get(cell, 0.0) * count + seconds) / (count + 1)
         self._counts[cell] = count + 1
         if not count:
             self._guesses.clear()
 
-    def _expected(self, cell: Cell) -> float:
+    def _expected(self, cell: CellKey) -> float:
         if cell in self._seconds:
             return self._seconds[cell]
         if cell[2] not in self._guesses:
@@ -75,7 +76,7 @@ class Timing:
         return self._guesses[cell[2]] * self._masses[cell[0]] ** 2
 
     def _guess(self, method: str) -> float:
-        """Seconds over the square of the masses, of the largest structure seen; 0 before any."""
+        """Time in s over the square of the number of masses, of the largest structure so far; 0 before any."""
         alike = [cell for cell in self._seconds if cell[2] == method] or list(self._seconds)
         if not alike:
             return 0.0
@@ -85,9 +86,9 @@ class Timing:
 
 
 def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
-    """Take cases off the front of `pending` that should last `seconds` together, at least one.
+    """Take at least one case, and no more than are expected to last `seconds`, from the front of `pending`.
 
-    One that was never timed, and one in `alone`, makes a batch of its own.
+    A case of a cell that was never timed, and a case in `alone`, makes a batch of its own.
     """
     chosen = [pending.popleft()]
     total = timing.expected(chosen[0])
@@ -103,5 +104,5 @@ def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[
     return tuple(chosen)
 
 
-def _cell(case: Case) -> Cell:
+def _cell(case: Case) -> CellKey:
     return case.structure, case.snr_db, case.method

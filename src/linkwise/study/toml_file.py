@@ -66,8 +66,8 @@ class _PhysicsInformed(msgspec.Struct, forbid_unknown_fields=True):
         return PhysicsInformedMethod(self.name or self.kind, self.derivative, self.regressor)
 
 
-class _Classical(msgspec.Struct, forbid_unknown_fields=True):
-    kind: Literal["classical"]
+class _Monomial(msgspec.Struct, forbid_unknown_fields=True):
+    kind: Literal["monomial", "classical"]  # "classical" is the old spelling
     convention: Convention
     name: str = ""
     regressor: str = "least-squares"
@@ -84,7 +84,8 @@ _KINDS: dict[str, type[Any]] = {
     "ml": _LinkByLink,
     "weak": _LinkByLink,
     "physics-informed": _PhysicsInformed,
-    "classical": _Classical,
+    "monomial": _Monomial,
+    "classical": _Monomial,
 }
 
 
@@ -98,43 +99,63 @@ class _Document(msgspec.Struct, forbid_unknown_fields=True):
     quick: int = 5
 
 
-def read_study(which: str | Path) -> Study:
-    """A study that ships with linkwise ("paper"), or the one in a TOML file.
+def read_study(study: str | Path) -> Study:
+    """Read the definition of a study.
 
-    Raises StudyError with file and key for whatever is wrong in it; files of structures are looked for beside it.
+    Parameters
+    ----------
+    study : str or path
+        The name of a study that ships with linkwise ("paper"), or a TOML file. Relative paths of structure files are from
+        the folder of that file.
+
+    Returns
+    -------
+    Study
+        The study.
+
+    Raises
+    ------
+    StudyError
+        If there is no such study or file, or something is wrong in it; the error names the file and the key.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.read_study("paper").snr_db
+    (40.0, 30.0, 20.0)
     """
-    path = Path(which)
+    path = Path(study)
     shipped = files("linkwise.study")
     names = sorted(
         entry.name.removesuffix(".toml") for entry in shipped.iterdir() if entry.name.endswith(".toml")
     )
-    if str(which) in names:
+    if str(study) in names:
         return parse_study(
-            shipped.joinpath(f"{which}.toml").read_text(encoding="utf-8"), f"{which}.toml", Path()
+            shipped.joinpath(f"{study}.toml").read_text(encoding="utf-8"), f"{study}.toml", Path()
         )
     if not path.is_file():
         raise StudyError(
-            f"there is no such study file{near_miss(str(which), names)}; a study is a TOML file, or one that ships with "
-            f"linkwise: {', '.join(names)}",
-            str(which),
+            f"there is no such study{near_miss(str(study), names)}; give a TOML file, or a study that ships with linkwise: "
+            f"{', '.join(names)}",
+            str(study),
         )
     text = read_toml_text(path, StudyError)
-    return parse_study(text, str(which), path.parent)
+    return parse_study(text, str(study), path.parent)
 
 
 def parse_study(text: str, source: str, folder: Path) -> Study:
-    """The study in a TOML text; `source` is what errors call it, `folder` where its structures' files are."""
+    """The study in a TOML text; errors call it `source`, and relative paths are from `folder`."""
     data = parse_toml(text, source, StudyError)
     return build_study(data, source, folder)
 
 
 def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
-    """The study that the tables of a study file stand for; relative paths are from `folder`."""
+    """The study that the tables of a study file define; relative paths are from `folder`."""
     document: _Document = decode(data, _Document, source, "", StudyError)
     subjects = tuple(
-        _subject(one, f"structure[{i}]", source, folder) for i, one in enumerate(document.structure)
+        _subject(entry, f"structure[{i}]", source, folder) for i, entry in enumerate(document.structure)
     )
-    methods = tuple(_method(one, f"method[{i}]", source) for i, one in enumerate(document.method))
+    methods = tuple(_method(entry, f"method[{i}]", source) for i, entry in enumerate(document.method))
     try:
         return Study(
             name=document.name or Path(source).stem,
@@ -159,7 +180,9 @@ def _subject(entry: _Structure, path: str, source: str, folder: Path) -> Subject
             duration=entry.duration,
             rate=entry.rate,
             release=entry.release,
-            impulses=tuple(Impulse(one.mass, one.momentum, one.time) for one in entry.impulse),
+            impulses=tuple(
+                Impulse(impulse.mass, impulse.momentum, impulse.time) for impulse in entry.impulse
+            ),
             forces=entry.forces,
             base=entry.base,
             sensors=entry.sensors,
@@ -177,7 +200,7 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
     given = [key for key in _SOURCES if getattr(entry, key) is not None]
     if len(given) != 1:
         raise StudyError(
-            "a structure is given by one of bnes (its number of masses), file (a structure file) and toml (its text); got "
+            "give one of the keys bnes (number of masses), file (a structure file) and toml (its text), got "
             f"{' and '.join(given) or 'none of them'}",
             f"{source}, {path}",
         )
@@ -193,8 +216,8 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
         raise StudyError(str(error), f"{source}, {path}.{given[0]}") from None
     if structure.parameters:
         raise StudyError(
-            f"{structure.parameters[0].name} is unknown, and a structure must be simulated before it is identified: give "
-            "it a number here, and say in `unknown` what is asked for",
+            f"{structure.parameters[0].name} is unknown, but the structure must be simulated before it is identified; give it "
+            "a number here, and name in `unknown` what is to be identified",
             f"{source}, {path}.{given[0]}",
         )
     return structure

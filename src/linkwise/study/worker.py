@@ -1,4 +1,4 @@
-"""What a worker does with a batch of cases, in whatever process it runs."""
+"""What a worker process does with a batch of cases."""
 
 from __future__ import annotations
 
@@ -17,18 +17,16 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.study.definition import Study
 from linkwise.study.method import MethodResult
-from linkwise.study.row import FAILED, FAULT, Case, Row
+from linkwise.study.row import FAILED, INTERNAL_ERROR, Case, Row
 from linkwise.study.toml_file import build_study
 
-_RECORDS = 64  # clean records that a worker keeps
-_ALONE = (
-    Lock()
-)  # compiled integrators are not for two threads: a worker with several takes one batch at a time
+_RECORDS = 64  # clean records that a worker caches
+_ONE_AT_A_TIME = Lock()  # compiled integrators are not thread-safe, and a worker may have several threads
 
 
 @dataclass(frozen=True)
 class CaseBatch:
-    """Cases to run in one go. `study` is the text of the study that they belong to, `linkwise` the version that runs it."""
+    """Cases to run together, the `study` that they belong to as JSON, and the version of `linkwise` that runs it."""
 
     study: str
     cases: tuple[Case, ...]
@@ -37,28 +35,28 @@ class CaseBatch:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """A row, and the seconds that its case took in all: with simulation, noise and comparison."""
+    """A row, and the time in s that its case took in all: with simulation, noise and comparison."""
 
     row: Row
     seconds: float
 
 
 def run_batch(batch: CaseBatch) -> list[CaseResult]:
-    """Run every case of a batch. Nothing that goes wrong in a case is raised: it is a row that failed, with the reason.
+    """Run every case of a batch. Errors of a case are not raised; they give a failed row with the reason.
 
-    Raises StudyError where this process has another version of linkwise.
+    Raises StudyError if this process has another version of linkwise.
     """
     if batch.linkwise != version("linkwise"):
         raise StudyError(
-            f"it has version {version('linkwise')}, and the study is run by {batch.linkwise}; install that"
+            f"the worker has linkwise {version('linkwise')}, but the study is run by {batch.linkwise}; install that version"
         )
-    with _ALONE:
-        _pin()
+    with _ONE_AT_A_TIME:
+        _use_one_blas_thread()
         study = _study(batch.study)
         return [_run(study, batch.study, case) for case in batch.cases]
 
 
-def failure(case: Case, masses: int, reason: str, seconds: float = 0.0) -> Row:
+def failed_row(case: Case, masses: int, reason: str, *, seconds: float = 0.0, status: str = FAILED) -> Row:
     """The row of a case without an answer."""
     return Row(
         case.structure,
@@ -66,7 +64,7 @@ def failure(case: Case, masses: int, reason: str, seconds: float = 0.0) -> Row:
         case.snr_db,
         case.method,
         case.seed,
-        FAILED,
+        status,
         seconds=seconds,
         reason=" ".join(reason.split()),
     )
@@ -78,38 +76,39 @@ def _run(study: Study, text: str, case: Case) -> CaseResult:
     masses = subject.structure.size
     try:
         clean = _clean(text, case.structure, study.cycle(case) if subject.scatter else 0)
-        answer = study.method(case.method).answer(subject, clean, case.snr_db, case.seed)
-        row = _row(case, masses, answer)
+        result = study.method(case.method).evaluate(subject, clean, case.snr_db, case.seed)
+        row = _row(case, masses, result)
     except LinkwiseError as error:
-        row = failure(case, masses, str(error), perf_counter() - started)
-    except Exception as error:  # a fault of one case must not end a study of thousands
-        reason = f"{FAULT}{type(error).__name__}: {error}"
-        row = failure(case, masses, reason, perf_counter() - started)
+        row = failed_row(case, masses, str(error), seconds=perf_counter() - started)
+    except Exception as error:  # an internal error in one case must not end a study of thousands
+        reason = f"internal error of linkwise: {type(error).__name__}: {error}"
+        row = failed_row(case, masses, reason, seconds=perf_counter() - started, status=INTERNAL_ERROR)
     return CaseResult(row, perf_counter() - started)
 
 
-def _row(case: Case, masses: int, answer: MethodResult) -> Row:
-    numbers = [*answer.links.values(), *answer.coefficients.values(), *answer.standard_errors.values()]
+def _row(case: Case, masses: int, result: MethodResult) -> Row:
+    numbers = [*result.links.values(), *result.coefficients.values(), *result.standard_errors.values()]
     if not all(map(math.isfinite, numbers)):
-        return failure(case, masses, f"the answer is not finite. {answer.reason}".strip(), answer.seconds)
+        reason = f"the answer is not finite. {result.reason}".strip()
+        return failed_row(case, masses, reason, seconds=result.seconds)
     return Row(
         structure=case.structure,
         masses=masses,
         snr_db=case.snr_db,
         method=case.method,
         seed=case.seed,
-        status=answer.status,
-        links=answer.links,
-        coefficients=answer.coefficients,
-        standard_errors=answer.standard_errors,
-        seconds=answer.seconds,
-        reason=answer.reason,
+        status=result.status,
+        links=result.links,
+        coefficients=result.coefficients,
+        standard_errors=result.standard_errors,
+        seconds=result.seconds,
+        reason=result.reason,
     )
 
 
 @lru_cache(maxsize=1)
-def _pin() -> AbstractContextManager[object]:
-    """One BLAS thread from now on: workers share the processors, and sums come out the same whatever their number is."""
+def _use_one_blas_thread() -> AbstractContextManager[object]:
+    """Use one BLAS thread from now on: workers share the processors, and sums do not depend on the number of threads."""
     return one_blas_thread()
 
 
@@ -119,16 +118,16 @@ def _study(text: str) -> Study:
 
 
 @lru_cache(maxsize=_RECORDS)
-def _outcome(text: str, name: str, cycle: int) -> Record | LinkwiseError:
+def _simulated(text: str, name: str, cycle: int) -> Record | LinkwiseError:
     try:
         return _study(text).subject(name).simulate(cycle)
-    except LinkwiseError as error:  # kept too: a structure that diverges does so for every case
+    except LinkwiseError as error:  # cached too: a structure that diverges does so for every case
         return error
 
 
 def _clean(text: str, name: str, cycle: int) -> Record:
     """The clean record of a structure in a cycle, simulated once in this process."""
-    outcome = _outcome(text, name, cycle)
-    if isinstance(outcome, LinkwiseError):
-        raise outcome
-    return outcome
+    record = _simulated(text, name, cycle)
+    if isinstance(record, LinkwiseError):
+        raise record
+    return record
