@@ -69,17 +69,16 @@ def crossings(
         if len(shown.crossings):
             axes.plot(
                 shown.crossings,
-                np.full(len(shown.crossings), 1.04),
+                np.full(len(shown.crossings), 0.97),
                 "|",
                 color=WELL,
                 markersize=7,
-                clip_on=False,
                 transform=axes.get_xaxis_transform(),
                 label="crossing",
             )
         mark_chaos(axes, plain)
         count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
-        axes.set_title(literal(f"{shown.sink.link}: {count}"), pad=12)
+        axes.set_title(literal(f"{shown.sink.link}: {count}"))
         axes.set_xlabel("time, s")
         axes.set_ylabel(unit)
         axes.yaxis.set_major_locator(MaxNLocator(4))

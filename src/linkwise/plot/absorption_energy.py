@@ -71,7 +71,7 @@ def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
         energy(result, with_sinks=False, legend=False, ax=panels[1])
         panels[1].set_ylabel("")
         panels[1].tick_params(labelleft=False)
-        legend_below(figure, *panels)
+        legend_below(figure, *panels, columns=4)
     return figure
 
 

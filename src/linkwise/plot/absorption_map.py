@@ -14,7 +14,7 @@ from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.quantities import Quantity
 from linkwise.arrays import Floats
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL
-from linkwise.plot.style import axes_for, literal, sheet
+from linkwise.plot.style import axes_for, literal, log_scale, place_legend, sheet
 
 SHOWN = ("settled", "sinks_share", "rms_reduction", "crossings")
 _WIDE = 50.0  # largest over smallest from which colours go by ratio
@@ -57,7 +57,7 @@ def map(
     '%'
     """
     values, unit = _shown(result, quantity)
-    with axes_for(ax, width=4.6, height=3.4) as axes:
+    with axes_for(ax, width=4.6, height=3.4, colorbars=len(result.axes) == 2) as axes:
         if len(result.axes) == 2:
             _draw_map(axes, result, values, unit)
         else:
@@ -72,14 +72,14 @@ def map(
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     """One panel a quantity."""
     rows = -(-len(names) // 2)
-    with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows) as (figure, panels):
+    with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows, colorbars=True) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):
             map(result, name, legend=False, ax=axes)
         for axes in panels[len(names) :]:
             axes.remove()
         handles = _missing(result, names)
         if handles:
-            figure.legend(handles=handles, loc="outside lower center", ncols=2)
+            place_legend(figure, handles, [str(handle.get_label()) for handle in handles], 2)
     return figure
 
 
@@ -136,11 +136,11 @@ def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) ->
 def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
     axes.set_xlabel(_axis_label(across))
     if across.logarithmic and across.values[0] > 0.0:
-        axes.set_xscale("log")
+        log_scale(axes, "x")
     if up is not None:
         axes.set_ylabel(_axis_label(up))
         if up.logarithmic and up.values[0] > 0.0:
-            axes.set_yscale("log")
+            log_scale(axes, "y")
 
 
 def _axis_label(axis: SweepAxis) -> str:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, WELL
-from linkwise.plot.style import axes_for, legend_below, literal, sheet
+from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
 
 _KEPT = 40  # terms that are drawn
 _DROPPED = 16  # and those below them
@@ -55,7 +55,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         axes.set_yticks(range(len(rows)), [literal(name) for name in names])
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(False, axis="y")
-        axes.set_xscale("symlog", linthresh=10.0, linscale=0.6)
+        log_scale(axes, "x", linear_to=10.0)
         axes.set_xlim(0.0, None)
         axes.set_xlabel("misfit that the term takes away, in -2 log likelihood")
         axes.set_title(f"evidence term by term{_left_out(discovery, len(kept), len(dropped))}")

@@ -18,7 +18,7 @@ from linkwise.discovery.text import headline
 from linkwise.model.link import GROUND
 from linkwise.plot.graph_layout import node_positions
 from linkwise.plot.palette import MEASURED, SERIES, TRUE, scale
-from linkwise.plot.style import axes_for, axes_inches, label, literal, sheet, wrapped
+from linkwise.plot.style import axes_for, axes_inches, label, literal, place_legend, sheet, wrapped
 from linkwise.verdict import Decision
 
 _COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: MEASURED}
@@ -129,7 +129,7 @@ def graph_figure(discovery: Discovery) -> Figure:
         figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
         handles = _legend_handles(_drawing(discovery).edges)
         columns = max(1, min(len(handles), int(width / 1.35)))
-        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+        place_legend(figure, handles, [str(handle.get_label()) for handle in handles], columns)
     return figure
 
 

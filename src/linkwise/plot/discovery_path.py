@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.plot.palette import IDENTIFIED, MEASURED, VISITED, WELL
-from linkwise.plot.style import axes_for, legend_below, literal, sheet
+from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
 
 _RUNNERS_UP = 10
 _FAR = 100.0  # a margin from which a linear scale shows nothing of the others
@@ -67,7 +67,7 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
                 )
                 axes.axvline(point.terms, color=WELL, linewidth=0.8, zorder=0)
         axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
-        axes.set_yscale("symlog", linthresh=10.0, linscale=0.6)
+        log_scale(axes, "y", linear_to=10.0)
         axes.set_ylim(min((point.criterion for point in discovery.path), default=0.0) - 0.5, None)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("terms")
@@ -110,7 +110,7 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
         axes.invert_yaxis()
         axes.grid(False, axis="y")
         if max((model.margin for model in models), default=0.0) > _FAR:
-            axes.set_xscale("symlog", linthresh=10.0, linscale=0.6)
+            log_scale(axes, "x", linear_to=10.0)
         axes.set_xlabel("criterion above the chosen model's")
         axes.set_title("the next best models")
     return axes

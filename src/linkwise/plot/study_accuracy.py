@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from linkwise.arrays import Floats
 from linkwise.errors import StudyError
 from linkwise.plot.palette import MEASURED, SERIES, TRUE
-from linkwise.plot.style import axes_for, label, legend_below, literal, sheet
+from linkwise.plot.style import axes_for, label, legend_below, literal, log_scale, sheet
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.row import Row
 from linkwise.study.summary import StudySummary
@@ -157,7 +157,7 @@ def draw_curves(
     axes.set_xlim(-0.3, len(ticks) - 0.7)
     axes.set_xlabel("degrees of freedom" if distinct else "structure")
     if axes.lines:
-        axes.set_yscale("log")
+        log_scale(axes, "y")
     axes.set_ylabel(QUANTITIES[quantity])
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from linkwise.arrays import Floats
 from linkwise.model.structure import Link
 from linkwise.plot.palette import TRUE, scale
-from linkwise.plot.style import label, legend_below, literal, sheet
+from linkwise.plot.style import label, legend_below, literal, log_scale, sheet
 
 _GRID = 801
 _DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there
@@ -50,7 +50,7 @@ def identified_forces_figure(
         errors = [relative_error(true, curve.link, d) for curve in identified]
         for curve, error in zip(identified, errors, strict=True):
             right.plot(d * to_d, error, label=label(curve.label), **_line(curve))
-        right.set_yscale("log")
+        log_scale(right, "y")
         right.set_ylim(bottom=_DEPTH * min(error.max() for error in errors))
         right.set_ylabel("error, % of the largest force")
         left.set_title("a  force")

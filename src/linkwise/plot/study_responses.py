@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, VISITED, scale
-from linkwise.plot.style import literal, sheet
+from linkwise.plot.style import legend_below, literal, sheet
 from linkwise.simulation.envelope import OrbitEnvelope
 
 _PANEL_HEIGHT = 1.45  # inches
@@ -106,9 +106,8 @@ def _finish(figure: Figure, panels: list[Axes], count: int, columns: int, motion
         else:
             axes.tick_params(labelbottom=False)
     figure.align_ylabels()
-    handles, labels = panels[0].get_legend_handles_labels()
-    if len(labels) > 1:
-        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    if len(panels[0].get_legend_handles_labels()[1]) > 1:
+        legend_below(figure, panels[0], columns=4)
     if motion.horizon is not None:
         figure.suptitle(
             f"Past {motion.horizon:.2f} s no orbit can be told from its neighbours: the curve is one of many.",

@@ -5,7 +5,8 @@ Figures are made with `matplotlib.figure.Figure`; pyplot would keep every figure
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
@@ -15,46 +16,60 @@ from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, NullFormatter
+
+from linkwise.plot.layout import LEGEND_SIZE, TITLE_SIZE, EstimatedLayout
 
 _STYLE: Any = {
+    "axes.axisbelow": True,
     "axes.grid": True,
     "axes.spines.right": False,
     "axes.spines.top": False,
-    "axes.titlesize": 10,
+    "axes.titlesize": TITLE_SIZE,
     "axes.titlelocation": "left",
     "figure.dpi": 150,
     "font.size": 9,
     "grid.alpha": 0.35,
     "grid.linewidth": 0.5,
     "legend.frameon": False,
-    "legend.fontsize": 8,
+    "legend.fontsize": LEGEND_SIZE,
     "lines.linewidth": 1.2,
     "svg.hashsalt": "linkwise",  # the same figure is the same file
 }
 _CHARACTERS = 13  # of a title that fit into an inch
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @contextmanager
 def sheet(
-    rows: int = 1, columns: int = 1, *, width: float = 6.3, height: float = 3.6, share_time: bool = False
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width: float = 6.3,
+    height: float = 3.6,
+    share_time: bool = False,
+    colorbars: bool = False,
 ) -> Iterator[tuple[Figure, list[Axes]]]:
     """A new figure of `width` by `height` inches and its axes, row by row, in the style of this package.
 
-    With `share_time` all axes keep one horizontal range, and only the lowest row is labelled.
+    With `share_time` all axes keep one horizontal range, and only the lowest row is labelled. Panels with `colorbars` are laid
+    out by measuring everything, which takes longer.
     """
     with rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=(width, height), layout="constrained" if colorbars else EstimatedLayout())
         yield figure, list(figure.subplots(rows, columns, squeeze=False, sharex=share_time).flat)
 
 
 @contextmanager
-def axes_for(ax: Axes | None, *, width: float = 6.3, height: float = 3.6) -> Iterator[Axes]:
+def axes_for(
+    ax: Axes | None, *, width: float = 6.3, height: float = 3.6, colorbars: bool = False
+) -> Iterator[Axes]:
     """The Axes of the caller as they are, or those of a new figure in the style of this package.
 
     Raises TypeError for anything else, such as the array that `plt.subplots(2)` returns.
     """
     if ax is None:
-        with sheet(width=width, height=height) as (_, [axes]):
+        with sheet(width=width, height=height, colorbars=colorbars) as (_, [axes]):
             yield axes
     elif isinstance(ax, Axes):
         yield ax
@@ -82,6 +97,32 @@ def axes_inches(axes: Axes) -> tuple[float, float]:
     return axes.bbox.width / axes.figure.dpi, axes.bbox.height / axes.figure.dpi
 
 
+def log_scale(axes: Axes, which: str, *, linear_to: float | None = None) -> None:
+    """Make an axis, "x" or "y", logarithmic, or linear up to `linear_to` on both sides of 0 and logarithmic beyond."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    change = axes.set_xscale if which == "x" else axes.set_yscale
+    if linear_to is None:
+        change("log")
+    else:
+        change("symlog", linthresh=linear_to, linscale=0.6)
+    axis.set_major_formatter(PowerFormatter(linthresh=linear_to))
+    axis.set_minor_formatter(PowerFormatter(linthresh=linear_to) if linear_to is None else NullFormatter())
+
+
+class PowerFormatter(LogFormatter):
+    """Writes 10⁴ in plain characters, where matplotlib sets mathematics, which takes ten times as long."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """The text beside the tick at `x`, empty where it has none."""
+        if not super().__call__(x, pos):
+            return ""
+        exponent = round(math.log10(abs(x))) if x else 0
+        if -3 <= exponent <= 3 or not math.isclose(abs(x), 10.0**exponent):
+            return f"{x:g}".replace("-", "\u2212")
+        sign = "\u2212" if x < 0.0 else ""
+        return f"{sign}10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
 def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
     """One legend below all panels that holds every label once."""
     named: dict[str, Artist] = {}
@@ -89,13 +130,36 @@ def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
         for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(text, handle)
     if named:
-        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=columns)
+        place_legend(figure, list(named.values()), list(named), columns)
+
+
+def place_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], columns: int) -> None:
+    """A legend of so many columns below all panels of a figure that `sheet` made."""
+    engine = figure.get_layout_engine()
+    if isinstance(engine, EstimatedLayout):
+        engine.legend_rows = -(-len(handles) // columns)
+        figure.legend(list(handles), list(labels), loc="lower center", ncols=columns)
+    else:
+        figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
 
 
 def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Write `stem`.png and `stem`.svg and return both paths."""
     png, svg = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.svg")
-    with rc_context(_STYLE):
-        figure.savefig(png, metadata={"Software": "linkwise"})
+    with rc_context(_STYLE), _laid_out(figure):
+        figure.savefig(png, metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3})
         figure.savefig(svg, metadata={"Date": None, "Creator": "linkwise"})
     return png, svg
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Lay the figure out once for all files that are written; each would do so again, at the cost of two more drawings."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)

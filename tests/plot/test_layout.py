@@ -1,0 +1,134 @@
+"""Panels get the room that their texts leave: nothing is cut, nothing lies on something else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+import linkwise as lw
+from linkwise.plot.style import legend_below, log_scale, sheet
+
+PIXEL = 1.5  # what rounding of glyphs may add
+
+
+def boxes(figure: Figure) -> Iterator[tuple[str, Bbox]]:
+    """What each panel covers with its labels, what its legends and its title cover, in pixels."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    for number, axes in enumerate(figure.axes):
+        if axes.get_visible():
+            covered = axes.get_tightbbox(renderer)
+            assert covered is not None
+            yield f"panel {number}", covered
+    for legend in figure.legends:
+        yield "legend", legend.get_window_extent(renderer)
+    for text in figure.texts:
+        yield text.get_text(), text.get_window_extent(renderer)
+
+
+def faults(figure: Figure) -> list[str]:
+    """What reaches beyond the figure, and pairs that lie on each other."""
+    covered = list(boxes(figure))
+    inside = figure.bbox.padded(PIXEL)
+    cut = [
+        name for name, box in covered
+        if box.x0 < inside.x0 or box.y0 < inside.y0 or box.x1 > inside.x1 or box.y1 > inside.y1
+    ]  # fmt: skip
+    on = [
+        f"{a} on {b}"
+        for (a, first), (b, second) in combinations(covered, 2)
+        if first.padded(-PIXEL).overlaps(second.padded(-PIXEL))
+    ]
+    return cut + on
+
+
+@pytest.fixture(scope="module")
+def found(chain: lw.Structure) -> lw.Discovery:
+    """The paper's two-mass chain, discovered."""
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1001)
+    return lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
+
+
+def test_figures_of_identify_and_discover_have_no_faults(found: lw.Discovery, fitted: lw.Estimate) -> None:
+    figures = {
+        "graph": lw.plot.graph_figure(found),
+        "path": lw.plot.path_figure(found),
+        "evidence": lw.plot.evidence_figure(found),
+        "histories": lw.plot.histories_figure(fitted.record),
+        "two panels": lw.plot.force_figure(fitted, "nes1"),
+        "one panel": lw.plot.force_figure(fitted, "spring1"),
+    }
+    assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
+
+
+@pytest.mark.parametrize("masses", [2, 8])
+def test_figures_of_absorb_have_no_faults(masses: int) -> None:
+    answer = lw.absorb(lw.bnes_chain(masses), duration=1.0, rate=500.0, release={"v:m1": 3.0})
+    figures = {
+        "decay": lw.plot.decay_figure(answer),
+        "energy": lw.plot.energy_figure(answer),
+        "crossings": lw.plot.crossings_figure(answer),
+    }
+    assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
+
+
+def test_maps_have_no_faults() -> None:
+    over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
+    swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    assert faults(lw.plot.map_figure(swept)) == []
+
+
+def test_long_names_and_large_numbers_have_their_room() -> None:
+    with sheet(2, 2, width=10.0, height=6.0) as (figure, panels):
+        for axes in panels:
+            axes.barh(["a name of thirty characters ..", "b"], [1e7, 2e9])
+            log_scale(axes, "x")
+            axes.set_title("one line\nand another")
+            axes.set_xlabel("misfit")
+            axes.set_ylabel("of what\nin which unit")
+            axes.plot([], [], label="a legend")
+        figure.suptitle("a title", x=0.01, horizontalalignment="left", fontsize=10)
+        legend_below(figure, *panels)
+    assert faults(figure) == []
+
+
+def test_what_is_cut_or_covered_is_seen() -> None:
+    """Beside the checks above, one that must find something."""
+    figure = Figure()
+    figure.subplots().set_ylabel("cut", labelpad=100.0)
+    figure.suptitle("covered", y=0.5)
+    assert faults(figure) == ["panel 0", "panel 0 on covered"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1e4, "10⁴"),
+        (1e-5, "10⁻⁵"),
+        (1000.0, "1000"),
+        (0.01, "0.01"),
+        (0.0, "0"),
+        (-100.0, "−100"),
+        (-1e5, "−10⁵"),
+    ],
+)
+def test_powers_are_written_in_plain_characters(value: float, text: str) -> None:
+    with sheet() as (_, [axes]):
+        axes.plot([-1e6, 1e6])
+        log_scale(axes, "y", linear_to=1e-6)
+        assert axes.yaxis.get_major_formatter()(value) == text
+
+
+def test_a_logarithmic_axis_of_less_than_a_decade_has_labels() -> None:
+    with sheet() as (_, [axes]):
+        axes.plot([2.0, 6.0])
+        log_scale(axes, "y")
+        axes.set_ylim(1.9, 6.5)
+        labels = [text.get_text() for text in axes.get_yticklabels(which="both") if text.get_text()]
+    assert len(labels) >= 2 and "$" not in "".join(labels)
