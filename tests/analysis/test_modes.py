@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from linkwise.analysis.equilibria import equilibria
-from linkwise.analysis.modes import modes
+from linkwise.analysis.modes import modes, natural_frequencies
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.coefficient import Coefficient
@@ -146,3 +146,9 @@ def test_what_cannot_be_is_refused() -> None:
         StructureError, match=r"no stable equilibrium was found: .*vanishes nowhere; give `at`"
     ):
         modes(falling)
+
+
+@pytest.mark.parametrize("masses", [2, 6])
+def test_frequencies_alone_are_those_of_the_modes(masses: int) -> None:
+    chain = bnes_chain(masses)
+    np.testing.assert_array_equal(natural_frequencies(chain), modes(chain).frequencies)

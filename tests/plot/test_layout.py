@@ -19,8 +19,8 @@ PIXEL = 1.5  # what rounding of glyphs may add
 def boxes(figure: Figure) -> Iterator[tuple[str, Bbox]]:
     """What each panel covers with its labels, what its legends and its title cover, in pixels."""
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
+    canvas.draw()  # type: ignore[no-untyped-call]
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
     for number, axes in enumerate(figure.axes):
         if axes.get_visible():
             covered = axes.get_tightbbox(renderer)

@@ -11,7 +11,7 @@ from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.options import AbsorptionOptions
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
 from linkwise.absorption.without_sinks import WithoutSinks, without_sinks
-from linkwise.analysis.modes import modes
+from linkwise.analysis.modes import natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
@@ -111,7 +111,7 @@ def _default_rate(structure: Structure, duration: float) -> float:
     if not 0.0 < duration < np.inf:
         return 1.0  # output_times refuses the duration
     try:
-        fastest = float(np.nanmax(modes(structure).frequencies))
+        fastest = float(np.nanmax(natural_frequencies(structure)))
     except (StructureError, ValueError):
         fastest = 0.0
     least = max(_SAMPLES_PER_PERIOD * fastest, _LEAST_SAMPLES / duration)

@@ -80,16 +80,14 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     x = _rest(structure) if at is None else np.asarray(at, dtype=float)
     if x.shape != (structure.size,) or not np.isfinite(x).all():
         raise StructureError(f"`at` must have {structure.size} finite displacements in m, one for each mass")
-    mass = np.diag(structure.mass_values)
     stiffness, damping, residual = _tangent(structure, x)
-    squares, shapes = eigh(stiffness, mass)
+    squares, shapes = eigh(stiffness, np.diag(structure.mass_values))
     shapes = _uncoupled(squares, shapes, damping)
+    squares = _without_rounding(squares)
     shapes *= np.sign(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(structure.size)])
-    squares[np.abs(squares) <= _ZERO * max(structure.size, 10) * np.abs(squares).max(initial=0.0)] = 0.0
     modal = shapes.T @ damping @ shapes
     eigenvalues, pairs = _eigenvalues(squares, modal)
-    with np.errstate(invalid="ignore"):  # negative stiffness has no frequency: NaN
-        omega = np.sqrt(squares)
+    omega = _angular(squares)
     ratios = np.full(structure.size, np.nan)
     moving = omega > 0.0
     product = np.sqrt(np.abs(pairs[moving].prod(axis=1)))
@@ -98,6 +96,26 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     return Modes(
         x, omega / (2.0 * np.pi), ratios, shapes, eigenvalues[order], _note(structure, squares, residual)
     )
+
+
+def natural_frequencies(structure: Structure) -> Floats:
+    """(n,) natural frequencies in Hz about the stable equilibrium of least energy, as `modes` gives them; NaN where negative
+    stiffness has none. Raises StructureError as `modes` does.
+    """
+    stiffness, _, _ = _tangent(structure, _rest(structure))
+    squares, _ = eigh(stiffness, np.diag(structure.mass_values))
+    return _angular(_without_rounding(squares)) / (2.0 * np.pi)
+
+
+def _without_rounding(squares: Floats) -> Floats:
+    """Squares (n,) of angular frequencies, zero where they are nothing but rounding."""
+    rounding = _ZERO * max(len(squares), 10) * np.abs(squares).max(initial=0.0)
+    return np.where(np.abs(squares) <= rounding, 0.0, squares)
+
+
+def _angular(squares: Floats) -> Floats:
+    with np.errstate(invalid="ignore"):  # negative stiffness has no frequency: NaN
+        return np.asarray(np.sqrt(squares))
 
 
 def _uncoupled(squares: Floats, shapes: Floats, damping: Floats) -> Floats:

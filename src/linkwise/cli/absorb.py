@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -186,16 +185,22 @@ def absorb(
     keywords = {**asked, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         found = _answer(structure, repetition, {**keywords, "progress": step})
-    write: Callable[..., Path] = (
-        lw.write_absorption_map if isinstance(found, lw.AbsorptionMap) else lw.write_absorption
-    )
     deliver(
         to_json(lw.absorption_of(found)) if as_json else str(found),
         output,
-        lambda folder, step: write(found, folder, progress=step),
+        lambda folder, step: _write(found, folder, step),
         quiet=as_json,
     )
     return exit_code(found.verdicts)
+
+
+def _write(
+    found: lw.Absorption | lw.AbsorptionIntervals | lw.AbsorptionMap, folder: Path, step: lw.Progress
+) -> None:
+    if isinstance(found, lw.AbsorptionMap):
+        lw.write_absorption_map(found, folder, progress=step)
+    else:
+        lw.write_absorption(found, folder, progress=step)
 
 
 def _answer(

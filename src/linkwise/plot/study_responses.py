@@ -110,7 +110,7 @@ def _finish(figure: Figure, panels: list[Axes], count: int, columns: int, motion
         legend_below(figure, panels[0], columns=4)
     if motion.horizon is not None:
         figure.suptitle(
-            f"Past {motion.horizon:.2f} s no orbit can be told from its neighbours: the curve is one of many.",
+            f"Past {motion.horizon:.2f} s no orbit can be told apart from its neighbours: the curve is one of many.",
             x=0.01,
             horizontalalignment="left",
             fontsize=9,
