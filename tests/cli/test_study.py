@@ -70,7 +70,9 @@ def test_export_runs_nothing(finished: Path, tmp_path: Path, capsys: pytest.Capt
     assert "12 of 12 cases done" in capsys.readouterr().out
     assert (finished / "rows.csv").exists()
     assert run(["study", "paper", "-o", str(tmp_path / "nothing"), "--export"]) == 2
-    assert "the folder does not hold a study" in capsys.readouterr().err and not (tmp_path / "nothing").exists()
+    assert (
+        "the folder does not hold a study" in capsys.readouterr().err and not (tmp_path / "nothing").exists()
+    )
     assert run(["study", "paper", "-o", str(finished), "--export"]) == 2
     assert 'holds the study "small", not "paper"; name that one' in capsys.readouterr().err
 

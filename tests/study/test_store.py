@@ -182,7 +182,9 @@ def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.St
     ):
         pass
     for read in (lw.read_rows, lw.stored_study, lw.export_study, lw.study_summary):
-        with pytest.raises(lw.StudyError, match=r"foreign: the folder does not hold a study \(no study\.sqlite\)"):
+        with pytest.raises(
+            lw.StudyError, match=r"foreign: the folder does not hold a study \(no study\.sqlite\)"
+        ):
             read(foreign)
 
 
@@ -198,9 +200,7 @@ def test_a_damaged_store_is_said_to_be_one(tmp_path: Path, study: lw.Study) -> N
             other.close()
         else:
             (folder / DATABASE).write_bytes(content)
-        with pytest.raises(
-            lw.StudyError, match=r"study\.sqlite: not a study of linkwise, or damaged"
-        ):
+        with pytest.raises(lw.StudyError, match=r"study\.sqlite: not a study of linkwise, or damaged"):
             lw.read_rows(folder)
         with pytest.raises(lw.StudyError, match="not a study of linkwise"), open_store(folder, study):
             pass

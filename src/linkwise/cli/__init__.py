@@ -89,7 +89,10 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         what = f"{type(error).__name__}: {error}".strip()
         return _report(
-            error, f"internal error of linkwise: {what}. Run again with --debug for a traceback", FAILED, debug
+            error,
+            f"internal error of linkwise: {what}. Run again with --debug for a traceback",
+            FAILED,
+            debug,
         )
     return status if isinstance(status, int) else 0
 
