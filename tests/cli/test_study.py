@@ -83,9 +83,9 @@ def test_an_earlier_study_is_not_mixed_with_another(
     assert run(arguments(finished)) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.startswith(
-        f"linkwise: {finished}: the study in this folder was begun with another definition:"
+        f"linkwise: {finished}: the study in this folder was started with another definition:"
     )
-    assert "cycles was 1, now 3" in err and "give another folder" in err
+    assert "cycles was 1, now 3" in err and "choose another folder" in err
 
 
 def test_no_answer_at_all_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -66,4 +66,4 @@ def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
         [sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=PATIENCE
     )
     assert result.returncode == 1
-    assert 'A script that runs a study does so under `if __name__ == "__main__":`' in result.stderr
+    assert 'run the study under `if __name__ == "__main__":`' in result.stderr
