@@ -19,6 +19,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
+from linkwise.html import JudgedView
 from linkwise.progress import Progress, part, silent
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted
@@ -51,7 +52,7 @@ class QuantityInterval:
 
 
 @dataclass(frozen=True, eq=False)
-class AbsorptionIntervals:
+class AbsorptionIntervals(JudgedView):
     """The result of `absorption_intervals`; printed, that of `absorb` and a table of intervals.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.absorption.quantities import Quantity
 from linkwise.absorption.result import closure_verdict
 from linkwise.arrays import Bools, Floats
+from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted
@@ -46,7 +47,7 @@ class SweepAxis:
 
 
 @dataclass(frozen=True, eq=False)
-class AbsorptionMap:
+class AbsorptionMap(JudgedView):
     """The result of `absorption_map`; printed, a table of ranges and optima. ``map[name]`` is the grid of a quantity.
 
     Attributes

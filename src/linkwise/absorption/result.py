@@ -9,6 +9,7 @@ import numpy as np
 
 from linkwise.absorption.sinks import Sink
 from linkwise.arrays import Floats
+from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted
@@ -186,7 +187,7 @@ class Harvest:
 
 
 @dataclass(frozen=True, eq=False)
-class Absorption:
+class Absorption(JudgedView):
     """The result of `absorb`: a structure with and without its sinks under one excitation; printed, tables of both.
 
     Attributes

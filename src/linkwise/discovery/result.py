@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from linkwise.estimates.estimate import Estimate
+from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
 from linkwise.verdict import Decision, Verdict, is_trusted
@@ -128,7 +129,7 @@ class RunnerUp:
 
 
 @dataclass(frozen=True, eq=False)
-class Discovery:
+class Discovery(JudgedView):
     """The result of `discover`; printed, a table of links and the evidence for their terms.
 
     Attributes

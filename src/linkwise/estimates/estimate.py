@@ -17,6 +17,7 @@ from linkwise.estimates.energy_supply import supplied_power
 from linkwise.estimates.findings import link_findings
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
+from linkwise.html import JudgedView
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -54,7 +55,7 @@ class NoiseEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(JudgedView):
     """Values `values` (p,) of the unknowns `parameters` of `given_structure`, with their `covariance` (p, p), from `record`.
 
     `fit_verdicts` are what can be said of the fit as a whole, and `message` says what the first of them means here; without

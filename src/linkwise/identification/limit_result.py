@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
+from linkwise.html import NotebookView
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
@@ -44,7 +45,7 @@ class LinkLimit:
 
 
 @dataclass(frozen=True, eq=False)
-class Limit:
+class Limit(NotebookView):
     """The smallest standard errors of `parameters` (p,), whose true `values` are (p,), in a test that is planned.
 
     `record` is that test without noise, `noise` the standard deviation in each of its channels in SI units. The bound is that

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Expression
+from linkwise.html import NotebookView
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.names import check_unique, index_of, matching, quoted
@@ -36,7 +37,7 @@ __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Struct
 
 
 @dataclass(frozen=True)
-class Structure:
+class Structure(NotebookView):
     """Masses joined by links; immutable, every change returns a new structure.
 
     Parameters

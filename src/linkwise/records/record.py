@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
+from linkwise.html import NotebookView
 from linkwise.records.channel import Channel
 from linkwise.records.checks import check_names, check_values
 from linkwise.records.decimation import check_factor, lowpass_for
@@ -22,7 +23,7 @@ from linkwise.records.truth import SimulationTruth
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Record:
+class Record(NotebookView):
     """N samples of C channels at the times ``start + k/rate``; immutable.
 
     Build a measured record with `Record.from_arrays` or `read_record`, which also refuse dead and duplicated sensors.

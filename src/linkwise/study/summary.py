@@ -7,6 +7,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from linkwise.html import NotebookView
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
 from linkwise.text import align_columns
@@ -14,7 +15,7 @@ from linkwise.verdict import Verdict
 
 
 @dataclass(frozen=True)
-class StudySummary:
+class StudySummary(NotebookView):
     """The summary of a study; printed, a table for each structure and noise level.
 
     Attributes
