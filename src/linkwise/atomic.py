@@ -154,10 +154,31 @@ def _own_folder(path: Path, mark: str) -> Iterator[Path]:
 
 def _refuse_others(path: Path, mark: str) -> None:
     """Raise OutputError for a file, and for a folder that holds anything but a result marked by `mark`."""
+    while True:
+        before = _state(path)
+        with suppress(FileNotFoundError):  # another process replaces it
+            problem = _problem(path, mark)
+            if problem is None:
+                return
+            if _state(path) == before:
+                raise OutputError(problem)
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """What changes if another folder takes the place of `path`, or its entries change; None where there is nothing."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_ino, status.st_mtime_ns
+
+
+def _problem(path: Path, mark: str) -> str | None:
+    """Why no result marked by `mark` may take the place of `path`; None if one may."""
     if not path.exists() or (
         path.is_dir() and set(path.iterdir()) <= set(_hidden(path.resolve(), path, "partial"))
     ):
-        return
+        return None
     if _written(path, mark) is None:
         marks = sorted(entry.name for entry in path.glob("*.json") if entry.name != mark)
         other = next((name for name in marks if _written(path, name) is not None), None)
@@ -166,9 +187,8 @@ def _refuse_others(path: Path, mark: str) -> None:
             if other
             else f"is not a result of linkwise (no valid {mark})"
         )
-        raise OutputError(
-            f"{path}: already exists and {what}; it was not changed. Choose another folder, or remove this one"
-        )
+        return f"{path}: already exists and {what}; it was not changed. Choose another folder, or remove this one"
+    return None
 
 
 def _hidden(place: Path, folder: Path, kind: str) -> list[Path]:
@@ -183,7 +203,7 @@ def _tidy(place: Path) -> None:
         if place.exists():
             shutil.rmtree(old, ignore_errors=True)
             continue
-        with suppress(FileNotFoundError):  # another process did it first
+        with suppress(OSError):  # another process did it first, or has written a new one
             old.rename(place)
     for folder in (place.parent, place):
         for partial in _hidden(place, folder, "partial"):

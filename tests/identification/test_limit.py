@@ -229,7 +229,7 @@ def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure
         ({"noise": {"x:m1": 1e-4}}, "x:m2 is missing"),
         ({"noise": {"x:m1": 1e-4, "x:m2": 1e-4, "x:m3": 1.0}}, "x:m3 is no sensor of this test"),
         ({"noise": {"x:m1": 1e-4, "x:m2": 0.0}}, "the noise of x:m2 is 0.0; it is a number above 0"),
-        ({"noise": float("nan")}, "nan dB cannot be"),
+        ({"noise": float("nan")}, "must be within 1000 dB of zero, got nan dB"),
         ({"release": {"v:m1": 0.0}}, "x:m1 does not move in this test"),
         ({"segment": 0.002}, "no more than the 4 states at its start"),
     ],

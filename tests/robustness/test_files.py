@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import pyarrow
 import pytest
 import pyuff
 import scipy.sparse
 from nptdms import ChannelObject, TdmsWriter
-from scipy.io import savemat
+from pyarrow import parquet
+from scipy.io import loadmat, savemat
 
 import linkwise as lw
 
@@ -176,3 +179,46 @@ def test_tdms_file_of_a_program_that_crashed_is_read_with_a_note(tmp_path: Path)
     path.write_bytes(content)
     record = lw.read_record(path)
     assert "The last segment of the file has no end: the program that wrote it has crashed." in record.notes
+
+
+@pytest.mark.parametrize(
+    "stated",
+    ["{", "[1]", '{"rate": "fast"}', '{"start": []}', '{"noise": {"x:m1": null}}', '{"notes": 3}', "\udcff"],
+)
+def test_parquet_metadata_that_are_not_ours(stated: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    columns = {"time": TIME, "x:m1": X}
+    metadata = {b"linkwise record": stated.encode("utf-8", "surrogateescape")}
+    schema = pyarrow.schema([(name, pyarrow.float64()) for name in columns], metadata=metadata)
+    parquet.write_table(pyarrow.table(columns, schema=schema), path)
+    with pytest.raises(lw.RecordError, match="its metadata are not those of a record"):
+        lw.read_record(path)
+
+
+def test_mat_channel_that_our_own_file_states_and_has_not(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    lw.write_record(lw.Record.from_arrays(TIME, {"x:m1": X, "x:m2": Y}), path)
+    content = loadmat(path)
+    savemat(path, {name: value for name, value in content.items() if name != "x_m2" and name[:2] != "__"})
+    with pytest.raises(lw.RecordError, match="is missing") as error:
+        lw.read_record(path)
+    assert error.value.channel == "x:m2"
+
+
+def test_a_record_is_written_through_a_link_and_a_full_disk_is_no_wrong_usage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = lw.Record.from_arrays(TIME, {"x:m1": X})
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "run.csv").symlink_to(tmp_path / "disk" / "run.csv")
+    lw.write_record(record, tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").is_symlink()
+    assert lw.read_record(tmp_path / "disk" / "run.csv").channels == ("x:m1",)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("linkwise.files.csv.write", full)
+    with pytest.raises(lw.RecordError, match=r"run.csv: cannot be written: No space left on device") as error:
+        lw.write_record(record, tmp_path / "run.csv")
+    assert error.value.exit_code == 1

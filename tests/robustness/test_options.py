@@ -32,6 +32,7 @@ def record(files: Path) -> lw.Record:
 
 
 IDENTIFY = ["identify", "run.csv", "unknown.toml", "--method", "weak"]
+SIMULATE = ["simulate", "chain.toml", "--duration", "1", "--rate", "500", "-o", "o.csv"]
 LIMIT = ["limit", "chain.toml", "--release", "v:m1=1", "--noise", "20"]
 
 
@@ -51,6 +52,9 @@ LIMIT = ["limit", "chain.toml", "--release", "v:m1=1", "--noise", "20"]
         ([*LIMIT, "--duration", "1", "--rate", "500", "--segment", "1e-9"], 1, "too short"),
         ([*LIMIT, "--duration", "nan", "--rate", "1000"], 2, "duration"),
         ([*LIMIT, "--duration", "1", "--rate", "500", "--segment", "nan"], 1, "segment"),
+        ([*SIMULATE, "--noise", "-1e308"], 2, "decibel must be within 1000 of zero"),
+        ([*LIMIT[:-1], "1e308", "--duration", "1", "--rate", "500"], 1, "must be within 1000 dB of zero"),
+        (["study", "paper", "--workers", "1000000", "-o", "out"], 2, "at most 1000 workers"),
         (["structure", "bnes", "--dof", "1000000000"], 2, "masses must be at most 100000"),
         (["structure", "bnes", "--dof", "1" + "0" * 400], 2, "masses must be at most 100000"),
     ],

@@ -10,6 +10,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from linkwise.atomic import FullDiskError, is_disk_fault
 from linkwise.errors import RecordError
 from linkwise.files.assemble import ReadOptions, to_record
 from linkwise.files.isolated import read_here, read_isolated
@@ -153,12 +154,16 @@ def write_record(record: Record, path: str | Path) -> None:
             path,
         )
     module = import_module(_format(path).module)
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    place = path.resolve()  # a link stays one
+    partial = place.with_name(f".{place.stem}.{os.getpid()}.part{place.suffix}")
     try:
         module.write(record, partial)
-        partial.replace(path)
+        partial.replace(place)
     except OSError as error:
-        raise RecordError(f"cannot be written: {error.strerror or error}", path) from error
+        refusal = RecordError(f"cannot be written: {error.strerror or error}", path)
+        if is_disk_fault(error):
+            refusal.exit_code = FullDiskError.exit_code
+        raise refusal from error
     finally:
         partial.unlink(missing_ok=True)
 

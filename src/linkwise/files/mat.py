@@ -35,6 +35,7 @@ def read_table(path: Path) -> Table:
     tree = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
     names = dict(zip(_texts(tree.get("variables")), _texts(tree.get("channels")), strict=False))
     samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
+    samples |= {name: Unread("missing") for name in names if name not in tree}
     columns = tuple(_named(column, names) for column in columns_of(samples))
     noise = np.atleast_1d(tree.get("noise", ()))
     known = zip(names.values(), noise, strict=False)

@@ -6,11 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pyarrow
 from numpy.typing import NDArray
 from pyarrow import parquet
 
+from linkwise.errors import RecordError
 from linkwise.files.table import Column, Table
 from linkwise.records.record import Record
 
@@ -20,15 +22,30 @@ _KEY = b"linkwise record"
 def read_table(path: Path) -> Table:
     """All columns of the file; see `files.read_record`."""
     content = parquet.read_table(path)
-    stated: dict[str, Any] = json.loads((content.schema.metadata or {}).get(_KEY, b"{}"))
+    stated = _Stated()
+    if _KEY in (content.schema.metadata or {}):
+        try:
+            stated = msgspec.json.decode(content.schema.metadata[_KEY], type=_Stated, strict=True)
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            raise RecordError(f"its metadata are not those of a record: {error}", path) from error
     return Table(
         tuple(Column.of(name, _values(content.column(i))) for i, name in enumerate(content.column_names)),
-        start=stated.get("start", 0.0),
-        rate=stated.get("rate"),
-        noise=stated.get("noise", {}),
-        notes=tuple(stated.get("notes", ())),
-        source=stated.get("source", ""),
+        start=stated.start,
+        rate=stated.rate,
+        noise=stated.noise,
+        notes=stated.notes,
+        source=stated.source,
     )
+
+
+class _Stated(msgspec.Struct):
+    """What the metadata of our own files state, as JSON."""
+
+    start: float = 0.0
+    rate: float | None = None
+    noise: dict[str, float] = {}
+    notes: tuple[str, ...] = ()
+    source: str = ""
 
 
 def _values(column: pyarrow.ChunkedArray) -> NDArray[Any]:

@@ -53,6 +53,8 @@ def _check_segments(path: Path) -> tuple[str, ...]:
             file.seek(start)
             lead_in = file.read(_LEAD_IN.size)
             if len(lead_in) < _LEAD_IN.size or not lead_in.startswith(_TAG):
+                if not start:
+                    return ()  # nptdms says what it expects of a file
                 raise RecordError(f"is not a TDMS file from byte {start} on; the file is damaged", path)
             (length,) = _LEAD_IN.unpack(lead_in)
             if length == _UNKNOWN:

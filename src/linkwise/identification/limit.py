@@ -19,6 +19,7 @@ from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
+from linkwise.records.synthetic_noise import LARGEST_RATIO
 from linkwise.simulation.simulate import ExcitationKeywords, simulate
 
 SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
@@ -123,8 +124,10 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
                 f"the noise of {wrong[0]} is {noise[wrong[0]]!r}; it is a number above 0, in SI units"
             )
         return {name: float(noise[name]) for name in record.responses}
-    if not np.isfinite(noise):
-        raise IdentificationError(f"a signal-to-noise ratio of {noise!r} dB cannot be; give a number")
+    if not abs(noise) <= LARGEST_RATIO:
+        raise IdentificationError(
+            f"a signal-to-noise ratio must be within {LARGEST_RATIO:g} dB of zero, got {noise!r} dB"
+        )
     power = np.mean(record.select(record.responses).values ** 2, axis=0)
     for name, square in zip(record.responses, power, strict=True):
         if square == 0.0:

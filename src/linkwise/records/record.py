@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,7 @@ from linkwise.records.channel import Channel
 from linkwise.records.checks import check_names, check_values
 from linkwise.records.decimation import check_factor, lowpass_for
 from linkwise.records.measured import sampled_columns
-from linkwise.records.synthetic_noise import with_white_noise
+from linkwise.records.synthetic_noise import LARGEST_RATIO, with_white_noise
 from linkwise.records.timeline import rows_between
 from linkwise.records.truth import SimulationTruth
 
@@ -142,6 +143,10 @@ class Record(NotebookView):
             source or (file or ""),
             (*notes, *remarks),
         )
+
+    def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return type(self), (*(values | {"noise": dict(self.noise)}).values(),)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -373,11 +378,11 @@ class Record(NotebookView):
         Raises
         ------
         RecordError
-            If `decibel` is not finite.
+            If `decibel` is not finite or its amount above `LARGEST_RATIO`.
         """
-        if not np.isfinite(decibel):
+        if not abs(decibel) <= LARGEST_RATIO:
             raise RecordError(
-                f"decibel must be finite, got {decibel!r}; without noise, use the record as it is"
+                f"decibel must be within {LARGEST_RATIO:g} of zero, got {decibel!r}; without noise, use the record as it is"
             )
         earlier = self.simulated.noise if self.simulated else {}
         values, added = with_white_noise(self.values, self.channels, self.responses, decibel, seed, earlier)

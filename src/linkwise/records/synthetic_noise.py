@@ -8,6 +8,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 
+LARGEST_RATIO = 1000.0  # dB, either way: the powers of nothing that is measured are further apart
+
 
 def with_white_noise(
     values: Floats,

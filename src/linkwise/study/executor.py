@@ -22,6 +22,7 @@ from typing import Any, Self, final
 from linkwise.errors import StudyError
 from linkwise.study.worker import CaseBatch, CaseResult, run_batch
 
+MOST_WORKERS = 1000  # each takes 0.2 GB of memory
 _BATCHES_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next
 _ATTEMPTS = 2  # to start a worker, which may be killed by chance
 
@@ -74,6 +75,8 @@ class ProcessExecutor(Executor):
     def __init__(self, count: int) -> None:
         if count < 1:
             raise StudyError(f"a study needs at least one worker, got {count}")
+        if count > MOST_WORKERS:
+            raise StudyError(f"a study has at most {MOST_WORKERS} workers on one machine, got {count}")
         self._count = count
         self._pools: list[ProcessPoolExecutor] = []
         self._submitted: list[list[Future[list[CaseResult]]]] = [[] for _ in range(count)]  # oldest first
