@@ -105,7 +105,9 @@ def _read(text: str, dimension: str, expected: str) -> pint.Quantity[float]:
         spelled = re.sub(r"(?<![^\W_])(m?)g(_?n|_0)?$", rf"\1{_GRAVITY}", spelled)
     try:
         quantity: pint.Quantity[float] = _registry().Quantity(_in_floats(spelled))
-        return _registry().Quantity(float(quantity.magnitude), quantity.units)
+        quantity = _registry().Quantity(float(quantity.magnitude), quantity.units)
+        quantity.to_root_units()  # a unit raised to a power may have a factor that overflows
+        return quantity
     except (pint.PintError, *_UNREADABLE):
         raise unreadable from None
 

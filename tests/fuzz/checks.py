@@ -8,7 +8,7 @@ from fuzz.case import Case, Outcome
 
 CODES = frozenset({0, 1, 2, 3})
 SCREEN = 4000  # characters of a message
-_FORBIDDEN = ("Traceback", "fault of linkwise", "Warning:", "too little memory")
+_FORBIDDEN = ("Traceback", "internal error", "Warning:", "too little memory")
 
 
 def complaints(case: Case, outcome: Outcome) -> list[str]:

@@ -45,7 +45,7 @@ def option_case(seed: int, rng: Random) -> Case:
         option = rng.choice(_COMMANDS[command])
         arguments.append(option)
         if option not in ("--json", "--quick"):
-            arguments.append(_value(rng))
+            arguments.append(_value(rng).replace("\0", ""))  # which no system passes on
     chain, unknown = (text.encode() for text in sound_structures()[:2])
     files = {"run.csv": sound_record(), "chain.toml": chain, "unknown.toml": unknown}
     return Case(seed, "option", Kind.COMMAND, tuple(arguments), files)

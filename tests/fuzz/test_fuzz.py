@@ -49,7 +49,7 @@ COMMAND = Case(0, "option", Kind.COMMAND, ("structure", "bnes", "--dof", "2", "-
         (Outcome(2, "", "linkwise: no such file"), []),
         (Outcome(None, died="hangs"), ["hangs"]),
         (Outcome(None, error="Traceback\nValueError: x"), ["raised ValueError: x"]),
-        (Outcome(1, "", "linkwise: this is a fault of linkwise"), ["says 'fault of linkwise'"]),
+        (Outcome(1, "", "linkwise: internal error of linkwise"), ["says 'internal error'"]),
         (Outcome(2), ["fails without a word"]),
         (Outcome(7, "", "x"), ["ends with code 7"]),
         (Outcome(2, "", "x" * 4001), ["has a message of 4001 characters"]),

@@ -42,3 +42,21 @@ def test_a_force_that_is_not_finite_is_told(law: str) -> None:
         assert np.isfinite(record.values).all()
     except lw.LinkwiseError as error:
         assert "fault" not in str(error) and len(str(error)) < 1000
+
+
+@pytest.mark.parametrize(("k", "c"), [(1e308, 1.0), (1.0, 1e308), (1.7e308, 1.7e308)])
+def test_modes_of_coefficients_near_the_largest_number_are_refused(k: float, c: float) -> None:
+    with pytest.raises(lw.StructureError, match="is too large for its masses: its modes are not finite"):
+        lw.modes(lw.bnes_chain(4, k=k, sink_c=c), at=np.zeros(4))
+
+
+def test_samples_that_nothing_can_have_are_refused() -> None:
+    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=500.0).with_noise(
+        30.0, seed=1
+    )
+    values = {name: record.channel(name).copy() for name in record.channels}
+    values["x:m2"][40] = 1e300
+    with pytest.raises(lw.RecordError, match=r"the value is 1e\+300, more than 1e\+100 \(sample 40\)"):
+        lw.Record.from_arrays(record.time, values)
+    with pytest.raises(lw.RecordError, match=r"the value at 0.08 s is 1e\+300, more than 1e\+100"):
+        lw.Record(0.0, 500.0, record.channels, np.column_stack(list(values.values())))

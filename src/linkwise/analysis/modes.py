@@ -85,7 +85,9 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     shapes = _uncoupled(squares, shapes, damping)
     squares = _without_rounding(squares)
     shapes *= np.sign(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(structure.size)])
-    modal = shapes.T @ damping @ shapes
+    with np.errstate(over="ignore", invalid="ignore"):
+        modal = shapes.T @ damping @ shapes
+    _check_finite("damping", modal)
     eigenvalues, pairs = _eigenvalues(squares, modal)
     omega = _angular(squares)
     ratios = np.full(structure.size, np.nan)
@@ -145,10 +147,18 @@ def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
     incidence = structure.incidence
     stiffness = (incidence * slopes[None, :, 0]) @ incidence.T
     damping = (incidence * slopes[None, :, 1]) @ incidence.T
+    _check_finite("stiffness", stiffness.data)
+    _check_finite("damping", damping.data)
     net = incidence @ forces
     rounding = _AT_REST * np.abs(slopes[:, 0]).max(initial=0.0) * np.abs(x).max(initial=0.0)
     at_rest = np.abs(net) <= rounding
     return stiffness.toarray(), damping.toarray(), np.where(at_rest, 0.0, net)
+
+
+def _check_finite(what: str, values: Floats) -> None:
+    """Raise StructureError if coefficients are so large that the numbers made of them are not finite."""
+    if not np.isfinite(values).all():
+        raise StructureError(f"the {what} of its links is too large for its masses: its modes are not finite")
 
 
 def _eigenvalues(squares: Floats, modal: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -50,6 +50,7 @@ _INEXACT = (
 _UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is found not to be finite, and refused
 def discover(
     record: Record | Sequence[Record],
     masses: Mapping[str, float | str] | Structure | PartialStructure,

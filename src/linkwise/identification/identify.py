@@ -7,6 +7,8 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any, Literal
 
+import numpy as np
+
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
@@ -21,6 +23,7 @@ from linkwise.records.repetition import check_distinct, joined_notes
 IdentificationMethod = Literal["ml", "weak", "sindy"]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is found not to be finite, and refused
 def identify(
     record: Record | Sequence[Record],
     structure: Structure,

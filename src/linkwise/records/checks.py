@@ -11,6 +11,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 
+LARGEST = 1e100  # in any unit: products of four larger values are not finite
+
 
 def check_names(channels: Sequence[str], noise: Mapping[str, float]) -> None:
     """Raise RecordError for a name that is not a channel or is listed twice, and for invalid noise."""
@@ -42,13 +44,17 @@ def check_values(start: float, rate: float, channels: Sequence[str], values: Flo
         )
     if not channels or not len(values):
         raise RecordError("a record needs at least one channel and one sample")
-    infinite = np.argwhere(np.isinf(values))
-    if len(infinite):
-        row, column = infinite[0]
+    beyond = np.argwhere(np.abs(values) > LARGEST)
+    if len(beyond):
+        row, column = beyond[0]
         raise RecordError(
-            f"the value at {start + row / rate:g} s is infinite; mark a missing sample by NaN",
+            f"the value at {start + row / rate:g} s is {_beyond(values[row, column])}; mark a missing sample by NaN",
             channel=channels[column],
         )
+
+
+def _beyond(value: float) -> str:
+    return "infinite" if np.isinf(value) else f"{value:g}, more than {LARGEST:g}"
 
 
 def column_notes(
@@ -59,12 +65,12 @@ def column_notes(
         raise RecordError(f"must be real numbers, got {samples.dtype}", file, channel=name)
     if samples.dtype.kind in "iu":
         return [f"{name}: integers were taken as values in {Channel.parse(name).unit}; counts need a unit."]
-    infinite = np.flatnonzero(np.isinf(samples))
-    if len(infinite):
-        row = int(infinite[0])
+    beyond = np.flatnonzero(np.abs(samples) > LARGEST)
+    if len(beyond):
+        row = int(beyond[0])
         line = None if lines is None else int(lines[row])
         where = "" if line else f" (sample {row})"
-        message = f"the value is infinite{where}; leave the cell of an overloaded sample empty"
+        message = f"the value is {_beyond(samples[row])}{where}; leave the cell of an overloaded sample empty"
         raise RecordError(message, file, line, name)
     missing = int(np.isnan(samples).sum())
     return [f"{name}: {missing} of {len(samples)} samples are missing."] if missing else []

@@ -103,6 +103,7 @@ class _Run:
         parameters = self.schedule.parameters(self.system.layout, integrator.dtype)
         integrator.place(Placement(time, state, parameters))
 
+    @np.errstate(over="ignore", invalid="ignore")  # what goes too far or is not finite is refused
     def run(self) -> RunLog:
         """From the first stop to the last."""
         schedule, stops, layout = self.schedule, self.schedule.stops, self.system.layout
