@@ -52,7 +52,7 @@ def test_a_mass_without_a_sensor_is_refused_by_name(record: lw.Record, chain: lw
         lw.discover(seen, masses(chain))
     with pytest.raises(lw.IdentificationError, match="no channel measures the motion of m2, and links"):
         lw.check_discovery(
-            [record, record.select(("x:m1", "x:m3", "x:m4"))], masses(chain)
+            [record[:-1], record[1:].select(("x:m1", "x:m3", "x:m4"))], masses(chain)
         )  # in one of two records
 
 
@@ -127,7 +127,7 @@ def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
 def test_two_short_records_count_together(record: lw.Record, chain: lw.Structure) -> None:
     half = record[:120]
     assert any("are few" in each for each in lw.check_discovery(half, masses(chain)))
-    assert not any("are few" in each for each in lw.check_discovery([half, half], masses(chain)))
+    assert not any("are few" in each for each in lw.check_discovery([half, record[120:240]], masses(chain)))
 
 
 def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure) -> None:

@@ -154,6 +154,7 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
         "noise",
         "fit",
         "findings",
+        "notes",
         "masses",
         "links",
         "verdicts",

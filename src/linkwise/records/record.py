@@ -156,11 +156,7 @@ class Record(NotebookView):
         missing = int(self.missing.sum())
         gaps = f"; {missing} samples missing" if missing else ""
         span = f"{len(self)} samples at {self.rate:g} Hz, {self.start:g} to {last:g} s"
-        return f"Record of {span}: {self._channel_list}{gaps}"
-
-    @property
-    def _channel_list(self) -> str:
-        return ", ".join(self.channels) or "no channels"
+        return f"Record of {span}: {', '.join(self.channels) or 'no channels'}{gaps}"
 
     @cached_property
     def time(self) -> Floats:
@@ -180,8 +176,7 @@ class Record(NotebookView):
     @cached_property
     def missing(self) -> Bools:
         """True where a sample is missing, shape (N, C), read-only."""
-        mask = np.isnan(self.values)
-        mask.setflags(write=False)
+        (mask := np.isnan(self.values)).setflags(write=False)
         return mask
 
     @property
@@ -222,7 +217,8 @@ class Record(NotebookView):
 
     def _column(self, name: str) -> int:
         if name not in self.channels:
-            raise RecordError(f"is not in the record; the channels are {self._channel_list}", channel=name)
+            listed = ", ".join(self.channels) or "no channels"
+            raise RecordError(f"is not in the record; the channels are {listed}", channel=name)
         return self.channels.index(name)
 
     def channel(self, name: str) -> Floats:

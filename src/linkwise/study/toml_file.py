@@ -66,7 +66,7 @@ class _PhysicsInformed(msgspec.Struct, forbid_unknown_fields=True):
         return PhysicsInformedMethod(self.name or self.kind, self.derivative, self.regressor)
 
 
-class _Monomial(msgspec.Struct, forbid_unknown_fields=True):
+class _MonomialTable(msgspec.Struct, forbid_unknown_fields=True):
     kind: Literal["monomial", "classical"]  # "classical" is the old spelling
     convention: Convention
     name: str = ""
@@ -84,8 +84,8 @@ _KINDS: dict[str, type[Any]] = {
     "ml": _LinkByLink,
     "weak": _LinkByLink,
     "physics-informed": _PhysicsInformed,
-    "monomial": _Monomial,
-    "classical": _Monomial,
+    "monomial": _MonomialTable,
+    "classical": _MonomialTable,
 }
 
 
