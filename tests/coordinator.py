@@ -12,7 +12,11 @@ from pathlib import Path
 
 import linkwise as lw
 
-PATIENCE = 120.0  # s for what takes one or two on an idle machine
+PATIENCE = (
+    120.0  # s after which a process that takes one or two on an idle machine is ended as one that hangs
+)
+PAUSE = 0.01  # s between two looks at what others do
+LOOKS = 12_000  # after which nothing happens any more; a busy machine looks less often
 AT_START = (
     0,
     5,
@@ -59,17 +63,19 @@ def strike(process: int) -> int:
 
 def wait_for_rows(coordinator: subprocess.Popen[str], folder: Path, count: int) -> None:
     """Until a running study holds so many rows, or has ended."""
-    end = time.monotonic() + PATIENCE
-    while len(rows(folder)) < count and coordinator.poll() is None:
-        assert time.monotonic() < end, f"no {count} rows within {PATIENCE:g} s"
-        time.sleep(0.01)
+    for _ in range(LOOKS):
+        if len(rows(folder)) >= count or coordinator.poll() is not None:
+            return
+        time.sleep(PAUSE)
+    raise AssertionError(f"no {count} rows after {LOOKS} looks")
 
 
 def wait_for_the_end_of(processes: list[int]) -> None:
-    end = time.monotonic() + PATIENCE
-    while any(map(alive, processes)):
-        assert time.monotonic() < end, "workers outlived their coordinator"
-        time.sleep(0.01)
+    for _ in range(LOOKS):
+        if not any(map(alive, processes)):
+            return
+        time.sleep(PAUSE)
+    raise AssertionError("workers outlived their coordinator")
 
 
 def rows(folder: Path) -> tuple[lw.Row, ...]:

@@ -6,7 +6,6 @@ All twenty seeds of each case are printed by benchmarks/bench_likelihood.py.
 from __future__ import annotations
 
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pytest
@@ -82,7 +81,9 @@ def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> N
         (lw.Link("spring", ("m1", "ground"), law, unknown),),
     )
     seen = 4 * len(record) // 5
-    started = perf_counter()
-    fit = lw.identify(record[:seen], circuit)
-    assert perf_counter() - started < 30.0
+    steps: list[lw.ProgressReport] = []
+    fit = lw.identify(record[:seen], circuit, progress=steps.append)
+    assert (
+        len(steps) < 60
+    )  # 38 here, 38 to 40 on the first 30 to 50 % of the record; times are in bench_measured.py
     assert lw.free_run(fit.structure, record[seen:], settling=50).rmse["x:m1"] < 3.5e-4
