@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import linkwise as lw
+from linkwise.public_names import HOMES
 
 HEAVY = {"numpy", "scipy", "heyoka", "h5py", "matplotlib", "plotly", "jinja2", "pint"}
 LOADED = "; import sys; print(*{name.partition('.')[0] for name in sys.modules})"
@@ -59,8 +60,8 @@ def test_table_of_homes_equals_what_type_checkers_see() -> None:
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    assert seen == {(f"linkwise.{home}", name) for home, names in lw._HOMES.items() for name in names}
-    names = [name for names in lw._HOMES.values() for name in names]
+    assert seen == {(f"linkwise.{home}", name) for home, names in HOMES.items() for name in names}
+    names = [name for names in HOMES.values() for name in names]
     assert sorted(lw.__all__) == sorted([*names, "plot"])  # a package, whose names load on first use too
 
 

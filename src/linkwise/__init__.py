@@ -13,21 +13,31 @@ from typing import TYPE_CHECKING
 
 from linkwise import plot
 from linkwise.deprecation import Deprecated
+from linkwise.public_names import HOMES
 
 if TYPE_CHECKING:
     from linkwise.absorption.absorb import absorb
-    from linkwise.absorption.intervals import AbsorptionIntervals, absorption_intervals
-    from linkwise.absorption.map_result import AbsorptionMap
+    from linkwise.absorption.intervals import AbsorptionIntervals, QuantityInterval, absorption_intervals
+    from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
     from linkwise.absorption.options import AbsorptionOptions
-    from linkwise.absorption.result import Absorption
+    from linkwise.absorption.quantities import AbsorptionQuantity
+    from linkwise.absorption.result import (
+        Absorption,
+        AbsorptionRun,
+        Harvest,
+        MassChange,
+        MassDecay,
+        SinkResult,
+    )
+    from linkwise.absorption.sinks import Sink
     from linkwise.absorption.sweep import absorption_map
-    from linkwise.analysis.equilibria import Equilibrium, equilibria
-    from linkwise.analysis.modes import modes
+    from linkwise.analysis.equilibria import Equilibria, Equilibrium, equilibria
+    from linkwise.analysis.modes import Modes, modes
     from linkwise.analysis.wells import barrier, wells
     from linkwise.discovery.discover import check_discovery, discover
-    from linkwise.discovery.result import Discovery
+    from linkwise.discovery.result import Discovery, PathPoint, RunnerUp, TermEvidence
     from linkwise.discovery.scoring import TermScore, align_truth, term_score
-    from linkwise.discovery.terms import parse_terms
+    from linkwise.discovery.terms import Term, parse_terms
     from linkwise.errors import (
         IdentificationError,
         LawError,
@@ -38,24 +48,29 @@ if TYPE_CHECKING:
         StudyError,
     )
     from linkwise.estimates.describing_function import Equivalent, equivalent
-    from linkwise.estimates.estimate import Estimate
+    from linkwise.estimates.estimate import Estimate, NoiseEstimate
     from linkwise.estimates.estimator import Estimator
+    from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
+    from linkwise.estimates.link_motion import LinkMotion
     from linkwise.estimates.uncertainty import Posterior, read_posterior
+    from linkwise.expression.tree import Expression
     from linkwise.files import read_record, write_record
     from linkwise.identification.force_error import nmse
     from linkwise.identification.identify import identify
     from linkwise.identification.law_path import LawStep, law_path
     from linkwise.identification.limit import limit
-    from linkwise.identification.limit_result import Limit
+    from linkwise.identification.limit_result import Limit, LinkLimit
     from linkwise.identification.validation import FreeRun, free_run
     from linkwise.likelihood.anneal import AnnealingStep
     from linkwise.likelihood.estimate import MaximumLikelihood
+    from linkwise.likelihood.fisher_information import Precision
     from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
     from linkwise.likelihood.profile import profile_interval
     from linkwise.model.chains import bnes_chain
     from linkwise.model.excitation import Excitation, Impulse
-    from linkwise.model.input_signal import Sampled, TimeFunction
-    from linkwise.model.law import Law
+    from linkwise.model.input_signal import PiecewisePolynomial, Sampled, TimeFunction
+    from linkwise.model.law import Law, Partials
+    from linkwise.model.parameters import Parameter
     from linkwise.model.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.model.toml_file import (
         PartialStructure,
@@ -65,8 +80,11 @@ if TYPE_CHECKING:
         read_structure,
         write_structure,
     )
+    from linkwise.model.topology import Topology
     from linkwise.progress import Progress, ProgressReport
+    from linkwise.records.channel import Channel
     from linkwise.records.record import Record
+    from linkwise.records.truth import EnergyBalance, MotionDiagnostics, SimulationTruth
     from linkwise.report.absorption_folder import write_absorption, write_absorption_map
     from linkwise.report.absorption_json import absorption_of
     from linkwise.report.discovery_folder import write_discovery
@@ -74,7 +92,7 @@ if TYPE_CHECKING:
     from linkwise.report.estimate_folder import write_result
     from linkwise.report.estimate_json import result_of
     from linkwise.report.study_folder import write_study_report
-    from linkwise.signals.states import differentiate
+    from linkwise.signals.states import States, differentiate
     from linkwise.simulation.simulate import simulate
     from linkwise.sindy.conventions import CONVENTIONS, noisy_states
     from linkwise.sindy.estimate import PhysicsInformedSindy
@@ -82,13 +100,18 @@ if TYPE_CHECKING:
     from linkwise.sindy.library import link_columns, local_equations, monomial_equations
     from linkwise.sindy.regression.l1 import L1
     from linkwise.sindy.regression.least_squares import LeastSquares
+    from linkwise.sindy.regression.linear_system import DenseSystem, StreamedSystem
+    from linkwise.sindy.regression.regressor import RegressionFit, Regressor, SupportCandidate
     from linkwise.sindy.regression.stlsq import Stlsq
+    from linkwise.study.cells import Cell
     from linkwise.study.definition import Study
     from linkwise.study.export import export_study
-    from linkwise.study.row import Row
+    from linkwise.study.method import MethodResult, StudyMethod
+    from linkwise.study.row import Case, Row
     from linkwise.study.run import run_study
     from linkwise.study.runner import StudyProgress
     from linkwise.study.store import read_rows, stored_study
+    from linkwise.study.subject import Subject
     from linkwise.study.summary import StudySummary, study_summary
     from linkwise.study.toml_file import read_study
     from linkwise.units import to_si
@@ -107,17 +130,29 @@ __all__ = [
     "AbsorptionIntervals",
     "AbsorptionMap",
     "AbsorptionOptions",
+    "AbsorptionQuantity",
+    "AbsorptionRun",
     "AnnealingStep",
+    "Case",
+    "Cell",
+    "Channel",
     "Coefficient",
+    "CoefficientEstimate",
     "Decision",
+    "DenseSystem",
+    "DerivedQuantity",
     "Discovery",
+    "EnergyBalance",
+    "Equilibria",
     "Equilibrium",
     "Equivalent",
     "Estimate",
     "Estimator",
     "Excitation",
+    "Expression",
     "FreeRun",
     "Gaussian",
+    "Harvest",
     "Huber",
     "IdentificationError",
     "Impulse",
@@ -127,30 +162,60 @@ __all__ = [
     "LeastSquares",
     "Limit",
     "Link",
+    "LinkEstimate",
+    "LinkLimit",
+    "LinkMotion",
     "LinkwiseError",
     "Loss",
     "Mass",
+    "MassChange",
+    "MassDecay",
     "MaximumLikelihood",
+    "MethodResult",
+    "Modes",
+    "MotionDiagnostics",
+    "NoiseEstimate",
+    "Parameter",
     "PartialStructure",
+    "Partials",
+    "PathPoint",
     "PhysicsInformedSindy",
+    "PiecewisePolynomial",
     "Posterior",
+    "Precision",
     "Progress",
     "ProgressReport",
+    "QuantityInterval",
     "Record",
     "RecordError",
+    "RegressionFit",
+    "Regressor",
     "Row",
+    "RunnerUp",
     "Sampled",
     "SimulationError",
+    "SimulationTruth",
+    "Sink",
+    "SinkResult",
+    "States",
     "Stlsq",
+    "StreamedSystem",
     "Structure",
     "StructureError",
     "Student",
     "Study",
     "StudyError",
+    "StudyMethod",
     "StudyProgress",
     "StudySummary",
+    "Subject",
+    "SupportCandidate",
+    "SweepAxis",
+    "Term",
+    "TermEvidence",
     "TermScore",
     "TimeFunction",
+    "Topology",
     "Verdict",
     "WeakForm",
     "absorb",
@@ -207,89 +272,7 @@ __all__ = [
     "write_study_report",
 ]
 
-# The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
-_HOMES = {
-    "absorption.absorb": ("absorb",),
-    "report.absorption_folder": ("write_absorption", "write_absorption_map"),
-    "report.absorption_json": ("absorption_of",),
-    "absorption.intervals": ("AbsorptionIntervals", "absorption_intervals"),
-    "estimates.uncertainty": ("Posterior", "read_posterior"),
-    "absorption.options": ("AbsorptionOptions",),
-    "absorption.result": ("Absorption",),
-    "absorption.map_result": ("AbsorptionMap",),
-    "absorption.sweep": ("absorption_map",),
-    "report.estimate_folder": ("write_result",),
-    "report.estimate_json": ("result_of",),
-    "identification.limit_result": ("Limit",),
-    "model.chains": ("bnes_chain",),
-    "sindy.estimate": ("PhysicsInformedSindy",),
-    "sindy.conventions": ("CONVENTIONS", "noisy_states"),
-    "signals.states": ("differentiate",),
-    "estimates.describing_function": ("Equivalent", "equivalent"),
-    "discovery.discover": ("check_discovery", "discover"),
-    "report.discovery_folder": ("write_discovery",),
-    "report.discovery_json": ("discovery_of",),
-    "discovery.result": ("Discovery",),
-    "discovery.terms": ("parse_terms",),
-    "discovery.scoring": ("TermScore", "align_truth", "term_score"),
-    "analysis.equilibria": ("Equilibrium", "equilibria"),
-    "errors": (
-        "IdentificationError",
-        "LawError",
-        "LinkwiseError",
-        "RecordError",
-        "SimulationError",
-        "StructureError",
-        "StudyError",
-    ),
-    "estimates.estimator": ("Estimator",),
-    "estimates.estimate": ("Estimate",),
-    "model.excitation": ("Excitation", "Impulse"),
-    "model.input_signal": ("Sampled", "TimeFunction"),
-    "files": ("read_record", "write_record"),
-    "identification.identify": ("identify",),
-    "model.law": ("Law",),
-    "sindy.library": ("link_columns", "local_equations", "monomial_equations"),
-    "likelihood.anneal": ("AnnealingStep",),
-    "likelihood.estimate": ("MaximumLikelihood",),
-    "likelihood.loss": ("Gaussian", "Huber", "Loss", "Student"),
-    "likelihood.profile": ("profile_interval",),
-    "identification.limit": ("limit",),
-    "identification.law_path": ("LawStep", "law_path"),
-    "analysis.modes": ("modes",),
-    "sindy.force_reading": ("READINGS", "monomial_force", "monomial_nmse"),
-    "progress": ("Progress", "ProgressReport"),
-    "records.record": ("Record",),
-    "report.study_folder": ("write_study_report",),
-    "simulation.simulate": ("simulate",),
-    "sindy.regression.l1": ("L1",),
-    "sindy.regression.least_squares": ("LeastSquares",),
-    "sindy.regression.stlsq": ("Stlsq",),
-    "model.structure": ("BASE", "GROUND", "Coefficient", "Link", "Mass", "Structure"),
-    "model.toml_file": (
-        "PartialStructure",
-        "format_structure",
-        "parse_structure",
-        "read_partial_structure",
-        "read_structure",
-        "write_structure",
-    ),
-    "study.run": ("run_study",),
-    "study.runner": ("StudyProgress",),
-    "study.definition": ("Study",),
-    "study.export": ("export_study",),
-    "study.row": ("Row",),
-    "study.store": ("read_rows", "stored_study"),
-    "study.toml_file": ("read_study",),
-    "study.summary": ("StudySummary", "study_summary"),
-    "weak.estimate": ("WeakForm",),
-    "units": ("to_si",),
-    "identification.force_error": ("nmse",),
-    "identification.validation": ("FreeRun", "free_run"),
-    "verdict": ("Decision", "Verdict"),
-    "analysis.wells": ("barrier", "wells"),
-}
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
+_HOME = {name: home for home, names in HOMES.items() for name in names}
 
 # Old spellings of public names; they warn and are not listed by dir(). CONTRIBUTING.md says when one may go.
 _DEPRECATED = {

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.potentials import Potentials
-from linkwise.absorption.quantities import BaselineQuantities, Quantity, quantities_of, quantity_values
+from linkwise.absorption.quantities import (
+    AbsorptionQuantity,
+    BaselineQuantities,
+    quantities_of,
+    quantity_values,
+)
 from linkwise.absorption.rest_positions import RestPositions, rest_positions
 from linkwise.absorption.runs import Runs, batch_runs
 from linkwise.absorption.vibration import Vibration
@@ -36,7 +41,7 @@ class Ensemble:
     request, in single precision to save memory.
     """
 
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[AbsorptionQuantity, ...]
     values: Floats
     completed: Bools
     envelopes: NDArray[np.float32] | None = None

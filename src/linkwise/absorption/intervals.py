@@ -12,7 +12,7 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import Ensemble, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
-from linkwise.absorption.quantities import Quantity
+from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import Absorption, closure_verdict
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Floats
@@ -34,7 +34,7 @@ class QuantityInterval:
 
     Attributes
     ----------
-    quantity : Quantity
+    quantity : AbsorptionQuantity
         What it is, and its unit.
     value : float or None
         At the identified values; None if it does not exist, as the settling time of a mass that does not settle.
@@ -44,7 +44,7 @@ class QuantityInterval:
         The number of draws without a value.
     """
 
-    quantity: Quantity
+    quantity: AbsorptionQuantity
     value: float | None
     lower: float | None
     upper: float | None
@@ -243,7 +243,7 @@ def _envelope_bounds(ensemble: Ensemble) -> tuple[Floats, Floats]:
     return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
 
 
-def _interval(quantity: Quantity, value: float, drawn: Floats) -> QuantityInterval:
+def _interval(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> QuantityInterval:
     """The quantiles of the draws; a missing value, of what never happens, is larger than all others."""
     tail = 0.5 * (1.0 - COVERED)
     missing = int(np.sum(np.isnan(drawn)))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.quantities import Quantity
+from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import closure_verdict
 from linkwise.arrays import Bools, Floats
 from linkwise.html import JudgedView
@@ -62,7 +62,7 @@ class AbsorptionMap(JudgedView):
         Simulated time in s.
     axes : tuple of SweepAxis
         One or two swept parameters, of K and J values.
-    quantities : tuple of Quantity
+    quantities : tuple of AbsorptionQuantity
         The Q quantities.
     values : (K, Q) or (K, J, Q) ndarray
         Their values; NaN for a mass that does not settle and a run that diverges.
@@ -77,7 +77,7 @@ class AbsorptionMap(JudgedView):
     settle: float
     duration: float
     axes: tuple[SweepAxis, ...]
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[AbsorptionQuantity, ...]
     values: Floats
     completed: Bools
     horizon: float | None
@@ -115,7 +115,7 @@ class AbsorptionMap(JudgedView):
         Parameters
         ----------
         name : str
-            The quantity; `Quantity.least_is_best` says what is best.
+            The quantity; `AbsorptionQuantity.least_is_best` says what is best.
 
         Returns
         -------
@@ -154,7 +154,7 @@ class AbsorptionMap(JudgedView):
             "quantities": {quantity.name: self._quantity_dict(quantity) for quantity in self.quantities},
         }
 
-    def _quantity_dict(self, quantity: Quantity) -> dict[str, Any]:
+    def _quantity_dict(self, quantity: AbsorptionQuantity) -> dict[str, Any]:
         grid = self[quantity.name]
         finite = grid[np.isfinite(grid)]
         least, largest = (float(finite.min()), float(finite.max())) if finite.size else (None, None)

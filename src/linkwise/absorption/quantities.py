@@ -15,7 +15,7 @@ from linkwise.arrays import Floats, Indices
 
 
 @dataclass(frozen=True)
-class Quantity:
+class AbsorptionQuantity:
     """A scalar quantity of a comparison with and without sinks.
 
     Attributes
@@ -52,26 +52,26 @@ class BaselineQuantities:
         )
 
 
-def quantities_of(comparison: Comparison) -> tuple[Quantity, ...]:
+def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
     """The quantities that `quantity_values` returns, in order."""
     percent = f"{100.0 * comparison.options.settle:g} %"
     quantities = [
-        Quantity("settled", "s", f"settling time (below {percent})", True),
-        Quantity("settled_without", "s", f"settling time without sinks (below {percent})", True),
-        Quantity("rms_reduction", "", "RMS reduction"),
-        Quantity("peak_reduction", "", "peak reduction"),
-        Quantity("sinks_share", "", "energy dissipated by the sinks"),
-        Quantity("crossings", "", "well crossings"),
-        Quantity("remaining", "", "energy left at the end", True),
-        Quantity("closure", "", "error of the energy balance", True),
+        AbsorptionQuantity("settled", "s", f"settling time (below {percent})", True),
+        AbsorptionQuantity("settled_without", "s", f"settling time without sinks (below {percent})", True),
+        AbsorptionQuantity("rms_reduction", "", "RMS reduction"),
+        AbsorptionQuantity("peak_reduction", "", "peak reduction"),
+        AbsorptionQuantity("sinks_share", "", "energy dissipated by the sinks"),
+        AbsorptionQuantity("crossings", "", "well crossings"),
+        AbsorptionQuantity("remaining", "", "energy left at the end", True),
+        AbsorptionQuantity("closure", "", "error of the energy balance", True),
     ]
     if len(comparison.primaries) > 1:
         for name in comparison.primaries:
-            quantities.append(Quantity(f"settled:{name}", "s", f"settling time of {name}", True))
-            quantities.append(Quantity(f"rms_reduction:{name}", "", f"RMS reduction of {name}"))
-            quantities.append(Quantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
+            quantities.append(AbsorptionQuantity(f"settled:{name}", "s", f"settling time of {name}", True))
+            quantities.append(AbsorptionQuantity(f"rms_reduction:{name}", "", f"RMS reduction of {name}"))
+            quantities.append(AbsorptionQuantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
     quantities += [
-        Quantity(
+        AbsorptionQuantity(
             f"share:{link.name}",
             "",
             f"energy dissipated by {link.name}",
@@ -80,10 +80,11 @@ def quantities_of(comparison: Comparison) -> tuple[Quantity, ...]:
         for link in comparison.structure.links
     ]
     quantities += [
-        Quantity(f"crossings:{sink.link}", "", f"well crossings of {sink.link}") for sink in comparison.sinks
+        AbsorptionQuantity(f"crossings:{sink.link}", "", f"well crossings of {sink.link}")
+        for sink in comparison.sinks
     ]
     quantities += [
-        Quantity(f"power:{link}", "W", f"average power of the harvester on {link}")
+        AbsorptionQuantity(f"power:{link}", "W", f"average power of the harvester on {link}")
         for link in comparison.options.harvesters or ()
     ]
     return tuple(quantities)

@@ -7,7 +7,7 @@ from textwrap import fill
 import numpy as np
 
 from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
-from linkwise.absorption.quantities import Quantity
+from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.text import percent
 from linkwise.text import align_columns, as_text
 
@@ -60,7 +60,7 @@ def map_rows(map_: AbsorptionMap) -> Rows:
     return rows
 
 
-def value_text(quantity: Quantity, value: float) -> str:
+def value_text(quantity: AbsorptionQuantity, value: float) -> str:
     """A value with its unit; parts of 1 in %."""
     if quantity.name.startswith("crossings"):
         return f"{value:.4g}"

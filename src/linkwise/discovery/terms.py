@@ -41,7 +41,26 @@ _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2"}
 
 @dataclass(frozen=True)
 class Term:
-    """A function of d and v: its `text`, without coefficients, and the name of the `coefficient` that multiplies it."""
+    """A function of the elongation d and its rate v that a link may have in its law.
+
+    Parameters
+    ----------
+    text : str
+        The function without its coefficient, "d**3".
+    coefficient : str
+        The name of the coefficient that multiplies it, "k3".
+
+    Attributes
+    ----------
+    law : Law
+        The function as a law.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> [term.product for term in lw.parse_terms("d, d**3")]
+    ['k*d', 'k3*d**3']
+    """
 
     text: str
     coefficient: str

@@ -26,11 +26,22 @@ _MANY = 40  # rows of a table that anybody reads
 
 @dataclass(frozen=True, eq=False)
 class LinkLimit:
-    """What a planned test can tell of one link.
+    """The precision that a planned test allows for one link.
 
-    `nmse` is the expected NMSE of its force in % (paper Eq. 8), `force_error` (N) the root mean square over the motion of the
-    standard deviation of its force at rest; `estimate` holds bounds of coefficients, wells, barrier and in-well frequencies
-    as an estimate at the bound would.
+    Attributes
+    ----------
+    name : str
+        The name of the link.
+    nmse : float
+        The expected NMSE of its force in %.
+    force_error : float
+        Root mean square, over the motion, of the standard deviation of its force at rest, in N.
+    estimate : LinkEstimate
+        Coefficients, wells, barrier and in-well frequencies with the intervals that an estimate at the bound would have.
+
+    References
+    ----------
+    The paper, Eq. 8, for the NMSE.
     """
 
     name: str

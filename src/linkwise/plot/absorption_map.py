@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
-from linkwise.absorption.quantities import Quantity
+from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.arrays import Floats
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL
 from linkwise.plot.style import axes_for, literal, log_scale, place_legend, sheet
@@ -83,7 +83,7 @@ def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     return figure
 
 
-def _quantity(result: AbsorptionMap, name: str) -> Quantity:
+def _quantity(result: AbsorptionMap, name: str) -> AbsorptionQuantity:
     return next(each for each in result.quantities if each.name == name)
 
 

@@ -20,7 +20,23 @@ from linkwise.study.subject import Subject
 
 @dataclass(frozen=True)
 class MethodResult:
-    """The result of a method: its part of a row, with the same fields."""
+    """The result of one method for one case: its part of a row, with the same fields.
+
+    Attributes
+    ----------
+    status : str
+        The status of the estimate, as in `Row`.
+    seconds : float
+        Computing time in s.
+    links : mapping of str to float
+        NMSE of the force in %, by the names of the links that are judged.
+    coefficients : mapping of str to float
+        Identified values in SI units, by full name, such as "nes1.alpha".
+    standard_errors : mapping of str to float
+        Their standard errors in SI units; empty where the estimate is not to be trusted.
+    reason : str
+        Why the estimate is not to be trusted; empty where it is.
+    """
 
     status: str
     seconds: float
@@ -31,15 +47,40 @@ class MethodResult:
 
 
 class StudyMethod(ABC):
-    """A method of a study."""
+    """A method of a study.
+
+    Attributes
+    ----------
+    name : str
+        Its name in the study.
+    """
 
     name: str
 
     @abstractmethod
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
-        """Identify `subject` from its `clean` record with noise of `snr_db` dB drawn with `seed`, and judge the result.
+        """Add noise to a record, identify the structure from it, and compare the result with the truth.
 
-        Raises LinkwiseError if nothing can be identified.
+        Parameters
+        ----------
+        subject : Subject
+            The structure, with what is measured, unknown and judged.
+        clean : Record
+            A record of it without noise.
+        snr_db : float
+            The signal-to-noise ratio in dB of the noise that is added.
+        seed : int
+            The seed of the noise.
+
+        Returns
+        -------
+        MethodResult
+            Errors of the forces, and the coefficients.
+
+        Raises
+        ------
+        LinkwiseError
+            If nothing can be identified.
         """
 
     @abstractmethod
