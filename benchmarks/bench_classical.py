@@ -31,6 +31,7 @@ import numpy as np
 
 import linkwise as lw
 from linkwise.signals.states import States
+from linkwise.sindy.regression.linear_system import fit_bytes
 
 
 
@@ -47,7 +48,7 @@ before = peak()
 system = lw.monomial_equations(states, 3)
 regressor.fit(system)
 after = peak()
-print(len(system.names), (after - before) * 1024, system.fit_bytes, after * 1024)
+print(len(system.names), (after - before) * 1024, fit_bytes(len(system.names)), after * 1024)
 """
 
 

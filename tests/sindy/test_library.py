@@ -22,6 +22,7 @@ from linkwise.sindy.library import link_columns, local_equations, monomial_equat
 from linkwise.sindy.monomials import Monomials
 from linkwise.sindy.regression.l1 import L1
 from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.regression.linear_system import fit_bytes
 from linkwise.sindy.regression.regressor import Regressor
 from linkwise.sindy.regression.stlsq import Stlsq
 
@@ -95,12 +96,12 @@ def test_a_limit_on_mixing_leaves_out_what_mixes_more(order: int, mixing: int | 
 
 def test_a_library_that_cannot_be_is_refused() -> None:
     with pytest.raises(
-        IdentificationError, match="no monomials of order -1 in a, b: the order must be 0 or more"
+        IdentificationError, match="an order of 0 or more and names that differ, got order -1 in a, b"
     ):
         Monomials(("a", "b"), -1)
-    with pytest.raises(IdentificationError, match="names must differ"):
+    with pytest.raises(IdentificationError, match="names that differ"):
         Monomials(("a", "a"), 2)
-    with pytest.raises(IdentificationError, match="no monomial mixes 0 variables; mixing=1 leaves powers"):
+    with pytest.raises(IdentificationError, match="mixing must be positive, got 0; mixing=1 keeps powers"):
         Monomials(("a", "b"), 2, mixing=0)
 
 
@@ -166,17 +167,15 @@ def test_local_libraries_hold_a_mass_and_its_neighbours_and_find_its_equation() 
     sink = Stlsq().fit(systems["m4"]).terms("x4''")
     assert sink["x4"] == pytest.approx(1e4, rel=1e-9) and sink["x4**3"] == pytest.approx(-1e8, rel=1e-9)
     alone = monomial_equations(states, 3, columns_of=("m4",), equations_of=("m4",))
-    with pytest.raises(IdentificationError, match=r"unexplained: x4'' \(0\.\d+\)"):
-        LeastSquares().fit(alone).require_explained(0.1)  # the primary mass is missing
+    fit = LeastSquares().fit(alone)
+    assert fit.residual[fit.targets.index("x4''")] > 0.1  # the primary mass is missing
 
 
 def test_masses_without_states_are_refused() -> None:
     states = _states(bnes_chain(2))
-    with pytest.raises(
-        IdentificationError, match=r"no states of m3 to make equations of; .* states of m1, m2"
-    ):
+    with pytest.raises(IdentificationError, match=r"no states of m3; there are states of m1, m2"):
         monomial_equations(states, 3, columns_of=("m1", "m3"))
-    with pytest.raises(IdentificationError, match="no states of no mass to make equations of"):
+    with pytest.raises(IdentificationError, match="no mass was chosen; there are states of"):
         monomial_equations(states, 3, equations_of=())
     with pytest.raises(RecordError, match="mass m3 of the structure has no channel"):
         local_equations(states, bnes_chain(4), 3)
@@ -216,7 +215,8 @@ def test_the_memory_predicted_is_what_a_fit_takes(regressor: Regressor) -> None:
     regressor.fit(equations)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert equations.fit_bytes / 3 < peak < equations.fit_bytes
+    predicted = fit_bytes(len(equations.names))
+    assert predicted / 3 < peak < predicted
 
 
 @pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])
@@ -250,8 +250,7 @@ def test_a_wrong_law_does_not_fit() -> None:
     )
     wrong = Structure("wrong", chain.masses, (chain.links[0], linear))
     fit = LeastSquares().fit(link_columns(_states(chain), wrong))
-    with pytest.raises(IdentificationError, match=r"more than 0\.01 of these equations unexplained: force"):
-        fit.require_explained(0.01)
+    assert fit.residual[0] > 0.01
 
 
 def test_shared_coefficients_are_one_column() -> None:

@@ -1,10 +1,9 @@
-"""Where the noise of a numerical study goes and where its derivatives come from: the paper does not say, and its Table 2
-hangs on it.
+"""Noise conventions of a numerical study: which quantities carry noise and how the derivatives are formed.
 
-Each convention turns the same clean record into the states that a regression reads. They differ by orders of magnitude:
-noise in a displacement that is differentiated twice is multiplied by the square of the sampling rate, noise in the columns
-of a library bends the coefficients by the square of its variance (errors in variables), and noise in the
-derivatives alone averages out.
+The paper does not state either, and its Table 2 depends on both. Each convention turns the same noise-free record into the
+states that a regression uses. They differ by orders of magnitude: differentiating a noisy displacement twice multiplies the
+noise by the square of the sampling rate, noise in the columns of a library biases the coefficients in proportion to its
+variance (errors in variables), and noise in the derivatives alone averages out.
 """
 
 from __future__ import annotations
@@ -40,54 +39,84 @@ def noisy_states(
     seed: int,
     derivative: DifferentiationMethod = "spline",
 ) -> States:
-    """States of a clean simulated record as a study of noise would see them.
+    """States of a noise-free simulated record with synthetic noise under a convention.
 
-    `record` must come from `simulate(..., sensors=("x", "v", "a"))`. White Gaussian noise is added at `snr_db` to
-    each channel that the `convention` names, sigma^2 = mean(x^2) 10^(-dB/10) of that channel (METHODS section 2):
+    White Gaussian noise is added to each channel that the convention names. Its variance is mean(x^2) 10^(-snr_db / 10) of
+    that channel, and its samples depend on the seed and the name of the channel alone, so that conventions share them.
 
-    - "displacement": noise on x; v and a are derived from it by the method `derivative` of `differentiate`;
-    - "states": noise on x and v, a exact;
-    - "differenced": noise on x and v; a by central differences of order 4 of the noisy v. Of the four it comes nearest to the
-      paper's Table 2, with least squares and the reading "coefficients" of `monomial_force`;
-    - "derivatives": noise on a; x and v exact. (The other derivative, x' = v, is a state at the same time and is exact.)
+    Parameters
+    ----------
+    record : Record
+        A record of ``simulate(..., sensors=("x", "v", "a"))`` without noise.
+    convention : {"displacement", "states", "differenced", "derivatives"}
+        "displacement" adds noise to x and derives v and a from it; "states" adds noise to x and v and leaves a exact;
+        "differenced" adds noise to x and v and forms a by central differences of order 4 of the noisy v; "derivatives" adds
+        noise to a and leaves x and v exact. With least squares and the reading "coefficients" of `monomial_force`,
+        "differenced" comes nearest to the paper's Table 2.
+    snr_db : float
+        Signal-to-noise ratio in dB.
+    seed : int
+        Seed of the noise.
+    derivative : {"spline", "savgol", "differences"}, optional
+        Method of `differentiate` for the convention "displacement".
 
-    A channel's noise depends on `seed` and its name alone, so conventions share it. Raises RecordError for a record
-    that is measured, noisy or without one of the sensors, and for a convention that does not exist.
+    Returns
+    -------
+    States
+        Displacements in m, velocities in m/s and accelerations in m/s^2, each of shape (N, n).
+
+    Raises
+    ------
+    RecordError
+        If the record was measured, has noise or lacks a sensor, or the convention is unknown.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(
+    ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a")
+    ... )
+    >>> lw.noisy_states(record, "differenced", 30.0, seed=1).a.shape
+    (1001, 2)
     """
     if convention not in CONVENTIONS:
         listed = "; ".join(f'"{name}": {meaning}' for name, meaning in MEANING.items())
-        raise RecordError(f"{convention!r} is no convention for noise; there are {listed}")
+        raise RecordError(f"unknown noise convention {convention!r}; choose from {listed}")
     _require_clean(record)
     noisy = {"displacement": "x", "states": "xv", "differenced": "xv", "derivatives": "a"}[convention]
-    seen = record.select([name for name in record.responses if name[0] in noisy]).with_noise(
+    noisy_record = record.select([name for name in record.responses if name[0] in noisy]).with_noise(
         snr_db, seed=seed
     )
     if convention in ("displacement", "differenced"):
         inputs = [record.channel(name) for name in record.inputs]
-        channels = (*seen.channels, *record.inputs)
-        seen = replace(record, channels=channels, values=np.column_stack([seen.values, *inputs]))
-        return differentiate(seen, derivative if convention == "displacement" else "differences", order=4)
+        channels = (*noisy_record.channels, *record.inputs)
+        noisy_record = replace(
+            record, channels=channels, values=np.column_stack([noisy_record.values, *inputs])
+        )
+        return differentiate(
+            noisy_record, derivative if convention == "displacement" else "differences", order=4
+        )
     values = record.values.copy()
-    values[:, [record.channels.index(name) for name in seen.channels]] = seen.values
+    values[:, [record.channels.index(name) for name in noisy_record.channels]] = noisy_record.values
     return differentiate(replace(record, values=values))
 
 
 def _require_clean(record: Record) -> None:
     if record.simulated is None:
         raise RecordError(
-            "a study of noise starts from a simulated record, whose truth is known; this one was measured"
+            "a study of noise needs a simulated record, whose noise-free motion is known; this one was measured"
         )
     added = [name for name, sigma in record.simulated.noise.items() if sigma > 0]
     if added:
         raise RecordError(
-            "has noise already; give the record as it was simulated, and the noise is added here",
+            "has noise already; give the record as it was simulated, since `noisy_states` adds the noise",
             channel=added[0],
         )
     for mass in record.simulated.structure.mass_names:
         for kind in "xva":
             if f"{kind}:{mass}" not in record.channels:
                 raise RecordError(
-                    "is not in the record, and a convention needs displacement, velocity and acceleration of every mass; "
+                    "is not in the record; displacement, velocity and acceleration of every mass are needed: "
                     'simulate with sensors=("x", "v", "a")',
                     channel=f"{kind}:{mass}",
                 )

@@ -1,4 +1,4 @@
-"""The answer of the paper's physics-informed SINDy: states by derivatives, columns by link, sparse regression."""
+"""Physics-informed SINDy: states by differentiation, one column per coefficient of a link, sparse regression."""
 
 from __future__ import annotations
 
@@ -24,21 +24,47 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.linear_system import DenseSystem
 from linkwise.verdict import Verdict
 
-_MOST = 0.1  # of the forces, root mean square: regressors with as much noise would bend a slope by its square, 1 %
+_MAX_UNEXPLAINED = (
+    0.1  # share of the forces (rms): columns with as much noise bias a slope by its square, 1 %
+)
 
 
 @final
 @dataclass(frozen=True)
 class PhysicsInformedSindy(Estimator):
-    """How the paper's method is run: `derivative` "spline", "savgol" or "differences", then `regressor`, a name in
-    `REGRESSORS`: "stlsq", "l1" or "least-squares". Raises IdentificationError for another regressor.
+    """Physics-informed sparse identification (SINDy): sparse regression on differentiated channels.
 
-    Its library has one column per coefficient of a link. The paper's library of all monomials is had step by step; on states
-    and derivatives without noise it finds the equations of the two-mass chain:
+    The library has one column per unknown coefficient of a link. It needs a displacement channel for every mass and laws that
+    are linear in their unknowns, and gives no intervals.
 
+    Parameters
+    ----------
+    derivative : {"spline", "savgol", "differences"}, optional
+        Method of `differentiate`.
+    regressor : {"stlsq", "l1", "least-squares"}, optional
+        `Stlsq`, `L1` or `LeastSquares`, each with its defaults.
+
+    Raises
+    ------
+    IdentificationError
+        If the regressor is unknown.
+
+    Notes
+    -----
+    The library of all monomials (the paper's Eq. 3) is available step by step: `differentiate`, `monomial_equations` and a
+    regressor. See S. L. Brunton, J. L. Proctor and J. N. Kutz, PNAS 113, 3932 (2016), for the method.
+
+    Examples
+    --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method=lw.PhysicsInformedSindy())
+    >>> estimate.method
+    'sindy'
+
+    On states and derivatives without noise, the library of monomials finds the equations of the chain:
+
     >>> fit = lw.Stlsq().fit(lw.monomial_equations(lw.differentiate(record), order=3))
     >>> print(fit.text(digits=4).splitlines()[3])
     x2'' = -1e+08*x2**3 + 3e+08*x1*x2**2 + 1e+04*x2 - 3e+08*x1**2*x2 - 1e+04*x1 - 2*v2 + 1e+08*x1**3 + 2*v1
@@ -53,9 +79,28 @@ class PhysicsInformedSindy(Estimator):
         REGRESSORS.lookup(self.regressor)
 
     def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
-        """The unknowns by sparse regression.
+        """Estimate the unknowns of a structure by sparse regression.
 
-        Raises RecordError where derivatives cannot be formed, IdentificationError where a law is not linear in an unknown.
+        Parameters
+        ----------
+        records : sequence of Record
+            A single record.
+        structure : Structure
+            The structure, with one unknown at least.
+        progress : Progress
+            Not called: the regression is one step.
+
+        Returns
+        -------
+        Estimate
+            The answer, without intervals.
+
+        Raises
+        ------
+        RecordError
+            If derivatives cannot be formed.
+        IdentificationError
+            If there are several records, a law is not linear in an unknown, or the columns are collinear.
         """
         record = self.only_record(records)
         states = differentiate(record, self.derivative)
@@ -64,7 +109,7 @@ class PhysicsInformedSindy(Estimator):
         values = fit.coefficients[:, 0]
         dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
         identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
-        verdict, message = _judged(float(fit.residual[0]))
+        verdict, message = _verdict(float(fit.residual[0]))
         return Estimate(
             method="sindy",
             fit_verdicts=(verdict,),
@@ -80,38 +125,43 @@ class PhysicsInformedSindy(Estimator):
             chi_square_per_sample=None,
             samples=len(states) * len(states.masses),
             compute_motion=partial(
-                _moved, states, identified, partial(_residual, system, values, structure.size)
+                _link_motion, states, identified, partial(_residual, system, values, structure.size)
             ),
             record=record,
             remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),
         )
 
 
-def _moved(states: States, identified: Structure, leave: Callable[[], Floats]) -> LinkMotion:
-    """The motion of the links of `identified`; `leave` as in LinkMotion."""
+def _link_motion(states: States, identified: Structure, compute_residual: Callable[[], Floats]) -> LinkMotion:
+    """Motion of the links of `identified`; `compute_residual` as in LinkMotion."""
     order = [states.masses.index(name) for name in identified.mass_names]
     d = identified.elongations(states.x[:, order], states.base)
     v = identified.elongations(states.v[:, order], states.base_velocity)
     return LinkMotion(
-        structure=identified, time=states.time, d=d, v=v, d_range=extremes(d), compute_residual=leave
+        structure=identified,
+        time=states.time,
+        d=d,
+        v=v,
+        d_range=extremes(d),
+        compute_residual=compute_residual,
     )
 
 
 def _residual(system: DenseSystem, values: Floats, size: int) -> Floats:
-    """(R, n) what `values` leave of the equations of `size` masses in N."""
+    """Residuals (N, n) in N of the equations of the n = `size` masses."""
     return (system.matrix @ values - system.target[:, 0]).reshape(size, -1).T
 
 
-def _judged(unexplained: float) -> tuple[Verdict, str]:
-    told = f"Sparse regression on derivatives leaves {100.0 * unexplained:.3g} % of the forces unexplained"
-    if unexplained > _MOST:
+def _verdict(unexplained: float) -> tuple[Verdict, str]:
+    summary = f"Sparse regression on derivatives leaves {100.0 * unexplained:.3g} % of the forces unexplained"
+    if unexplained > _MAX_UNEXPLAINED:
         return Verdict.UNEXPLAINED_FORCES, (
-            f"{told}: a term is missing, or noise in the derivatives hides them. What noise there is in the columns pulls the "
-            'values towards zero, and nothing here tells by how much; methods "weak" and "ml" take it out.'
+            f"{summary}: a term is missing, or noise in the derivatives hides them. Noise in the columns biases the "
+            'values towards zero by an unknown amount; methods "weak" and "ml" correct for it.'
         )
     return Verdict.NO_INTERVALS, (
-        f"{told}. Its standard errors take samples as independent and columns as free of noise, which derivatives are not, so "
-        'no interval is given: methods "weak" and "ml" have them.'
+        f"{summary}. Its standard errors assume independent samples and noise-free columns, which derivatives do not give, so "
+        'no interval is given; methods "weak" and "ml" give intervals.'
     )
 
 

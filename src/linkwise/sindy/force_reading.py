@@ -1,8 +1,8 @@
-"""The stiffness force of a link as a fit in monomials of all states tells it, and its error (the paper's Eq. 8).
+"""The stiffness force of a link from a fit in monomials of all states, and its error (the paper's Eq. 8).
 
-A library of monomials knows no links. The paper says "select the identified parameters and then reconstruct the nonlinear
-stiffness" (section 3, step 7) and not which; what can be meant is a `Reading`. All of them take the equation of the mass
-that only this link holds (a sink), m x'' = -f, where no other force stands in the way.
+A library of monomials has no links. The paper says "select the identified parameters and then reconstruct the nonlinear
+stiffness" (section 3, step 7) without saying which; a `Reading` is one interpretation. All of them use the equation of the
+mass that carries this link alone (a sink), m x'' = -f, where no other force acts.
 """
 
 from __future__ import annotations
@@ -30,50 +30,78 @@ READINGS: tuple[Reading, ...] = get_args(Reading)
 def monomial_force(
     fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
 ) -> tuple[Floats, Floats]:
-    """Elongations d (N,) in m of the named link in the clean simulated `record`, and the stiffness force (N,) in N that `fit`
-    finds along them.
+    """Stiffness force of a link that a monomial model implies, along the motion of a simulated record.
 
-    `fit` is one of `monomial_equations` for the masses of `record`; `structure` gives the mass and the law's powers.
-    `reading`:
+    Parameters
+    ----------
+    fit : RegressionFit
+        A fit of `monomial_equations` for the masses of `record`.
+    structure : Structure
+        Gives the mass and the powers of the law.
+    link : str
+        Name of the link; one of its ends must be a mass that carries no other link.
+    record : Record
+        A simulated record without noise.
+    reading : {"coefficients", "ends", "displacements"}, optional
+        "coefficients": the powers of d in the law, each with the coefficient of that power of the sink's displacement (alpha
+        from x2, beta from x2**3); terms in other displacements are ignored. "ends": all monomials in the displacements of the
+        two ends of the link. "displacements": all monomials in the displacements of all masses.
 
-    - "coefficients": the law's own powers of d, each with the coefficient of that power of the sink's displacement: alpha
-      from x2, beta from x2**3. What the terms in the other mass say is not asked.
-    - "ends": all monomials in the displacements of the link's two ends, along the motion;
-    - "displacements": all monomials in the displacements of all masses, along the motion.
+    Returns
+    -------
+    elongation : array of shape (N,)
+        Elongation of the link in m.
+    force : array of shape (N,)
+        Stiffness force in N.
 
-    Raises IdentificationError where neither end of the link is a mass that this link alone holds, where the fit lacks its
-    equation or power; RecordError for a record that was not simulated.
+    Raises
+    ------
+    IdentificationError
+        If neither end of the link is a mass that carries no other link, the fit lacks the equation of that mass or a power of
+        the law, or the reading is unknown.
+    RecordError
+        If the record was not simulated.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> fit = lw.LeastSquares().fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    >>> elongation, force = lw.monomial_force(fit, chain, "nes1", record)
+    >>> force.shape
+    (2001,)
     """
     if reading not in READINGS:
-        raise IdentificationError(f"{reading!r} is no reading of a force; there are {', '.join(READINGS)}")
+        raise IdentificationError(f"unknown reading {reading!r}; choose from {', '.join(READINGS)}")
     if record.simulated is None:
         raise RecordError(
-            "the true motion of a link is known of a simulated record only; this one was measured"
+            "the true motion of a link is known for a simulated record only; this one was measured"
         )
-    one, truth = structure.link(link), record.simulated
-    sink = _sink(structure, one)
+    chosen, truth = structure.link(link), record.simulated
+    sink = _sink(structure, chosen)
     named = {mass: f"x{tag}" for mass, tag in zip(record.masses, tags(record.masses), strict=True)}
     terms = fit.terms(f"{named[sink]}''")
-    d = structure.elongations(truth.displacement, truth.base)[:, structure.links.index(one)]
-    sign = 1.0 if sink == one.between[0] else -1.0
+    d = structure.elongations(truth.displacement, truth.base)[:, structure.links.index(chosen)]
+    sign = 1.0 if sink == chosen.between[0] else -1.0
     if reading == "coefficients":
-        powers = _powers(one)
+        powers = _powers(chosen)
         names = [named[sink] + (f"**{power}" if power > 1 else "") for power in powers]
         absent = [name for name in names if name not in fit.names]
         if absent:
             raise IdentificationError(
-                f"the law {one.law.text} of link {link} needs a column {absent[0]}, and the fit's library has none; take a "
+                f"the law {chosen.law.text} of link {link} needs a column {absent[0]}, which the fit's library lacks; use a "
                 "higher order"
             )
         columns = (sign * d[:, None]) ** np.array(powers)
     else:
-        masses = [mass for mass in record.masses if reading == "displacements" or mass in one.between]
+        masses = [mass for mass in record.masses if reading == "displacements" or mass in chosen.between]
         library = Monomials(tuple(named[mass] for mass in masses), _order(fit, named[sink]))
         names = list(library.names)
         columns = library.evaluate(
             truth.displacement[:, [truth.structure.mass_names.index(mass) for mass in masses]]
         )
-    # What does not change with the motion is a weight, no stiffness: the constant takes no part.
+    # A constant force, such as a weight, is not a stiffness force: the constant column is left out.
     values = np.array([0.0 if name == "1" else terms.get(name, 0.0) for name in names])
     return d, np.asarray(-sign * structure.mass_values[structure.mass_names.index(sink)] * (columns @ values))
 
@@ -81,40 +109,72 @@ def monomial_force(
 def monomial_nmse(
     fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
 ) -> float:
-    """The paper's Eq. (8) in % for one link: the force that `monomial_force` finds against that of `structure`, the truth.
+    """Normalised mean square error in % of the stiffness force that a monomial model implies (the paper's Eq. 8).
 
-    Raises what `monomial_force` raises, and RecordError where the true force does not vary.
+    Parameters
+    ----------
+    fit : RegressionFit
+        A fit of `monomial_equations` for the masses of `record`.
+    structure : Structure
+        The true structure.
+    link : str
+        Name of the link.
+    record : Record
+        A simulated record without noise.
+    reading : {"coefficients", "ends", "displacements"}, optional
+        As in `monomial_force`.
+
+    Returns
+    -------
+    float
+        100 mean((f - f_fit)^2) / var(f) along the motion, in %.
+
+    Raises
+    ------
+    IdentificationError
+        As `monomial_force`.
+    RecordError
+        If the record was not simulated or the true force is constant.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> fit = lw.LeastSquares().fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    >>> lw.monomial_nmse(fit, chain, "nes1", record) < 1e-12
+    True
     """
-    d, found = monomial_force(fit, structure, link, record, reading=reading)
+    d, identified = monomial_force(fit, structure, link, record, reading=reading)
     force = structure.link(link).force(d)
     variance = float(np.var(force))
     if variance == 0.0:
         raise RecordError(
             f'the true force of link "{link}" does not vary over the record, so no relative error exists'
         )
-    return float(100.0 * np.mean((force - found) ** 2) / variance)
+    return float(100.0 * np.mean((force - identified) ** 2) / variance)
 
 
 def _sink(structure: Structure, link: Link) -> str:
-    """The end of the link that holds on to nothing else."""
+    """The end of the link that carries no other link."""
     for end in link.between:
         if end in structure.mass_names and sum(end in other.between for other in structure.links) == 1:
             return end
     raise IdentificationError(
-        f"both ends of link {link.name} hold further links, so no equation of a monomial library tells its force alone; read "
-        "a link with a free end, or fit the columns of the links"
+        f"both ends of link {link.name} carry other links, so no equation of a monomial model contains its force alone; "
+        "choose a link with a free end, or fit the columns of `link_columns`"
     )
 
 
 def _powers(link: Link) -> list[int]:
     """The powers of d in the law at v = 0, the constant left out. Raises IdentificationError for another law."""
-    found = polynomial(link.law.elastic, ("d",))
-    if found is None:
+    monomials = polynomial(link.law.elastic, ("d",))
+    if monomials is None:
         raise IdentificationError(
-            f"the law {link.law.text} of link {link.name} is no polynomial in d, so no monomials stand for it; read "
+            f"the law {link.law.text} of link {link.name} is not a polynomial in d, so no monomials represent it; use "
             'reading="displacements"'
         )
-    return sorted(power for (power,) in found if power)
+    return sorted(power for (power,) in monomials if power)
 
 
 def _order(fit: RegressionFit, variable: str) -> int:

@@ -1,5 +1,5 @@
-"""Two libraries of columns over states: monomials, of all or of a mass and its neighbours (the paper's Eq. 3), and per link
-(its physics-informed basis, Eq. 6).
+"""Libraries of columns over states: monomials of all states or of those of a mass and its neighbours (the paper's Eq. 3), and
+one column per coefficient of a link (its physics-informed basis, Eq. 6).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from linkwise.signals.states import States
 from linkwise.sindy.monomials import Monomials, tags
 from linkwise.sindy.regression.linear_system import DenseSystem, Rows, StreamedSystem, fit_bytes
 
-_MOST_BYTES = 2 * 2**30  # of stored link columns
+_MAX_BYTES = 2 * 2**30  # of stored link columns
 
 
 def monomial_equations(
@@ -30,15 +30,46 @@ def monomial_equations(
     columns_of: Sequence[str] | None = None,
     equations_of: Sequence[str] | None = None,
 ) -> StreamedSystem:
-    """First-order equations of masses, x' = v and v' = a, in the monomials of states up to `order`.
+    """First-order equations of masses, x' = v and v' = a, in the monomials of the states.
 
-    The variables are x1, v1, x2, v2, ... for masses m1, m2, ... (x_NAME, v_NAME where masses bear other names); the
-    targets x1', x1'', x2', x2'', ...; applied forces (f1, ...) and the base motion (xb, vb), where they were recorded,
-    take part linearly. `mixing` limits how many different states a monomial may mix, `columns_of` names the masses
-    whose states and forces make up the columns and `equations_of` those whose equations are wanted, all by default.
+    The variables are x1, v1, x2, v2, ... for masses m1, m2, ... (x_NAME, v_NAME for other names) and the targets x1', x1'',
+    x2', x2'', .... Applied forces (f1, ...) and the motion of the base (xb, vb), where recorded, enter linearly. Rows are
+    evaluated block by block; the matrix is not stored.
 
-    No matrix is stored. Raises IdentificationError for a library whose fit would not fit into memory, saying how large it is
-    and what would, and for masses that have no states.
+    Parameters
+    ----------
+    states : States
+        Motion of the masses.
+    order : int
+        Highest degree of a monomial.
+    mixing : int, optional
+        Largest number of different states in a monomial; no limit by default.
+    columns_of : sequence of str, optional
+        Masses whose states and forces form the columns; all by default.
+    equations_of : sequence of str, optional
+        Masses whose equations are formed; all by default.
+
+    Returns
+    -------
+    StreamedSystem
+        N rows with two targets per mass.
+
+    Raises
+    ------
+    IdentificationError
+        If a fit would not fit into memory, a mass has no states, or `order` or `mixing` is out of range.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(
+    ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a")
+    ... )
+    >>> system = lw.monomial_equations(lw.differentiate(record), order=2)
+    >>> system.targets
+    ("x1'", "x1''", "x2'", "x2''")
+    >>> len(system.names)
+    15
     """
     tagged = dict(zip(states.masses, tags(states.masses), strict=True))
     inner, outer = _chosen(states, columns_of), _chosen(states, equations_of)
@@ -63,29 +94,92 @@ def monomial_equations(
 def local_equations(
     states: States, structure: Structure, order: int, *, mixing: int | None = None
 ) -> dict[str, StreamedSystem]:
-    """For each mass of `structure` its equations in monomials of its own states and of those of the masses that it is linked
-    with: libraries that do not grow with the structure. Arguments and errors as in `monomial_equations`; RecordError for a
-    mass of the structure without states.
+    """Equations of each mass in monomials of its own states and those of the masses linked to it.
+
+    The size of such a library does not grow with the structure.
+
+    Parameters
+    ----------
+    states : States
+        Motion of the masses.
+    structure : Structure
+        Tells which masses are linked.
+    order : int
+        Highest degree of a monomial.
+    mixing : int, optional
+        Largest number of different states in a monomial; no limit by default.
+
+    Returns
+    -------
+    dict of str to StreamedSystem
+        The equations by name of the mass.
+
+    Raises
+    ------
+    RecordError
+        If a mass of the structure has no states.
+    IdentificationError
+        As `monomial_equations`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(6)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> systems = lw.local_equations(lw.differentiate(record), chain, order=3)
+    >>> {mass: len(system.names) for mass, system in systems.items()}
+    {'m1': 84, 'm2': 35, 'm3': 165, 'm4': 35, 'm5': 84, 'm6': 35}
     """
     _order(states, structure)
-    found = {}
+    systems = {}
     for mass in structure.mass_names:
         linked = {end for link in structure.links if mass in link.between for end in link.between}
-        inner = [one for one in states.masses if one in linked | {mass}]
-        found[mass] = monomial_equations(states, order, mixing=mixing, columns_of=inner, equations_of=(mass,))
-    return found
+        inner = [name for name in states.masses if name in linked | {mass}]
+        systems[mass] = monomial_equations(
+            states, order, mixing=mixing, columns_of=inner, equations_of=(mass,)
+        )
+    return systems
 
 
 def link_columns(states: States, structure: Structure) -> DenseSystem:
-    """The equations of motion of all masses with one column per unknown of the structure: m_i a_i + sum_l B_il f_l = w_i.
+    """Equations of motion of all masses with one column per unknown: M a + B f = w (the paper's Eq. 6).
 
-    Rows come mass after mass, N each. Both masses of a link share its coefficients, so each unknown is one column; known
-    coefficients, known masses, applied forces and base motion stand in the target. Rows are weighted by 1 / rms(m_i a_i), so
-    a light mass counts as much as a heavy one. Names and units are those of `structure.parameters`.
+    Both masses of a link share its coefficients, so each unknown is one column. Known coefficients, known masses, applied
+    forces and the motion of the base are in the target.
 
-    Raises IdentificationError for an unknown in which a law is not linear, a structure without unknowns, equations that
-    are homogeneous (no scale), and sizes beyond 2 GB; RecordError for a mass without states; StructureError where a
-    base is missing.
+    Parameters
+    ----------
+    states : States
+        Motion of the masses.
+    structure : Structure
+        The structure, with one unknown at least.
+
+    Returns
+    -------
+    DenseSystem
+        n N rows, mass after mass, weighted by 1 / rms(m_i a_i) so that light masses count as much as heavy ones. Names and
+        units of the columns are those of `structure.parameters`; the target "force" is in N before weighting.
+
+    Raises
+    ------
+    IdentificationError
+        If a law is not linear in an unknown, the structure has no unknowns, the equations are homogeneous so that nothing sets
+        their scale, or the columns would take more than 2 GB.
+    RecordError
+        If a mass has no states.
+    StructureError
+        If a link ends at the base and the states have no motion of it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> system = lw.link_columns(lw.differentiate(record), chain.unknown("nes1"))
+    >>> system.names, system.units
+    (('nes1.alpha', 'nes1.beta', 'nes1.c'), ('N/m', 'N/m^3', 'N s/m'))
+    >>> {name: f"{value:.6g}" for name, value in lw.Stlsq().fit(system).terms("force").items()}
+    {'nes1.alpha': '-100', 'nes1.beta': '1e+06', 'nes1.c': '0.02'}
     """
     order = _order(states, structure)
     parameters = structure.parameters
@@ -95,7 +189,9 @@ def link_columns(states: States, structure: Structure) -> DenseSystem:
     count, samples = structure.size, len(states)
     matrix = np.zeros((count, samples, len(parameters)))
     target = states.forces[:, order].T.copy()
-    column_of = {member: column for column, one in enumerate(parameters) for member in one.members}
+    column_of = {
+        member: column for column, parameter in enumerate(parameters) for member in parameter.members
+    }
     incidence = structure.incidence.tocsc()
     for index, link in enumerate(structure.links):
         force, by_coefficient = _evaluate(link, d[:, index], rates[:, index])
@@ -105,13 +201,13 @@ def link_columns(states: States, structure: Structure) -> DenseSystem:
             for name, values in by_coefficient.items():
                 matrix[mass, :, column_of[index, name]] += sign * values
     inertia = np.ones(count)
-    for mass, one in enumerate(structure.masses):
+    for mass, given in enumerate(structure.masses):
         acceleration = states.a[:, order[mass]]
         member = (-1 - mass, "mass")
         if member in column_of:
             matrix[mass, :, column_of[member]] += acceleration
         else:
-            inertia[mass] = one.mass.value or 0.0
+            inertia[mass] = given.mass.value or 0.0
             target[mass] -= inertia[mass] * acceleration
     if not np.any(target):
         raise IdentificationError(
@@ -123,9 +219,9 @@ def link_columns(states: States, structure: Structure) -> DenseSystem:
     return DenseSystem(
         matrix.reshape(count * samples, len(parameters)),
         target.reshape(count * samples),
-        tuple(one.name for one in parameters),
+        tuple(parameter.name for parameter in parameters),
         weights=weights,
-        units=tuple(one.unit for one in parameters),
+        units=tuple(parameter.unit for parameter in parameters),
         targets=("force",),
     )
 
@@ -154,7 +250,8 @@ def _chosen(states: States, masses: Sequence[str] | None) -> tuple[str, ...]:
     absent = [mass for mass in masses if mass not in states.masses]
     if absent or not masses:
         raise IdentificationError(
-            f"there are no states of {absent[0] if absent else 'no mass'} to make equations of; there are states of "
+            (f"there are no states of {absent[0]}" if absent else "no mass was chosen")
+            + "; there are states of "
             f"{', '.join(states.masses)}"
         )
     return tuple(mass for mass in states.masses if mass in masses)
@@ -166,15 +263,15 @@ def _require_room(library: Monomials, masses: int) -> None:
     if needed <= free:
         return
     smaller = {
-        f"{what} ({len(one)} columns, {_gigabytes(fit_bytes(len(one)))})": fit_bytes(len(one))
-        for what, one in (
+        f"{change} ({len(reduced)} columns, {_gigabytes(fit_bytes(len(reduced)))})": fit_bytes(len(reduced))
+        for change, reduced in (
             ("mixing=2", replace(library, mixing=2)),
             ("mixing=1", replace(library, mixing=1)),
             ("order=2", replace(library, order=2)),
         )
-        if len(one) < len(library)
+        if len(reduced) < len(library)
     }
-    fitting = [what for what, size in smaller.items() if size <= free]
+    fitting = [change for change, size in smaller.items() if size <= free]
     raise IdentificationError(
         f"the monomials up to order {library.order} in the {len(library.variables)} states of {masses} masses are "
         f"{len(library)} columns; their Gram matrix alone takes {_gigabytes(8 * len(library) ** 2)}, a fit "
@@ -189,7 +286,7 @@ def _gigabytes(size: int) -> str:
 
 
 def _order(states: States, structure: Structure) -> Indices:
-    """Where each mass of the structure stands in the states."""
+    """Column of each mass of the structure in the states."""
     absent = [name for name in structure.mass_names if name not in states.masses]
     if absent:
         raise RecordError(
@@ -206,7 +303,7 @@ def _require_solvable(structure: Structure, samples: int) -> None:
             f"every coefficient of {structure.name} is known: there is nothing to identify"
         )
     size = 8 * samples * structure.size * unknowns
-    if size > _MOST_BYTES:
+    if size > _MAX_BYTES:
         raise IdentificationError(
             f"{unknowns} unknowns over {structure.size} masses and {samples} samples are {size / 1e9:.1f} GB of columns; "
             "use the weak form, which works link by link, or a shorter record"
@@ -217,13 +314,16 @@ def _evaluate(link: Link, d: Floats, v: Floats) -> tuple[Floats, dict[str, Float
     """The known part of a link's force (N,), and for each unknown coefficient what it multiplies (N,)."""
     unknown = {name for name, coefficient in link.coefficients.items() if not coefficient.known}
     for name in unknown:
-        held = unknown & set(symbols(differentiate(link.law.expression, name)))
-        if held:
+        shared = unknown & set(symbols(differentiate(link.law.expression, name)))
+        if shared:
             raise IdentificationError(
-                f"the law {link.law.text} of link {link.name} is not linear in its unknown {', '.join(sorted(held))}, "
-                f"so no column can stand for {name}; give {sorted(held)[0]} a number, or use the method ml"
+                f"the law {link.law.text} of link {link.name} is not linear in its unknown {', '.join(sorted(shared))}, "
+                f"so no column represents {name}; give {sorted(shared)[0]} a number, or use the method ml"
             )
-    values = {name: 0.0 if name in unknown else one.value or 0.0 for name, one in link.coefficients.items()}
+    values = {
+        name: 0.0 if name in unknown else coefficient.value or 0.0
+        for name, coefficient in link.coefficients.items()
+    }
     partials = link.law.partials(d, v, values)
     return partials.force, {
         name: partials.by_coefficient[name] for name in link.coefficients if name in unknown

@@ -15,12 +15,24 @@ from linkwise.errors import IdentificationError
 
 @dataclass(frozen=True)
 class Monomials:
-    """All monomials in `variables` (q names) up to `order`, the constant "1" included, degree by degree.
+    """All monomials in some variables up to an order, the constant "1" included, degree by degree.
 
-    With `mixing` only those that mix at most so many different variables: at 1 powers such as x1**3 alone, at 2 also
-    x1**2*v1, but not x1*v1*x2. `len` counts them without building any: sum over k of C(q, k) C(order, k), k up to
-    `mixing`, which is C(q + order, order) without a limit. Raises IdentificationError for an order below 0, a limit below 1
-    or a name given twice.
+    ``len`` counts them without forming any: sum over k of C(q, k) C(order, k), k up to `mixing`, which is C(q + order, order)
+    without a limit.
+
+    Parameters
+    ----------
+    variables : tuple of str
+        Names of the q variables.
+    order : int
+        Highest degree.
+    mixing : int, optional
+        Largest number of different variables in a monomial: 1 keeps powers such as x1**3, 2 adds x1**2*v1 but not x1*v1*x2.
+
+    Raises
+    ------
+    IdentificationError
+        If `order` is negative, `mixing` is not positive or a name is listed twice.
     """
 
     variables: tuple[str, ...]
@@ -30,12 +42,12 @@ class Monomials:
     def __post_init__(self) -> None:
         if self.order < 0 or len(set(self.variables)) < len(self.variables):
             raise IdentificationError(
-                f"no monomials of order {self.order} in {', '.join(self.variables)}: "
-                "the order must be 0 or more and the names must differ"
+                f"monomials need an order of 0 or more and names that differ, got order {self.order} in "
+                f"{', '.join(self.variables)}"
             )
         if self.mixing is not None and self.mixing < 1:
             raise IdentificationError(
-                f"no monomial mixes {self.mixing} variables; mixing=1 leaves powers of single ones, None everything"
+                f"mixing must be positive, got {self.mixing}; mixing=1 keeps powers of single variables, None all monomials"
             )
 
     def __len__(self) -> int:
@@ -51,7 +63,18 @@ class Monomials:
         return tuple(_product(self.variables, chosen) for degree in self._degrees for chosen in degree)
 
     def evaluate(self, values: Floats) -> Floats:
-        """Columns (B, p) in Fortran order at values (B, q) of the variables, each one product away from a column before it."""
+        """Evaluate all monomials, each as one product of a variable and a monomial of lower degree.
+
+        Parameters
+        ----------
+        values : array of shape (B, q)
+            Values of the variables.
+
+        Returns
+        -------
+        array of shape (B, p)
+            The columns, in Fortran order.
+        """
         columns = np.empty((len(self), len(values)))
         columns[0] = 1.0
         variables = np.ascontiguousarray(values.T)
@@ -76,8 +99,9 @@ class Monomials:
 
     @cached_property
     def _products(self) -> list[tuple[int, slice | Indices, int]]:
-        """In the order of the columns: a variable, the columns of the degree before that it multiplies, and how many they are.
-        These are the monomials that begin with this variable or a later one, where they leave room for it.
+        """In the order of the columns: a variable, the columns of the degree below that it multiplies, and their number.
+
+        These are the monomials that begin with this variable or a later one, where `mixing` admits the product.
         """
         steps: list[tuple[int, slice | Indices, int]] = []
         first = 0
@@ -85,8 +109,8 @@ class Monomials:
             for variable in range(len(self.variables)):
                 parents = np.array(
                     [
-                        first + place
-                        for place, chosen in enumerate(before)
+                        first + index
+                        for index, chosen in enumerate(before)
                         if variable <= min(chosen, default=variable)
                         and len({variable, *chosen}) <= self._limit
                     ],
@@ -101,7 +125,18 @@ class Monomials:
 
 
 def tags(masses: tuple[str, ...]) -> tuple[str, ...]:
-    """What stands after x and v in the names of states: the number in m1, m2, ..., else "_" and the whole name."""
+    """Suffixes of x and v in the names of states.
+
+    Parameters
+    ----------
+    masses : tuple of str
+        Names of the masses.
+
+    Returns
+    -------
+    tuple of str
+        The numbers of m1, m2, ... where all names have this form, else "_" and the whole name.
+    """
     numbered = all(mass[:1] == "m" and mass[1:].isdecimal() for mass in masses)
     return tuple(mass[1:] if numbered else f"_{mass}" for mass in masses)
 

@@ -53,17 +53,6 @@ def test_streamed_equations_are_the_stored_ones() -> None:
     assert stored.names == NAMES
 
 
-def test_known_columns_move_to_the_target() -> None:
-    equations = DenseSystem(MATRIX, TARGET, NAMES, units=("N/m", "kg", ""), weights=np.full(50, 2.0))
-    rest = equations.with_known({"b": -2.0})
-    assert rest.names == ("a", "c")
-    assert rest.units == ("N/m", "")
-    np.testing.assert_array_equal(rest.weights, equations.weights)
-    np.testing.assert_allclose(rest.target[:, 0], MATRIX[:, [0, 2]] @ [1.0, 3.0], atol=1e-12)
-    with pytest.raises(IdentificationError, match="no column is called 'q'; the columns are a, b, c"):
-        equations.with_known({"q": 1.0})
-
-
 @pytest.mark.parametrize(
     ("matrix", "target", "names", "message"),
     [

@@ -7,14 +7,25 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from linkwise.arrays import Floats
 
-CholeskyFactor = tuple[Floats, bool]  # as `cho_solve` wants it
+CholeskyFactor = tuple[Floats, bool]  # the factor and True for lower, as `cho_solve` takes it
 
-_DEPENDENT = 3e-8  # a column whose part outside the span of the others is smaller is one of them, rounded
+_DEPENDENT = 3e-8  # pivot below which a column is dependent on the others, up to rounding
 _RIDGE = 1e-14  # added to the unit diagonal of dependent columns
 
 
 def cholesky(block: Floats) -> CholeskyFactor | None:
-    """The factor of a Gram matrix of unit columns; None where its columns are dependent."""
+    """Cholesky factor of a Gram matrix of unit columns.
+
+    Parameters
+    ----------
+    block : array of shape (p, p)
+        The matrix.
+
+    Returns
+    -------
+    CholeskyFactor or None
+        The factor; None where the columns are dependent.
+    """
     try:
         factor: CholeskyFactor = cho_factor(block, lower=True, check_finite=False)
     except LinAlgError:
@@ -23,7 +34,18 @@ def cholesky(block: Floats) -> CholeskyFactor | None:
 
 
 def ridged(block: Floats) -> CholeskyFactor:
-    """The factor of a Gram matrix, with the smallest ridge that keeps dependent columns apart."""
+    """Cholesky factor of a Gram matrix with the smallest ridge that makes it definite.
+
+    Parameters
+    ----------
+    block : array of shape (p, p)
+        The matrix, of unit columns.
+
+    Returns
+    -------
+    CholeskyFactor
+        The factor; without a ridge where the columns are independent.
+    """
     factor, ridge = cholesky(block), _RIDGE
     while factor is None:
         factor, ridge = cholesky(block + ridge * np.eye(len(block))), 100 * ridge
@@ -31,7 +53,18 @@ def ridged(block: Floats) -> CholeskyFactor:
 
 
 def vanishing(block: Floats) -> Floats:
-    """The combination (p,) of dependent columns that all but vanishes, its largest entry 1: inverse iteration."""
+    """Null vector of the Gram matrix of dependent columns, by inverse iteration.
+
+    Parameters
+    ----------
+    block : array of shape (p, p)
+        The matrix, of unit columns.
+
+    Returns
+    -------
+    array of shape (p,)
+        The combination of columns that vanishes up to rounding, its largest entry 1.
+    """
     combination = np.random.default_rng(0).normal(size=len(block))
     for _ in range(3):
         combination = cho_solve(ridged(block), combination / np.abs(combination).max())

@@ -18,119 +18,115 @@ from scipy.linalg.lapack import dpotri
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
+from linkwise.sindy.regression.anchor import anchored_solution
+from linkwise.sindy.regression.anchored_sums import AnchoredSums
 from linkwise.sindy.regression.cholesky import CholeskyFactor, cholesky, ridged, vanishing
 from linkwise.sindy.regression.linear_system import LinearSystem
-from linkwise.sindy.regression.sums import ResidualProducts, held_out, mirror, products, residual_products
+from linkwise.sindy.regression.sums import (
+    held_out_rows,
+    mirror,
+    products,
+)
 
-_PASSES = 3  # over the rows at most to refine the anchor; one does unless columns are all but dependent
-_ROUNDING = 1e-13  # a residual this far below its target cannot be refined
-_SMALL = 8  # a support below this part of all columns is first tried without the anchor
+_SMALL = 8  # a support below one in eight columns is first solved without the anchor
 _CANCELLING = 3e-5  # residual, as a share of its target, below which ||b||^2 - c'A'b has lost too many digits
 _STATIONARY = 1e-13  # slope, as a share of the target, at which a solution needs no refinement
 _REFINEMENTS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
-    """Sums over R rows about an anchor: `matrix` (p, p) is A'A, `slope` (p, T) is A'(b - A anchor), `squares` (T,) is
-    ||b - A anchor||^2, `norms` (T,) is ||b||, all for scaled columns.
-    """
-
-    rows: int
-    matrix: Floats
-    slope: Floats
-    squares: Floats
-    norms: Floats
-
-    def moved(self, change: Floats) -> Sums:
-        """The same sums about an anchor that is `change` (p, T) further."""
-        pull = dsymm(1.0, self.matrix, change, lower=1)
-        squares = np.maximum(self.squares + np.sum(change * (pull - 2 * self.slope), axis=0), 0.0)
-        return Sums(self.rows, self.matrix, self.slope - pull, squares, self.norms)
-
-    def squares_at(self, change: Floats, target: int) -> float:
-        """||b - A (anchor + change)||^2 of one target, `change` (p,)."""
-        pull = dsymv(1.0, self.matrix, change, lower=1)
-        return max(float(self.squares[target] + change @ (pull - 2 * self.slope[:, target])), 0.0)
-
-    def confined(self, kept: Indices, change: Floats, target: int) -> Sums:
-        """The sums of some columns and one target about an anchor that is `change` (p,) further and zero in the rest."""
-        pull = dsymv(1.0, self.matrix, change, lower=1)
-        slope = self.slope[:, target]
-        squares = max(float(self.squares[target] + change @ (pull - 2 * slope)), 0.0)
-        return Sums(
-            self.rows,
-            self.matrix[np.ix_(kept, kept)].T,  # symmetric: the transpose is the same in Fortran order
-            (slope - pull)[kept, None],
-            np.array([squares]),
-            self.norms[target : target + 1],
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class Gram:
-    """Unit-norm Gram matrix of a system with p columns and T targets, and the anchor that restores its digits.
+    """Gram matrix of a system in columns of unit norm, and the anchor that restores its digits.
 
-    In scaled coefficients z_j = c_j ||A_j||, the norm taken over all rows of the system: `sums` are those of the rows that are
-    fitted, about `anchor` (p, T), their least squares solution; `moments` (p, T) is A'b; `scale` (p,) holds ||A_j||;
-    `alive` (p,) is False for columns that are zero throughout, which have a one on the diagonal so that nothing is singular.
-    `held` are the sums of the rows that are held out, about the same anchor: among the fitted ones in what `of` gives, beside
-    them in `training`, None where there are too few rows. `factor` is the Cholesky factor of the matrix, None where
-    columns are dependent or nobody will need it.
+    Scaled coefficients are z_j = c_j ||A_j||, the norm taken over all rows of the system.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the p columns.
+    sums : AnchoredSums
+        Sums of the rows that are fitted, about the anchor.
+    moments : array of shape (p, T)
+        A'b.
+    scale : array of shape (p,)
+        ||A_j||.
+    alive : array of bool, shape (p,)
+        False for columns that are zero throughout; these have a one on the diagonal, so that the matrix is not singular.
+    anchor : array of shape (p, T)
+        Least squares solution of the rows that are fitted.
+    held_out : AnchoredSums or None
+        Sums of the rows held out, about the same anchor; None where there are too few rows. They are among the fitted rows in
+        the result of `of` and apart from them in `training`.
+    factor : CholeskyFactor or None
+        Cholesky factor of the matrix; None where columns are dependent or it is not needed.
     """
 
     names: tuple[str, ...]
-    sums: Sums
+    sums: AnchoredSums
     moments: Floats
     scale: Floats
     alive: Bools
     anchor: Floats
-    held: Sums | None
+    held_out: AnchoredSums | None
     factor: CholeskyFactor | None = None
 
     @classmethod
     def of(cls, system: LinearSystem) -> Gram:
-        """Two passes over the rows of `system`: one symmetric rank-k update per block, then the anchor's residual (twice more
-        where columns are all but dependent).
+        """Form the Gram matrix of a system in two passes over its rows, and up to two more where columns are nearly dependent.
 
-        Raises IdentificationError where the system has no rows, no columns, or nothing but zeros in them.
+        Parameters
+        ----------
+        system : LinearSystem
+            The equations.
+
+        Returns
+        -------
+        Gram
+            Its Gram matrix.
+
+        Raises
+        ------
+        IdentificationError
+            If the system has no rows or no columns, or every column is zero.
         """
         if not system.rows or not system.names:
             raise IdentificationError(
-                f"{system.rows} equations in {len(system.names)} unknowns leave nothing to solve"
+                f"a fit needs equations and unknowns, got {system.rows} equations in {len(system.names)} unknowns"
             )
         parts = products(system)
-        scale = np.sqrt(sum(np.diagonal(one.matrix) for one in parts))
+        scale = np.sqrt(sum(np.diagonal(part.matrix) for part in parts))
         alive = scale > 0
         if not alive.any():
             raise IdentificationError(
                 "every column of the equations is zero throughout: the record shows no motion to fit"
             )
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=alive)
-        for one in parts:
-            one.matrix[...] *= inverse[:, None]
-            one.matrix[...] *= inverse
+        for part in parts:
+            part.matrix[...] *= inverse[:, None]
+            part.matrix[...] *= inverse
         whole = parts[0].matrix
-        for one in parts[1:]:
-            whole += one.matrix
+        for part in parts[1:]:
+            whole += part.matrix
         whole[~alive, ~alive] = 1.0
-        moments = inverse[:, None] * np.sum([one.moments for one in parts], axis=0)
-        norms = np.sqrt(np.sum([one.squares for one in parts], axis=0))
+        moments = inverse[:, None] * np.sum([part.moments for part in parts], axis=0)
+        norms = np.sqrt(np.sum([part.squares for part in parts], axis=0))
         factor = cholesky(whole)
-        anchor, change, left = _anchored(system, factor or ridged(whole), moments, inverse, norms)
-        rows = Sums(
+        anchor, change, left = anchored_solution(system, factor or ridged(whole), moments, inverse, norms)
+        rows = AnchoredSums(
             system.rows,
             whole,
-            np.sum([one.slope for one in left], axis=0),
-            np.sum([one.squares for one in left], axis=0),
+            np.sum([part.slope for part in left], axis=0),
+            np.sum([part.squares for part in left], axis=0),
             norms,
         )
         held = None
         if len(parts) > 1:
-            count = int(np.count_nonzero(held_out(system.rows)))
-            held = Sums(count, parts[1].matrix, left[1].slope, left[1].squares, np.sqrt(parts[1].squares))
-            held = held.moved(change)
-        return cls(system.names, rows.moved(change), moments, scale, alive, anchor + change, held, factor)
+            count = int(np.count_nonzero(held_out_rows(system.rows)))
+            held = AnchoredSums(
+                count, parts[1].matrix, left[1].slope, left[1].squares, np.sqrt(parts[1].squares)
+            )
+            held = held.shifted(change)
+        return cls(system.names, rows.shifted(change), moments, scale, alive, anchor + change, held, factor)
 
     @property
     def rows(self) -> int:
@@ -151,58 +147,81 @@ class Gram:
     def training(self) -> Gram:
         """The same without the rows held out, in the same scaled coefficients (whose columns then have a norm near 0.9).
 
-        Raises IdentificationError where the system has too few rows to hold any out.
+        Raises
+        ------
+        IdentificationError
+            If there are too few rows to hold any out.
         """
-        if self.held is None:
+        if self.held_out is None:
             raise IdentificationError(
-                f"{self.rows} equations are too few to hold some out and choose a threshold or a penalty by them; give one"
+                f"{self.rows} equations are too few to choose a threshold or a penalty on rows held out; give one"
             )
-        matrix = np.asfortranarray(self.matrix - self.held.matrix)
-        rows = Sums(
-            self.rows - self.held.rows,
+        matrix = np.asfortranarray(self.matrix - self.held_out.matrix)
+        rows = AnchoredSums(
+            self.rows - self.held_out.rows,
             matrix,
-            self.sums.slope - self.held.slope,
-            np.maximum(self.sums.squares - self.held.squares, 0.0),
-            np.sqrt(np.maximum(self.norms**2 - self.held.norms**2, 0.0)),
+            self.sums.slope - self.held_out.slope,
+            np.maximum(self.sums.squares - self.held_out.squares, 0.0),
+            np.sqrt(np.maximum(self.norms**2 - self.held_out.norms**2, 0.0)),
         )
         factor = cholesky(matrix)
         change = np.asarray(cho_solve(factor or ridged(matrix), rows.slope))
         moments = rows.slope + dsymm(1.0, matrix, self.anchor, lower=1)
         return Gram(
             self.names,
-            rows.moved(change),
+            rows.shifted(change),
             moments,
             self.scale,
             self.alive,
             self.anchor + change,
-            self.held.moved(change),
+            self.held_out.shifted(change),
             factor,
         )
 
     def restricted(self, support: Bools, target: int) -> Gram:
-        """Only the columns in `support` (p,) and one target, about the least squares solution there: what is solved within a
-        small support then costs no more than its size.
+        """Restrict to some columns and one target: solving within a small support then costs no more than its size.
+
+        Parameters
+        ----------
+        support : array of bool, shape (p,)
+            The columns.
+        target : int
+            Index of the target.
+
+        Returns
+        -------
+        Gram
+            The restricted one, about the least squares solution on the support.
         """
         kept = np.flatnonzero(support & self.alive)
         change = self._corrected(kept, target)
         scaled = self.anchor[:, target] + change
         return Gram(
             tuple(self.names[column] for column in kept),
-            self.sums.confined(kept, change, target),
+            self.sums.restricted(kept, change, target),
             self.moments[kept, target : target + 1],
             self.scale[kept],
             np.ones(len(kept), dtype=bool),
             scaled[kept, None],
-            None if self.held is None else self.held.confined(kept, change, target),
+            None if self.held_out is None else self.held_out.restricted(kept, change, target),
         )
 
     def project(self, support: Bools, target: int) -> tuple[Floats, float]:
-        """Least squares over the columns in `support` (p,) for one target: scaled coefficients (p,), zero elsewhere,
-        and the sum of squared residuals.
+        """Least squares on a support, as a correction of the anchor: it keeps its digits however small the residual is.
 
-        The answer is a correction of the anchor, so both keep their digits however small the residual is. A support
-        whose columns are dependent to rounding gets the solution of least change from the anchor, with a ridge of
-        1e-14.
+        Parameters
+        ----------
+        support : array of bool, shape (p,)
+            The columns; dependent ones get a ridge of 1e-14.
+        target : int
+            Index of the target.
+
+        Returns
+        -------
+        scaled : array of shape (p,)
+            Scaled coefficients, zero outside the support.
+        squares : float
+            Sum of squared residuals.
         """
         kept = np.flatnonzero(support & self.alive)
         dropped = np.flatnonzero(~support & self.alive)
@@ -217,38 +236,77 @@ class Gram:
         return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
 
     def solve(self, support: Bools, target: int) -> Floats:
-        """The scaled coefficients (p,) of `project` alone."""
+        """Scaled coefficients of `project` alone.
+
+        Parameters
+        ----------
+        support : array of bool, shape (p,)
+            The columns.
+        target : int
+            Index of the target.
+
+        Returns
+        -------
+        array of shape (p,)
+            Scaled coefficients, zero outside the support.
+        """
         kept = np.flatnonzero(support & self.alive)
         change = self._change(kept, np.flatnonzero(~support & self.alive), target)
         return np.where(support & self.alive, self.anchor[:, target] + change, 0.0)
 
     def unscaled(self, scaled: Floats) -> Floats:
-        """Coefficients c in their own units from scaled ones (p,) or (p, T); zero for columns that are zero throughout."""
+        """Convert scaled coefficients to their own units.
+
+        Parameters
+        ----------
+        scaled : array of shape (p,) or (p, T)
+            Scaled coefficients.
+
+        Returns
+        -------
+        array of the same shape
+            The coefficients; zero for columns that are zero throughout.
+        """
         inverse = np.divide(1.0, self.scale, out=np.zeros_like(self.scale), where=self.alive)
         return scaled * (inverse if scaled.ndim == 1 else inverse[:, None])
 
     def variances(self, support: Bools) -> Floats:
-        """Diagonal (p,) of (A'A)^-1 over `support` in the coefficients' own units, zero elsewhere.
+        """Diagonal of (A'A)^-1 on a support.
 
-        Raises IdentificationError, naming columns, where columns of the support are dependent.
+        Parameters
+        ----------
+        support : array of bool, shape (p,)
+            The columns.
+
+        Returns
+        -------
+        array of shape (p,)
+            The diagonal in the coefficients' own units squared, zero outside the support.
+
+        Raises
+        ------
+        IdentificationError
+            If columns of the support are dependent; the message names them.
         """
-        answer = np.zeros(len(self.names))
+        diagonal = np.zeros(len(self.names))
         kept, dropped = np.flatnonzero(support & self.alive), np.flatnonzero(~support & self.alive)
         if kept.size and (inverse := self._worth_inverting(kept, dropped)) is not None:
-            answer[kept] = np.diagonal(inverse)[kept]
+            diagonal[kept] = np.diagonal(inverse)[kept]
             if dropped.size:
-                pulls = inverse[:, dropped]
-                gone = dtrsm(1.0, ridged(pulls[dropped])[0], pulls, side=1, lower=1, trans_a=1, overwrite_b=1)
-                answer[kept] -= np.einsum("ij,ij->i", gone, gone)[kept]
+                cross = inverse[:, dropped]
+                eliminated = dtrsm(
+                    1.0, ridged(cross[dropped])[0], cross, side=1, lower=1, trans_a=1, overwrite_b=1
+                )
+                diagonal[kept] -= np.einsum("ij,ij->i", eliminated, eliminated)[kept]
             least = 1.0 / np.diagonal(self.matrix)[kept]  # of a column that is orthogonal to all others
-            answer[kept] = np.maximum(answer[kept], least) / self.scale[kept] ** 2
+            diagonal[kept] = np.maximum(diagonal[kept], least) / self.scale[kept] ** 2
         elif kept.size:
             block = self.matrix[np.ix_(kept, kept)]
             factor = cholesky(block)
             if factor is None:
                 raise self._dependent(kept, block)
-            answer[kept] = np.diagonal(dpotri(factor[0], lower=1)[0]) / self.scale[kept] ** 2
-        return answer
+            diagonal[kept] = np.diagonal(dpotri(factor[0], lower=1)[0]) / self.scale[kept] ** 2
+        return diagonal
 
     def _worth_inverting(self, kept: Indices, dropped: Indices) -> Floats | None:
         """The inverse of the matrix where fewer columns are dropped than kept; None where not, where columns are
@@ -267,14 +325,14 @@ class Gram:
         return inverse
 
     def _eliminated(self, kept: Indices, dropped: Indices, target: int, inverse: Floats) -> Floats:
-        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero: few columns are taken out of the
-        inverse of all at the cost of their own number. The inverse has lost digits, so the slope is looked at and the solution
-        refined until it is stationary; each refinement squares the share that is left.
+        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by elimination from the inverse: its
+        cost is that of the columns dropped. The inverse has lost digits, so the solution is refined until the gradient
+        vanishes; each refinement squares the relative error.
         """
         anchor, slope = self.anchor[:, target], self.sums.slope[:, target]
-        pulls = inverse[:, dropped]
-        corner = ridged(pulls[dropped])
-        change = pulls @ cho_solve(corner, -anchor[dropped], check_finite=False)
+        cross = inverse[:, dropped]
+        corner = ridged(cross[dropped])
+        change = cross @ cho_solve(corner, -anchor[dropped], check_finite=False)
         for _ in range(_REFINEMENTS):
             change[dropped] = -anchor[dropped]
             left = slope - dsymv(1.0, self.matrix, change, lower=1)
@@ -283,14 +341,14 @@ class Gram:
             if share <= _STATIONARY:
                 break
             step = dsymv(1.0, inverse, left, lower=1)
-            change += step - pulls @ cho_solve(corner, step[dropped], check_finite=False)
+            change += step - cross @ cho_solve(corner, step[dropped], check_finite=False)
             if share**2 <= _STATIONARY:
                 break
         change[dropped] = -anchor[dropped]
         return np.asarray(change)
 
     def _change(self, kept: Indices, dropped: Indices, target: int) -> Floats:
-        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by the cheaper way."""
+        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by the cheaper algorithm."""
         if not dropped.size:
             return np.zeros(len(self.names))
         inverse = self._worth_inverting(kept, dropped)
@@ -303,13 +361,13 @@ class Gram:
         change = -self.anchor[:, target]
         change[kept] = 0.0
         if kept.size:
-            pull = dsymv(1.0, self.matrix, change, lower=1)
+            product = dsymv(1.0, self.matrix, change, lower=1)
             factor = ridged(self.matrix[np.ix_(kept, kept)].T)
-            change[kept] = cho_solve(factor, (self.sums.slope[:, target] - pull)[kept], check_finite=False)
+            change[kept] = cho_solve(factor, (self.sums.slope[:, target] - product)[kept], check_finite=False)
         return change
 
     def _directly(self, kept: Indices, target: int) -> tuple[Floats, float]:
-        """`project` without the anchor: cheaper for few columns, and as good where the residual is not tiny."""
+        """`project` without the anchor: cheaper for few columns, and as accurate where the residual is not tiny."""
         moments = self.moments[kept, target]
         solved = cho_solve(ridged(self.matrix[np.ix_(kept, kept)].T), moments, check_finite=False)
         scaled = np.zeros(len(self.names))
@@ -319,32 +377,12 @@ class Gram:
     def _dependent(self, kept: Indices, block: Floats) -> IdentificationError:
         if kept.size > self.rows:
             return IdentificationError(
-                f"{kept.size} terms cannot be told apart by {self.rows} equations; take a longer record, a smaller library "
+                f"{kept.size} terms cannot be determined from {self.rows} equations; use a longer record, a smaller library "
                 "(a lower order, mixing=2, the states of a mass and its neighbours), or let a threshold drop terms"
             )
         shown = kept[np.flatnonzero(np.abs(vanishing(block)) > 0.1)]
         named = ", ".join(self.names[column] for column in shown[:8])
         return IdentificationError(
-            f"the columns {named} move together in these data: only their sum can be told apart; leave one out, "
-            "declare its coefficient known, or use a record that moves them separately"
+            f"the columns {named} are collinear in these data, so only a combination of them is determined; leave one out, "
+            "declare its coefficient known, or use a record in which they vary independently"
         )
-
-
-def _anchored(
-    system: LinearSystem, factor: CholeskyFactor, moments: Floats, inverse: Floats, norms: Floats
-) -> tuple[Floats, Floats, list[ResidualProducts]]:
-    """An approximate solution (p, T), a last correction (p, T) to it, and what it leaves of the rows, in scaled columns."""
-    anchor = np.asarray(cho_solve(factor, moments))
-    for last in (*[False] * (_PASSES - 1), True):
-        left = [
-            ResidualProducts(one.squares, inverse[:, None] * one.slope)
-            for one in residual_products(system, anchor * inverse[:, None])
-        ]
-        squares = np.sum([one.squares for one in left], axis=0)
-        slope = np.sum([one.slope for one in left], axis=0)
-        change = np.asarray(cho_solve(factor, slope))
-        gain = np.sum(change * slope, axis=0)
-        if last or np.all((gain < squares / 2) | (squares <= (_ROUNDING * norms) ** 2)):
-            break
-        anchor = anchor + change
-    return anchor, change, left

@@ -1,9 +1,12 @@
 """L1-penalised least squares (the paper's Eq. 7), along the whole path of penalties.
 
-The solution is piecewise linear in the penalty, so the path is followed exactly from kink to kink (the homotopy of
-Osborne, Presnell and Turlach 2000, known as LARS): each step is one small Cholesky on the terms in play. On columns as
-correlated as monomials are, coordinate descent and FISTA need thousands of sweeps for what takes this a few dozen
-steps.
+The solution is piecewise linear in the penalty, so the path is followed exactly from kink to kink by the homotopy method
+(LARS); each step is one small Cholesky factorisation on the active terms. Columns of monomials are strongly correlated:
+coordinate descent and FISTA would need thousands of sweeps where this takes a few dozen steps.
+
+References
+----------
+M. R. Osborne, B. Presnell and B. A. Turlach, IMA J. Numer. Anal. 20, 389 (2000).
 """
 
 from __future__ import annotations
@@ -31,13 +34,34 @@ _PATIENCE = 30  # supports in a row that do not lower the BIC before the path is
 @final
 @dataclass(frozen=True)
 class L1(Regressor):
-    """Minimise ||b - A c||^2 / 2 + penalty * ||b|| * sum_j ||c_j A_j||: every term is charged for its contribution.
+    """L1-penalised least squares (lasso): minimise ||b - A c||^2 / 2 + penalty ||b|| sum_j ||c_j A_j||.
 
-    The penalty is a share: at 1 no term survives in any unit, near 0 all do. With `penalty` None it is chosen on rows held out
-    as in `Stlsq`: of the supports along the path in the other rows, compared as least squares on each, the one of smallest BIC
-    there is taken. `debias` refits the chosen
-    support by least squares, which undoes the shrinkage of the penalty. Raises IdentificationError for a penalty
-    outside (0, 1].
+    Without a penalty, the support along the path of smallest BIC on rows held out is used, as in `Stlsq`.
+
+    Parameters
+    ----------
+    penalty : float, optional
+        Above 0 and at most 1, relative to the norm of the target: at 1 no term survives in any unit.
+    debias : bool, optional
+        Refit the support by least squares, which removes the shrinkage of the penalty.
+
+    Raises
+    ------
+    IdentificationError
+        If the penalty is out of range; on fitting, if it is None and there are fewer than 25 rows.
+
+    References
+    ----------
+    R. Tibshirani, J. R. Stat. Soc. B 58, 267 (1996).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> system = lw.link_columns(lw.differentiate(record), chain.unknown("nes1"))
+    >>> {name: f"{value:.6g}" for name, value in lw.L1().fit(system).terms("force").items()}
+    {'nes1.alpha': '-100', 'nes1.beta': '1e+06', 'nes1.c': '0.02'}
     """
 
     title: ClassVar[str] = "least squares with an L1 penalty"
@@ -48,8 +72,8 @@ class L1(Regressor):
     def __post_init__(self) -> None:
         if self.penalty is not None and not 0 < self.penalty <= 1:
             raise IdentificationError(
-                f"a penalty of {self.penalty!r} was given; it is the share of an equation's right-hand side that a term must "
-                "explain beyond the others to be let in, 0 < penalty <= 1"
+                f"penalty must be above 0 and at most 1, got {self.penalty!r}; it is the share of an equation's right-hand "
+                "side that a term must explain beyond the others to be selected"
             )
 
     def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
@@ -69,23 +93,24 @@ class L1(Regressor):
 
 def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
     """The kink of the path whose support has the smallest BIC, its penalty, and all supports that were compared."""
-    found: dict[bytes, tuple[SupportCandidate, Floats]] = {}
+    compared: dict[bytes, tuple[SupportCandidate, Floats]] = {}
     worse, lowest = 0, np.inf
     for penalty, scaled in _path(gram, target):
         support = scaled != 0
         key = support.tobytes()
-        if key in found:
+        if key in compared:
             continue
-        one = score_support(gram, target, *gram.project(support, target), penalty)
-        worse = 0 if one.bic < lowest else worse + 1
-        lowest = min(lowest, one.bic)
-        found[key] = one, scaled
+        candidate = score_support(gram, target, *gram.project(support, target), penalty)
+        worse = 0 if candidate.bic < lowest else worse + 1
+        lowest = min(lowest, candidate.bic)
+        compared[key] = candidate, scaled
         if worse > _PATIENCE:
             break
-    if not found:
+    if not compared:
         return np.zeros(len(gram.names)), 1.0, ()
-    chosen = best_support(one for one, _ in found.values())
-    return found[chosen.support.tobytes()][1], chosen.setting, tuple(one for one, _ in found.values())
+    chosen = best_support(candidate for candidate, _ in compared.values())
+    candidates = tuple(candidate for candidate, _ in compared.values())
+    return compared[chosen.support.tobytes()][1], chosen.setting, candidates
 
 
 def _at(gram: Gram, target: int, penalty: float) -> Floats:
@@ -122,7 +147,7 @@ def _path(gram: Gram, target: int) -> Iterator[tuple[float, Floats]]:
             active.append(entering)
             signs.append(float(np.sign(correlation[entering])))
         solved = _direction(gram.matrix, active, signs)
-        if solved is None:  # the newcomer is a copy of what is there
+        if solved is None:  # the entering column depends on the active ones
             free[active.pop()] = False
             signs.pop()
             solved = _direction(gram.matrix, active, signs) if active else None
@@ -145,7 +170,7 @@ def _path(gram: Gram, target: int) -> Iterator[tuple[float, Floats]]:
 
 
 def _direction(matrix: Floats, active: list[int], signs: list[float]) -> Floats | None:
-    """How the coefficients in play grow per unit of falling penalty; None where their columns are dependent."""
+    """Change of the active coefficients per unit of falling penalty; None where their columns are dependent."""
     factor = cholesky(matrix[np.ix_(active, active)])
     return None if factor is None else np.asarray(cho_solve(factor, np.array(signs), check_finite=False))
 
@@ -170,8 +195,8 @@ def _next_entry(
 
 
 def _first_exit(values: Floats, speed: Floats, step: float) -> tuple[float, int]:
-    """The step at which a coefficient in play returns to zero, and its place (-1: none within `step`)."""
+    """The step at which an active coefficient returns to zero, and its index (-1: none within `step`)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = np.where(values * speed < 0, -values / speed, np.inf)
-    place = int(np.argmin(crossings)) if len(crossings) else -1
-    return (float(crossings[place]), place) if place >= 0 and crossings[place] < step else (step, -1)
+    index = int(np.argmin(crossings)) if len(crossings) else -1
+    return (float(crossings[index]), index) if index >= 0 and crossings[index] < step else (step, -1)

@@ -11,7 +11,18 @@ from linkwise.sindy.regression.regressor import Regressor, SupportCandidate
 
 @final
 class LeastSquares(Regressor):
-    """Every column that is not zero throughout takes part."""
+    """Ordinary least squares on every column that is not zero throughout.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(
+    ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a")
+    ... )
+    >>> fit = lw.LeastSquares().fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    >>> fit.coefficients.shape
+    (35, 4)
+    """
 
     title = "least squares, nothing thresholded"
 

@@ -1,8 +1,8 @@
-"""A c = b: the waist between every way to equations (derivatives, weak form) and every way to coefficients.
+"""Linear systems A c = b: the interface between formulations of equations and regressors.
 
-Columns are named and carry the unit of their coefficient, rows carry weights, known terms are already in b. Several
-targets may share the columns. A regressor reads rows in blocks and never asks whether they are stored (`DenseSystem`) or
-computed when asked for (`StreamedSystem`), so a library that does not fit in memory is no special case.
+Columns are named and carry the unit of their coefficient, rows may be weighted, known terms are already in b. Several
+targets may share the columns. A regressor reads rows in blocks, whether they are stored (`DenseSystem`) or computed on
+demand (`StreamedSystem`), so a library may be larger than memory.
 """
 
 from __future__ import annotations
@@ -16,28 +16,47 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 
-Rows = slice | Indices  # a piece of the rows, or their numbers
+Rows = slice | Indices  # rows of a system: a slice or row numbers
 
 _BLOCK_BYTES = 8 * 2**20  # large enough to fill the pipelines of one BLAS call, small enough to stay in cache
 
-# p x p: of all rows, of those held out and of the others, two factors, an inverse, and one in the making
+# p x p: Gram matrices of all rows, of those held out and of the others, two factors, an inverse, one temporary
 _MATRICES = 7
-_BLOCKS = 4  # as they come, split in two, and what they leave
+_BLOCKS = 4  # the block, its two parts and the residuals
 
 
 def fit_bytes(columns: int) -> int:
-    """Bytes that a fit of so many columns takes at its peak, beside the data."""
+    """Peak memory of a fit, beside the data.
+
+    Parameters
+    ----------
+    columns : int
+        Number of columns p.
+
+    Returns
+    -------
+    int
+        Memory in bytes: seven p x p matrices and a few blocks of rows.
+    """
     return 8 * _MATRICES * columns**2 + _BLOCKS * _BLOCK_BYTES
 
 
 class LinearSystem(ABC):
-    """Weighted rows of A c = b with p named columns and T named targets, read block by block."""
+    """Weighted rows of A c = b with p named columns and T named targets, read block by block.
 
-    names: tuple[str, ...]  # (p,) of the columns
-    units: tuple[
-        str, ...
-    ]  # (p,) of their coefficients; with several targets, of the columns: "" where unknown
-    targets: tuple[str, ...]  # (T,)
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the p columns.
+    units : tuple of str
+        Units of their p coefficients; with several targets, of the columns. "" where unknown.
+    targets : tuple of str
+        Names of the T right-hand sides.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    targets: tuple[str, ...]
 
     @property
     @abstractmethod
@@ -46,15 +65,34 @@ class LinearSystem(ABC):
 
     @abstractmethod
     def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
-        """Weighted rows `piece`: A (B, p) in C or Fortran order, and b (B, T)."""
+        """Weighted rows.
 
-    @property
-    def fit_bytes(self) -> int:
-        """What a fit of any regressor takes at its peak, beside the data: so many p x p matrices and a few blocks of rows."""
-        return fit_bytes(len(self.names))
+        Parameters
+        ----------
+        piece : slice or array of int
+            The B rows.
+
+        Returns
+        -------
+        matrix : array of shape (B, p)
+            Rows of A, in C or Fortran order.
+        target : array of shape (B, T)
+            Rows of b.
+        """
 
     def blocks(self, rows: Indices | None = None) -> Iterator[tuple[Floats, Floats]]:
-        """All rows, or those of these numbers, in order, in blocks of about 8 MB, each as `rows_of` gives them."""
+        """Iterate over rows in blocks of about 8 MB.
+
+        Parameters
+        ----------
+        rows : array of int, optional
+            Numbers of the rows, in order; all by default.
+
+        Yields
+        ------
+        matrix, target : array
+            As `rows_of` returns them.
+        """
         step = int(np.clip(_BLOCK_BYTES // (8 * max(len(self.names), 1)), 64, 65536))
         for first in range(0, self.rows if rows is None else len(rows), step):
             last = first + step
@@ -63,11 +101,27 @@ class LinearSystem(ABC):
 
 @dataclass(frozen=True, eq=False)
 class DenseSystem(LinearSystem):
-    """Stored equations: matrix (R, p), target (R,) or (R, T), weights (R,) that multiply whole rows (default 1).
+    """Linear system A c = b in memory.
 
-    `names` and `units` name the p columns and the units of their coefficients, `targets` the T right-hand sides. A
-    target (R,) is kept as (R, 1). Raises IdentificationError where shapes disagree, a name appears twice, or an entry
-    is not finite.
+    Parameters
+    ----------
+    matrix : array of shape (R, p)
+        A.
+    target : array of shape (R,) or (R, T)
+        b, kept with two dimensions.
+    names : tuple of str
+        Names of the p columns.
+    weights : array of shape (R,), optional
+        Factors of whole rows; 1 by default.
+    units : tuple of str, optional
+        Units of the p coefficients.
+    targets : tuple of str, optional
+        Names of the T right-hand sides.
+
+    Raises
+    ------
+    IdentificationError
+        If shapes do not match, a name is used twice, or an entry is not finite.
     """
 
     matrix: Floats
@@ -96,6 +150,7 @@ class DenseSystem(LinearSystem):
 
     @property
     def rows(self) -> int:
+        """Number of rows R."""
         return len(self.matrix)
 
     def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
@@ -105,35 +160,28 @@ class DenseSystem(LinearSystem):
         weights = self.weights[piece, None]
         return matrix * weights, target * weights
 
-    def with_known(self, values: dict[str, float]) -> DenseSystem:
-        """The same equations with the named columns moved to the right-hand side at these coefficients.
-
-        Raises IdentificationError for a name that is no column.
-        """
-        for name in values:
-            if name not in self.names:
-                raise IdentificationError(
-                    f"no column is called {name!r}; the columns are {', '.join(self.names)}"
-                )
-        known = [self.names.index(name) for name in values]
-        left = [column for column, name in enumerate(self.names) if name not in values]
-        moved = self.matrix[:, known] @ np.array(list(values.values()), dtype=np.float64)
-        return DenseSystem(
-            self.matrix[:, left],
-            self.target - moved[:, None],
-            tuple(self.names[column] for column in left),
-            weights=self.weights,
-            units=tuple(self.units[column] for column in left),
-            targets=self.targets,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class StreamedSystem(LinearSystem):
-    """Equations whose rows are computed when they are read: `compute(piece)` gives A (B, p) and b (B, T), weights applied,
-    for a slice or an array of row numbers.
+    """Linear system A c = b whose rows are computed when they are read: one block is in memory at a time.
 
-    `count` is the number of rows R. The matrix is never stored: memory stays at one block.
+    Parameters
+    ----------
+    compute : callable
+        ``compute(piece)`` returns weighted rows of A, shape (B, p), and b, shape (B, T), for a slice or row numbers.
+    count : int
+        Number of rows R.
+    names : tuple of str
+        Names of the p columns.
+    units : tuple of str
+        Units of the p coefficients; "" where unknown.
+    targets : tuple of str
+        Names of the T right-hand sides.
+
+    Raises
+    ------
+    IdentificationError
+        If a name is used twice or the number of units differs from that of the columns.
     """
 
     compute: Callable[[Rows], tuple[Floats, Floats]]
@@ -147,24 +195,31 @@ class StreamedSystem(LinearSystem):
 
     @property
     def rows(self) -> int:
+        """Number of rows R."""
         return self.count
 
     def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
         return self.compute(piece)
 
     def stored(self) -> DenseSystem:
-        """The same equations with all rows in memory."""
+        """Compute all rows.
+
+        Returns
+        -------
+        DenseSystem
+            The same equations in memory.
+        """
         matrix, target = self.compute(slice(0, self.count))
         return DenseSystem(matrix, target, self.names, units=self.units, targets=self.targets)
 
 
 def _require_named(names: tuple[str, ...], units: tuple[str, ...], targets: tuple[str, ...]) -> None:
     for kind, given in (("column", names), ("target", targets)):
-        twice = (
+        repeated = (
             sorted({name for name in given if given.count(name) > 1}) if len(set(given)) < len(given) else []
         )
-        if twice:
-            raise IdentificationError(f"two {kind}s are called {twice[0]!r}; names must differ")
+        if repeated:
+            raise IdentificationError(f"two {kind}s are called {repeated[0]!r}; names must differ")
     if len(units) != len(names):
         raise IdentificationError(f"{len(names)} columns need {len(names)} units, got {len(units)}")
 
@@ -173,7 +228,7 @@ def _require_finite(matrix: Floats, target: Floats, weights: Floats | None, name
     bad_rows = ~np.isfinite(target).all(axis=1)
     if weights is not None:
         bad_rows |= ~np.isfinite(weights)
-    # A sum is finite only where every entry is, or overflows; only then look for the place.
+    # A sum is finite where every entry is, unless it overflows; only then is the entry looked for.
     if bad_rows.any():
         raise IdentificationError(
             f"row {int(np.flatnonzero(bad_rows)[0])} of the equations has no finite right-hand side or weight"

@@ -1,4 +1,4 @@
-"""What every regressor does, equations in and a fit out, and the fit itself."""
+"""Regressors, from a linear system to a fit, and the fit."""
 
 from __future__ import annotations
 
@@ -16,11 +16,22 @@ from linkwise.sindy.regression.linear_system import LinearSystem
 
 @dataclass(frozen=True, eq=False)
 class SupportCandidate:
-    """One support (p,) on a regressor's path for one target.
+    """One support on the path of a regressor for one target.
 
-    `setting` is the threshold or penalty that led to it, `terms` its number of columns, `residual` the norm of b - A c
-    over that of b after least squares on the support in the rows that were fitted, `held_out` the same in those that were not,
-    and `bic` the Bayesian information criterion of the latter (smaller is better).
+    Attributes
+    ----------
+    support : array of bool, shape (p,)
+        The columns.
+    setting : float
+        Threshold or penalty that led to it.
+    terms : int
+        Number of columns in the support.
+    residual : float
+        ||b - A c|| / ||b|| after least squares on the support, in the rows that were fitted.
+    held_out : float
+        The same in the rows held out.
+    bic : float
+        Bayesian information criterion on the rows held out; smaller is better.
     """
 
     support: Bools
@@ -35,10 +46,24 @@ class SupportCandidate:
 class RegressionFit:
     """Coefficients of p columns for T targets.
 
-    `coefficients` (p, T) in their own units, zero outside `support` (p, T); `standard_error` (p, T) from the residual,
-    rows taken as independent, zero outside the support; `contribution` (p, T) is ||c_j A_j|| / ||b||, the share of a
-    term in its equation; `residual` (T,) is ||b - A c|| / ||b||; `setting` (T,) is the threshold or penalty in force (0
-    where there is none), and `paths` holds per target what was compared to choose it, empty where nothing was.
+    Attributes
+    ----------
+    names, units, targets : tuple of str
+        Names of the columns, units of their coefficients ("" where unknown) and names of the targets.
+    coefficients : array of shape (p, T)
+        Coefficients in their own units, zero outside the support.
+    support : array of bool, shape (p, T)
+        The columns that each target keeps.
+    standard_error : array of shape (p, T)
+        Standard errors from the residual, rows taken as independent; zero outside the support.
+    contribution : array of shape (p, T)
+        ||c_j A_j|| / ||b||, the share of a term in its equation.
+    residual : array of shape (T,)
+        ||b - A c|| / ||b||.
+    setting : array of shape (T,)
+        Threshold or penalty in force; 0 where there is none.
+    paths : tuple of tuple of SupportCandidate
+        For each target the supports that were compared; empty where the setting was given.
     """
 
     names: tuple[str, ...]
@@ -53,68 +78,135 @@ class RegressionFit:
     paths: tuple[tuple[SupportCandidate, ...], ...]
 
     def terms(self, target: str) -> dict[str, float]:
-        """The terms of one target by name. Raises IdentificationError for a name that is no target."""
+        """Terms of one equation.
+
+        Parameters
+        ----------
+        target : str
+            Name of the target.
+
+        Returns
+        -------
+        dict of str to float
+            Coefficients by name of the column, those of the support alone.
+
+        Raises
+        ------
+        IdentificationError
+            If there is no such target.
+        """
         column = self._column(target)
         return {
             self.names[j]: float(self.coefficients[j, column])
             for j in np.flatnonzero(self.support[:, column])
         }
 
-    def require_explained(self, limit: float) -> None:
-        """Raise IdentificationError, naming the targets, where more than `limit` of a target's norm is left unexplained."""
-        bad = [
-            f"{self.targets[t]} ({self.residual[t]:.2g})" for t in np.flatnonzero(~(self.residual <= limit))
-        ]
-        if bad:
-            raise IdentificationError(
-                f"the terms leave more than {limit:g} of these equations unexplained: {', '.join(bad)}; the library "
-                "lacks a term that the motion has, or the derivatives are too noisy: try a higher "
-                "order, other laws, or the weak form"
-            )
-
     def text(self, digits: int = 6) -> str:
-        """The identified equations, one a line, strongest term first: "x1'' = -29900*x1 - 1.02*v1 + ..."."""
+        """The identified equations as text.
+
+        Parameters
+        ----------
+        digits : int, optional
+            Significant digits.
+
+        Returns
+        -------
+        str
+            One equation a line, strongest term first: "x1'' = -29900*x1 - 1.02*v1 + ...".
+        """
         return "\n".join(
             f"{target} = {self._sum(column, digits)}" for column, target in enumerate(self.targets)
         )
 
     def _sum(self, column: int, digits: int) -> str:
         order = np.argsort(-self.contribution[:, column], kind="stable")
-        written = ""
+        terms = ""
         for j in order[self.support[order, column]]:
             value = self.coefficients[j, column]
-            sign = (" - " if value < 0 else " + ") if written else ("-" if value < 0 else "")
+            sign = (" - " if value < 0 else " + ") if terms else ("-" if value < 0 else "")
             size = f"{abs(value):.{digits}g}"
-            written += sign + (size if self.names[j] == "1" else f"{size}*{self.names[j]}")
-        return written or "0"
+            terms += sign + (size if self.names[j] == "1" else f"{size}*{self.names[j]}")
+        return terms or "0"
 
     def _column(self, target: str) -> int:
         if target not in self.targets:
-            raise IdentificationError(
-                f"no equation is called {target!r}; there are {', '.join(self.targets)}"
-            )
+            raise IdentificationError(f"unknown equation {target!r}; choose from {', '.join(self.targets)}")
         return self.targets.index(target)
 
 
 class Regressor(ABC):
-    """A way from equations to coefficients. Concretes choose the supports; everything else is shared.
+    """A method of regression on a linear system. Concrete classes choose the support; everything else is shared.
 
-    `title` says in a few words what a concrete does. One without arguments is made where a regressor is chosen by its name in
-    `REGRESSORS`.
+    `REGRESSORS` creates one without arguments for each name, so that all parameters need defaults.
+
+    Attributes
+    ----------
+    title : str
+        Short description for messages and reports, set on the class.
     """
 
     title: ClassVar[str]
 
     def with_threshold(self, threshold: float) -> Regressor:
-        """The same with a threshold; raises IdentificationError for a regressor that has none."""
+        """The same regressor with a threshold.
+
+        Parameters
+        ----------
+        threshold : float
+            The threshold.
+
+        Returns
+        -------
+        Regressor
+            A regressor with this threshold.
+
+        Raises
+        ------
+        IdentificationError
+            If the regressor has no threshold, or it is out of range.
+        """
         raise IdentificationError(f"a threshold of {threshold!r} was given, and {self.title} has none")
 
     def fit(self, system: LinearSystem) -> RegressionFit:
-        """Fit all targets of `system` on one Gram matrix; raises IdentificationError where that is impossible."""
+        """Fit all targets of a system on one Gram matrix.
+
+        Parameters
+        ----------
+        system : LinearSystem
+            The equations.
+
+        Returns
+        -------
+        RegressionFit
+            The coefficients.
+
+        Raises
+        ------
+        IdentificationError
+            If the system is empty, columns of the support are dependent, or too few rows are left to choose a setting.
+        """
         return self.fit_gram(Gram.of(system), system.units, system.targets)
 
     def fit_gram(self, gram: Gram, units: tuple[str, ...], targets: tuple[str, ...]) -> RegressionFit:
-        """The same from a Gram matrix that exists, so several regressors can share it."""
+        """Fit from a Gram matrix, which several regressors can share.
+
+        Parameters
+        ----------
+        gram : Gram
+            Gram matrix of the system.
+        units, targets : tuple of str
+            Units of the coefficients and names of the targets.
+
+        Returns
+        -------
+        RegressionFit
+            The coefficients.
+
+        Raises
+        ------
+        IdentificationError
+            As `fit`.
+        """
         scaled = np.zeros((len(gram.names), len(targets)))
         setting, paths = np.zeros(len(targets)), []
         for target in range(len(targets)):
@@ -124,7 +216,24 @@ class Regressor(ABC):
 
     @abstractmethod
     def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
-        """Scaled coefficients (p,) of one target, the setting in force, and the candidates that were compared."""
+        """Choose the support of one target and solve for its coefficients.
+
+        Parameters
+        ----------
+        gram : Gram
+            Gram matrix of the system.
+        target : int
+            Index of the target.
+
+        Returns
+        -------
+        scaled : array of shape (p,)
+            Scaled coefficients, zero outside the support.
+        setting : float
+            Threshold or penalty in force; 0 where there is none.
+        path : tuple of SupportCandidate
+            The supports that were compared.
+        """
 
 
 def _fit(
@@ -135,10 +244,10 @@ def _fit(
     setting: Floats,
     paths: tuple[tuple[SupportCandidate, ...], ...],
 ) -> RegressionFit:
-    """Fill in what follows from the coefficients alone."""
+    """The fit that scaled coefficients (p, T) amount to."""
     support = scaled != 0
     norms = np.where(gram.norms > 0, gram.norms, 1.0)
-    squares = gram.sums.moved(scaled - gram.anchor).squares
+    squares = gram.sums.shifted(scaled - gram.anchor).squares
     freedom = np.maximum(gram.rows - support.sum(axis=0), 1)
     variances = _variances(gram, support)
     return RegressionFit(
@@ -157,9 +266,9 @@ def _fit(
 
 def _variances(gram: Gram, support: Bools) -> Floats:
     """`Gram.variances` of each target's support (p, T); targets that share a support share the work."""
-    found: dict[bytes, Floats] = {}
+    by_support: dict[bytes, Floats] = {}
     for column in support.T:
         key = column.tobytes()
-        if key not in found:
-            found[key] = gram.variances(column)
-    return np.column_stack([found[column.tobytes()] for column in support.T])
+        if key not in by_support:
+            by_support[key] = gram.variances(column)
+    return np.column_stack([by_support[column.tobytes()] for column in support.T])

@@ -15,22 +15,48 @@ from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.regressor import Regressor, SupportCandidate
 from linkwise.sindy.regression.selection import EXACT, best_support, score_support
 
-_PASSES = 50  # supports only shrink; a loop this long means nothing is left to drop one by one
-_FEW, _FEWER = 64, 16  # terms from which the path goes down more gently, and one by one
+_PASSES = 50  # supports only shrink, so far fewer passes are enough
+_FEW, _FEWER = 64, 16  # terms below which a tenth is dropped at once, and below which one is
 
 
 @final
 @dataclass(frozen=True)
 class Stlsq(Regressor):
-    """Fit, drop every term whose contribution ||c_j A_j|| / ||b|| is below the threshold, fit again, until none drops.
+    """Sequentially thresholded least squares.
 
-    The threshold is a share of the equation's right-hand side, so it means the same in every unit. With `threshold`
-    None it is chosen on rows held out (`sums.held_out`). In the other rows it rises, step by step, so that each step drops
-    the weakest third of the terms (the weakest tenth of fewer than 64, one of fewer than 16, and all that contribute
-    less than rounding), each step going on from the support of the one before. The support of smallest BIC in the rows
-    held out is taken (`selection`) and fitted to all rows; the whole path stands in the fit.
+    Terms whose contribution ||c_j A_j|| / ||b|| is below a threshold are dropped and the others refitted, until none drops.
 
-    Raises IdentificationError for a threshold outside [0, 1), and without one for a system of fewer than 25 rows.
+    Parameters
+    ----------
+    threshold : float, optional
+        At least 0 and below 1, relative to the norm of the target, so that it means the same in every unit. By default it is
+        chosen on rows held out.
+
+    Raises
+    ------
+    IdentificationError
+        If the threshold is out of range; on fitting, if it is None and there are fewer than 25 rows.
+
+    Notes
+    -----
+    To choose the threshold, every fifth of a hundred runs of neighbouring rows is held out. On the other rows the threshold
+    rises; each step drops the weakest third of the terms (a tenth of fewer than 64, one of fewer than 16, and all that
+    contribute less than rounding) and refits. The support of smallest BIC on the rows held out is fitted to all rows. The path
+    is kept in `RegressionFit.paths`.
+
+    References
+    ----------
+    S. L. Brunton, J. L. Proctor and J. N. Kutz, PNAS 113, 3932 (2016).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(
+    ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a")
+    ... )
+    >>> fit = lw.Stlsq(0.001).fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    >>> sorted(fit.terms("x1'"))
+    ['v1']
     """
 
     title: ClassVar[str] = "sequentially thresholded least squares"
@@ -40,8 +66,8 @@ class Stlsq(Regressor):
     def __post_init__(self) -> None:
         if self.threshold is not None and not 0 <= self.threshold < 1:
             raise IdentificationError(
-                f"a threshold of {self.threshold!r} was given; it is the share of an equation's right-hand side below which a "
-                "term is dropped, 0 <= threshold < 1"
+                f"threshold must be at least 0 and below 1, got {self.threshold!r}; it is the share of an equation's "
+                "right-hand side below which a term is dropped"
             )
 
     def with_threshold(self, threshold: float) -> Stlsq:
@@ -59,7 +85,7 @@ class Stlsq(Regressor):
 
 
 def _shrink(gram: Gram, target: int, scaled: Floats, threshold: float) -> Floats:
-    """Scaled coefficients after dropping, from those of a larger support, until every term left reaches the threshold."""
+    """Scaled coefficients after dropping terms until every one that remains reaches the threshold."""
     for _ in range(_PASSES):
         kept = (np.abs(scaled) >= threshold * gram.norms[target]) & (scaled != 0)
         if np.array_equal(kept, scaled != 0):
@@ -69,32 +95,32 @@ def _shrink(gram: Gram, target: int, scaled: Floats, threshold: float) -> Floats
 
 
 def _path(training: Gram, target: int) -> Iterator[SupportCandidate]:
-    """Supports of falling size, from all columns to none, as the threshold rises."""
-    gram, places = training, np.arange(len(training.names))
+    """Supports of decreasing size, from all columns to none, as the threshold rises."""
+    gram, columns = training, np.arange(len(training.names))
     scaled, squares = gram.project(gram.alive, target)
     setting, norm = 0.0, float(gram.norms[target])
     while True:
-        judged = score_support(gram, target, scaled, squares, setting)
+        candidate = score_support(gram, target, scaled, squares, setting)
         support = np.zeros(len(training.names), dtype=bool)
-        support[places] = judged.support
-        yield replace(judged, support=support)
-        if not judged.terms or not norm:
+        support[columns] = candidate.support
+        yield replace(candidate, support=support)
+        if not candidate.terms or not norm:
             return
-        ranked = np.argsort(np.abs(scaled), kind="stable")[-judged.terms :]
+        ranked = np.argsort(np.abs(scaled), kind="stable")[-candidate.terms :]
         negligible = int(np.count_nonzero(np.abs(scaled[ranked]) < EXACT * norm))
-        dropped = ranked[: max(_step(judged.terms), min(negligible, judged.terms - 1))]
+        dropped = ranked[: max(_step(candidate.terms), min(negligible, candidate.terms - 1))]
         setting = max(setting, float(np.abs(scaled[dropped[-1]])) / norm)
-        kept = judged.support.copy()
+        kept = candidate.support.copy()
         kept[dropped] = False
-        if 0 < np.count_nonzero(kept) < len(places) / 2:
-            gram, places, target = gram.restricted(kept, target), places[kept], 0
+        if 0 < np.count_nonzero(kept) < len(columns) / 2:
+            gram, columns, target = gram.restricted(kept, target), columns[kept], 0
             scaled, squares = gram.anchor[:, 0], float(gram.sums.squares[0])
         else:
             scaled, squares = gram.project(kept, target)
 
 
 def _step(terms: int) -> int:
-    """How many of so many terms are dropped at once."""
+    """How many of `terms` terms are dropped at once."""
     if terms < _FEWER:
         return 1
     return terms // (10 if terms < _FEW else 3)

@@ -1,7 +1,7 @@
-"""What a regression needs of the rows of a linear system, summed block by block, apart for rows that are held out.
+"""Sums over the rows of a linear system, formed block by block, apart for rows that are held out.
 
-Held out is every fifth of a hundred runs of neighbouring rows. Neighbours are too much alike to be parted: what
-is predicted in a run that was not seen is a test, what is predicted between two rows that were seen is none.
+Every fifth of a hundred runs of neighbouring rows is held out. Neighbouring samples are strongly correlated: predicting a
+whole run is a test, predicting a row between two fitted ones is not.
 """
 
 from __future__ import annotations
@@ -18,11 +18,21 @@ from linkwise.sindy.regression.linear_system import LinearSystem
 _RUNS = 100
 _ONE_IN = 5
 _TILE = 128
-_FEWEST = 25  # rows below which none are held out: five must be left to judge by
+_FEWEST = 25  # rows below which none are held out: validation needs five
 
 
 class Products(NamedTuple):
-    """A'A (p, p), A'b (p, T) and ||b||^2 (T,) over some rows."""
+    """Products over some rows.
+
+    Attributes
+    ----------
+    matrix : array of shape (p, p)
+        A'A.
+    moments : array of shape (p, T)
+        A'b.
+    squares : array of shape (T,)
+        ||b||^2.
+    """
 
     matrix: Floats
     moments: Floats
@@ -30,14 +40,33 @@ class Products(NamedTuple):
 
 
 class ResidualProducts(NamedTuple):
-    """||b - A c||^2 (T,) and A'(b - A c) (p, T) over some rows."""
+    """Products of residuals over some rows.
+
+    Attributes
+    ----------
+    squares : array of shape (T,)
+        ||b - A c||^2.
+    slope : array of shape (p, T)
+        A'(b - A c).
+    """
 
     squares: Floats
     slope: Floats
 
 
-def held_out(rows: int) -> Bools:
-    """(R,) True for the rows that are held out: the middle one of every five runs; none of fewer than 25 rows."""
+def held_out_rows(rows: int) -> Bools:
+    """Rows that are held out for validation.
+
+    Parameters
+    ----------
+    rows : int
+        Number of rows R.
+
+    Returns
+    -------
+    array of bool, shape (R,)
+        True in the middle one of every five runs; nowhere for fewer than 25 rows.
+    """
     if rows < _FEWEST:
         return np.zeros(rows, dtype=bool)
     run = np.arange(rows) * min(_RUNS, rows - rows % _ONE_IN) // rows
@@ -45,36 +74,60 @@ def held_out(rows: int) -> Bools:
 
 
 def products(system: LinearSystem) -> list[Products]:
-    """Of the rows that are seen, and of those held out where there are any: one symmetric rank-k update per block and part."""
+    """Products of the rows for training, and of those held out where there are any.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The equations.
+
+    Returns
+    -------
+    list of Products
+        One or two parts; one symmetric rank-k update per block of rows.
+    """
     columns, targets = len(system.names), len(system.targets)
     parts = [
         Products(np.zeros((columns, columns), order="F"), np.zeros((columns, targets)), np.zeros(targets))
-        for _ in range(1 + bool(held_out(system.rows).any()))
+        for _ in range(1 + bool(held_out_rows(system.rows).any()))
     ]
     for part, rows, target in _blocks(system):
-        # syrk reads Fortran order; a block in C order is the transpose of one. What it is given it overwrites.
-        turned = rows.flags.c_contiguous
+        # syrk reads Fortran order; a block in C order is the transpose of one. It overwrites c.
+        transposed = rows.flags.c_contiguous
         dsyrk(
             1.0,
-            rows.T if turned else rows,
+            rows.T if transposed else rows,
             beta=1.0,
             c=parts[part].matrix,
-            trans=not turned,
+            trans=not transposed,
             lower=1,
             overwrite_c=1,
         )
         parts[part].moments[...] += blas_product(rows, target, transposed=True)
         parts[part].squares[...] += np.sum(target**2, axis=0)
-    for one in parts:
-        mirror(one.matrix)
+    for part_products in parts:
+        mirror(part_products.matrix)
     return parts
 
 
 def residual_products(system: LinearSystem, coefficients: Floats) -> list[ResidualProducts]:
-    """Of coefficients c (p, T), from the rows themselves, in the parts of `products`."""
+    """Products of the residuals of given coefficients, computed from the rows themselves.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The equations.
+    coefficients : array of shape (p, T)
+        The coefficients c.
+
+    Returns
+    -------
+    list of ResidualProducts
+        In the parts of `products`.
+    """
     parts = [
         ResidualProducts(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
-        for _ in range(1 + bool(held_out(system.rows).any()))
+        for _ in range(1 + bool(held_out_rows(system.rows).any()))
     ]
     for part, rows, target in _blocks(system):
         residual = target - blas_product(rows, coefficients)
@@ -84,7 +137,13 @@ def residual_products(system: LinearSystem, coefficients: Floats) -> list[Residu
 
 
 def mirror(matrix: Floats) -> None:
-    """Copy the lower triangle of a square matrix over its upper one, in tiles that stay in the cache."""
+    """Copy the lower triangle of a square matrix to its upper one in place, in tiles that fit in the cache.
+
+    Parameters
+    ----------
+    matrix : array of shape (p, p)
+        The matrix, overwritten.
+    """
     edges = range(0, len(matrix), _TILE)
     for row in edges:
         for column in range(0, row, _TILE):
@@ -97,7 +156,21 @@ def mirror(matrix: Floats) -> None:
 def blas_product(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
     """rows @ right, or rows.T @ right, by SciPy's BLAS.
 
-    NumPy brings a BLAS of its own; where each keeps threads, calling both in turn lets them spin in each other's way.
+    NumPy links a BLAS of its own; threads of the two libraries that wait for work would slow each other down.
+
+    Parameters
+    ----------
+    rows : array of shape (B, p)
+        In C or Fortran order.
+    right : array of shape (p, T), or (B, T) if transposed
+        The right factor.
+    transposed : bool, optional
+        Multiply by the transpose of `rows`.
+
+    Returns
+    -------
+    array of shape (B, T), or (p, T) if transposed
+        The product.
     """
     if rows.flags.c_contiguous:
         return np.asarray(dgemm(1.0, rows.T, right, trans_a=not transposed))
@@ -105,8 +178,8 @@ def blas_product(rows: Floats, right: Floats, *, transposed: bool = False) -> Fl
 
 
 def _blocks(system: LinearSystem) -> Iterator[tuple[int, Floats, Floats]]:
-    """All rows in blocks, first those that are seen (0), then those held out (1)."""
-    held = held_out(system.rows)
+    """All rows in blocks, first those for training (0), then those held out (1)."""
+    held = held_out_rows(system.rows)
     for part, chosen in enumerate((~held, held)):
         for rows, target in system.blocks(np.flatnonzero(chosen)):
             yield part, rows, target
