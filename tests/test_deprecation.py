@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import linkwise as lw
-from linkwise.deprecation import Deprecated, deprecated_keyword
+from linkwise.deprecation import Deprecated, DeprecatedAttribute, deprecated_keyword
 
 SOURCE = Path(lw.__file__).parent
 CHANGELOG = (Path(__file__).resolve().parents[1] / "CHANGELOG.md").read_text(encoding="utf-8")
+ATTRIBUTES = [
+    (owner, old, alias)
+    for name in lw.__all__
+    if isinstance(owner := getattr(lw, name), type)
+    for old, alias in vars(owner).items()
+    if isinstance(alias, DeprecatedAttribute)
+]
 SAMPLE = Deprecated("Stlsq", since="0.2.0", until="9.0.0")
 
 
@@ -81,6 +89,41 @@ def test_every_old_public_name_leads_to_a_public_one_and_is_in_the_changelog(old
         assert getattr(lw, old) is not None
     assert f"| `{old}` | `{lw._DEPRECATED[old].new}` |" in CHANGELOG
     assert old not in lw.__all__ and lw._DEPRECATED[old].new.split(".")[0] in lw.__all__
+
+
+@pytest.mark.parametrize(("owner", "old", "alias"), ATTRIBUTES)
+def test_every_old_attribute_warns_and_is_in_the_changelog(
+    owner: type, old: str, alias: DeprecatedAttribute
+) -> None:
+    new = alias.entry.new
+    assert new in owner.__annotations__ or hasattr(owner, new)
+    standing = SimpleNamespace(**{new: (lw.Verdict.SEARCH_UNSETTLED,)})
+    told = rf"{owner.__name__}\.{old} is deprecated .*; use {owner.__name__}\.{new}$"
+    with pytest.warns(DeprecationWarning, match=told) as caught:
+        value = alias.__get__(standing, owner)
+    assert caught[0].filename == __file__
+    assert value is getattr(standing, new) or (owner is lw.Discovery and value is (old != "settled"))
+    assert f"| `{owner.__name__}.{old}` | `{owner.__name__}.{new}` |" in CHANGELOG
+
+
+def test_an_old_attribute_of_an_object_is_the_new_one() -> None:
+    subject = lw.read_study("paper").subjects[0]
+    with pytest.warns(DeprecationWarning, match=r"use Subject\.judged_links"):
+        assert subject.judged == subject.judged_links
+    with pytest.warns(DeprecationWarning, match=r"use Subject\.unknown_structure"):
+        assert subject.asked is subject.unknown_structure
+
+
+def test_a_study_may_be_given_by_its_old_keyword() -> None:
+    with pytest.warns(DeprecationWarning, match="keyword 'which' of read_study .* use 'study'"):
+        assert lw.read_study(which="paper").text() == lw.read_study("paper").text()  # type: ignore[call-arg]
+    with (
+        pytest.warns(DeprecationWarning, match="keyword 'which' of run_study .* use 'study'"),
+        pytest.raises(lw.StudyError),
+    ):
+        lw.run_study(which="none", folder="none")  # type: ignore[call-arg]
+    for function in ("read_study", "run_study"):
+        assert f"| `{function}(which=...)` | `{function}(study=...)` |" in CHANGELOG
 
 
 def test_no_old_spelling_outlives_its_version() -> None:

@@ -1,4 +1,4 @@
-"""Old spellings of public names and keywords: they go on working, warn, and say what to write instead.
+"""Old spellings of public names, attributes and keywords: they go on working, warn, and say what to write instead.
 
 The policy (what, since when, until when) stands in CONTRIBUTING.md. A test reads every `Deprecated(...)` of the source and
 fails when the version reaches its `until`, so that no old spelling outlives its promise.
@@ -9,7 +9,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import wraps
-from typing import NamedTuple, ParamSpec, TypeVar
+from operator import attrgetter
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -37,6 +38,45 @@ class Deprecated(NamedTuple):  # a dataclass would double the time that `import 
             f"{old} is deprecated since linkwise {self.since} and will be removed in {self.until}; use {new}"
         )
         warnings.warn(message, DeprecationWarning, stacklevel=3)
+
+
+class DeprecatedAttribute:
+    """The old spelling of an attribute or a method, to be assigned to that spelling in the body of its class.
+
+    Parameters
+    ----------
+    entry : Deprecated
+        The attribute that replaces it, and the versions.
+    read : callable, optional
+        Gives the old value of an object; by default the value of the attribute that replaces it.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from linkwise.deprecation import Deprecated, DeprecatedAttribute
+    >>> class Signal:
+    ...     rate = 4.0
+    ...     fs = DeprecatedAttribute(Deprecated("rate", since="0.2.0", until="9.0.0"))
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     Signal().fs
+    4.0
+    >>> print(caught[0].message)
+    Signal.fs is deprecated since linkwise 0.2.0 and will be removed in 9.0.0; use Signal.rate
+    """
+
+    def __init__(self, entry: Deprecated, read: Callable[[Any], object] | None = None) -> None:
+        self.entry = entry
+        self._read = attrgetter(entry.new) if read is None else read
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._owner, self._name = owner.__name__, name
+
+    def __get__(self, instance: object, owner: type) -> Any:
+        if instance is None:
+            return self
+        self.entry.warn(f"{self._owner}.{self._name}", f"{self._owner}.{self.entry.new}")
+        return self._read(instance)
 
 
 def deprecated_keyword(old: str, entry: Deprecated) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -16,6 +16,7 @@ from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import Absorption, closure_verdict
 from linkwise.absorption.variants import Variants
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import LinkwiseError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
@@ -81,6 +82,8 @@ class AbsorptionIntervals(JudgedView):
     upper: Floats
     diverged: int
     closure: float
+
+    found = DeprecatedAttribute(Deprecated("absorption", since="0.2.0", until="0.4.0"))
 
     def quantity(self, name: str) -> QuantityInterval:
         """The quantity called `name`.

@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import closure_verdict
 from linkwise.arrays import Bools, Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
@@ -81,6 +82,9 @@ class AbsorptionMap(JudgedView):
     values: Floats
     completed: Bools
     horizon: float | None
+
+    manner = DeprecatedAttribute(Deprecated("removal", since="0.2.0", until="0.4.0"))
+    alive = DeprecatedAttribute(Deprecated("completed", since="0.2.0", until="0.4.0"))
 
     def __getitem__(self, name: str) -> Floats:
         """The values (K,) or (K, J) of the quantity called `name`; KeyError lists all."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from linkwise.absorption.sinks import Sink
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
@@ -103,6 +104,8 @@ class AbsorptionRun:
     dissipated: Floats
     horizon: float | None
 
+    put_in = DeprecatedAttribute(Deprecated("supplied", since="0.2.0", until="0.4.0"))
+
     @property
     def total(self) -> float:
         """Energy in J supplied by the end."""
@@ -156,6 +159,8 @@ class SinkResult:
     elongation: Floats
     crossings: Floats
     before_horizon: int
+
+    believed = DeprecatedAttribute(Deprecated("before_horizon", since="0.2.0", until="0.4.0"))
 
     @property
     def last(self) -> float | None:
@@ -219,6 +224,8 @@ class Absorption(JudgedView):
     absorbing: tuple[str, ...]
     with_sinks: AbsorptionRun
     without: AbsorptionRun
+
+    manner = DeprecatedAttribute(Deprecated("removal", since="0.2.0", until="0.4.0"))
 
     @property
     def sinks_share(self) -> float:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.estimates.estimate import Estimate
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
@@ -66,6 +68,10 @@ class TermEvidence:
     standard_error: float
     z: float
     margin: float
+
+    told = DeprecatedAttribute(Deprecated("identifiable", since="0.2.0", until="0.4.0"))
+    reliable = DeprecatedAttribute(Deprecated("unambiguous", since="0.2.0", until="0.4.0"))
+    price = DeprecatedAttribute(Deprecated("penalty", since="0.2.0", until="0.4.0"))
 
     @property
     def decision(self) -> Decision:
@@ -128,6 +134,14 @@ class RunnerUp:
     margin: float
 
 
+_NOW_VERDICTS = Deprecated("verdicts", since="0.2.0", until="0.4.0")
+
+
+def _without(verdict: Verdict) -> Callable[[Discovery], bool]:
+    """Gives whether a discovery is free of a verdict."""
+    return lambda discovery: verdict not in discovery.verdicts
+
+
 @dataclass(frozen=True, eq=False)
 class Discovery(JudgedView):
     """The result of `discover`; printed, a table of links and the evidence for their terms.
@@ -161,6 +175,10 @@ class Discovery(JudgedView):
     verdicts: tuple[Verdict, ...]
     rounds: int
     seconds: float
+
+    settled = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.SEARCH_UNSETTLED))
+    seen = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.DISPLACEMENTS_INTEGRATED))
+    exact = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.TERMS_MAY_BE_MISSING))
 
     @property
     def structure(self) -> Structure:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, symbols
 from linkwise.model.law import Law
@@ -65,6 +66,8 @@ class Term:
     text: str
     coefficient: str
     law: Law = field(init=False, compare=False, repr=False)
+
+    written = DeprecatedAttribute(Deprecated("product", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "law", Law.parse(self.text))

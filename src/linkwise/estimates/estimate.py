@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StructureError
 from linkwise.estimates.energy_supply import supplied_power
 from linkwise.estimates.findings import link_findings
@@ -85,6 +86,9 @@ class Estimate(JudgedView):
     intervals: bool = True
     profile: Callable[[str, float, Progress], tuple[float, float]] | None = None
     notes: tuple[str, ...] = ()
+
+    asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
+    moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))
 
     @property
     def trusted(self) -> bool:

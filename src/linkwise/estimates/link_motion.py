@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.model.structure import Structure
 
 _DENSE = 64  # masses up to which all link forces are solved for together
@@ -31,6 +32,9 @@ class LinkMotion:
     v: Floats
     d_range: Floats
     compute_residual: Callable[[], Floats | None]
+
+    visited = DeprecatedAttribute(Deprecated("d_range", since="0.2.0", until="0.4.0"))
+    leave = DeprecatedAttribute(Deprecated("compute_residual", since="0.2.0", until="0.4.0"))
 
     @cached_property
     def force(self) -> Floats | None:

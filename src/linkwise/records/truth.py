@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 
 if TYPE_CHECKING:
     from linkwise.model.structure import Structure
@@ -41,6 +42,8 @@ class EnergyBalance:
     kinetic: Floats
     potential: Floats
     dissipated: Floats
+
+    put_in = DeprecatedAttribute(Deprecated("supplied", since="0.2.0", until="0.4.0"))
 
     @property
     def residual(self) -> Floats:
@@ -101,6 +104,8 @@ class SimulationTruth:
     diagnostics: MotionDiagnostics
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: range | None = None
+
+    account = DeprecatedAttribute(Deprecated("diagnostics", since="0.2.0", until="0.4.0"))
 
     @cached_property
     def energy(self) -> EnergyBalance:

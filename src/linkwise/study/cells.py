@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.study.definition import Study
 from linkwise.study.row import Case, Row
 
@@ -42,6 +43,8 @@ class Cell:
     expected: int
     answers: tuple[Row, ...]
     failures: tuple[Row, ...]
+
+    middle = DeprecatedAttribute(Deprecated("median_row", since="0.2.0", until="0.4.0"))
 
     @property
     def done(self) -> int:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StudyError
 from linkwise.study.method import StudyMethod
 from linkwise.study.row import Case
@@ -58,6 +59,8 @@ class Study:
     first_seed: int = 1000
     cycles: int = 100
     quick: int = 5
+
+    place = DeprecatedAttribute(Deprecated("sort_key", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
         named: dict[str, list[object]] = {

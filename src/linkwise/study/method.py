@@ -9,6 +9,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.estimates.estimator import Estimator
 from linkwise.identification.force_error import nmse
 from linkwise.identification.identify import IdentificationMethod, identify
@@ -56,6 +57,8 @@ class StudyMethod(ABC):
     """
 
     name: str
+
+    answer = DeprecatedAttribute(Deprecated("evaluate", since="0.2.0", until="0.4.0"))
 
     @abstractmethod
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import StudyError
 from linkwise.progress import Progress, silent
 from linkwise.runtime import processors
@@ -19,6 +20,7 @@ from linkwise.study.toml_file import read_study
 MOST_CASES = 1_000_000  # kept in memory and in one file: years of computing time
 
 
+@deprecated_keyword("which", Deprecated("study", since="0.2.0", until="0.4.0"))
 def run_study(
     study: Study | str | Path,
     folder: str | Path,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
@@ -66,6 +67,10 @@ class Subject:
     unknown: tuple[str, ...] = ("all",)
     judge: tuple[str, ...] = ()
     scatter: float = 0.0
+
+    asked = DeprecatedAttribute(Deprecated("unknown_structure", since="0.2.0", until="0.4.0"))
+    judged = DeprecatedAttribute(Deprecated("judged_links", since="0.2.0", until="0.4.0"))
+    seen = DeprecatedAttribute(Deprecated("measured", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
         for key, value in (("duration", self.duration), ("rate", self.rate)):

@@ -7,6 +7,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.html import NotebookView
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
@@ -28,6 +29,8 @@ class StudySummary(NotebookView):
 
     name: str
     cells: tuple[Cell, ...]
+
+    hopeless = DeprecatedAttribute(Deprecated("failed_cells", since="0.2.0", until="0.4.0"))
 
     @property
     def complete(self) -> bool:

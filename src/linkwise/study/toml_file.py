@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import IdentificationError, LinkwiseError, StudyError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
@@ -99,6 +100,7 @@ class _Document(msgspec.Struct, forbid_unknown_fields=True):
     quick: int = 5
 
 
+@deprecated_keyword("which", Deprecated("study", since="0.2.0", until="0.4.0"))
 def read_study(study: str | Path) -> Study:
     """Read the definition of a study.
 
