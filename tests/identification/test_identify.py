@@ -119,11 +119,12 @@ def test_a_clearance_is_found_from_a_start() -> None:
     fit = weak(record, asked(0.0025))
     assert fit.trusted and max(misses(fit, true).values()) < 4.0
     with pytest.raises(
-        lw.IdentificationError, match=r'link "stop": g enters the law .* nonlinearly, so its search needs'
+        lw.IdentificationError, match=r'link "stop": g enters the law .* nonlinearly and needs a start'
     ):
         weak(record, asked(None))
     with pytest.raises(
-        lw.IdentificationError, match=r"cannot tell stop\.k.*The search stood at stop\.g = 1: start it"
+        lw.IdentificationError,
+        match=r"does not determine stop\.k.*The search was at stop\.g = 1; give starts",
     ):
         weak(record, asked(1.0))
 
@@ -140,7 +141,7 @@ def test_friction_that_is_curved_in_v() -> None:
     )
     fit = weak(record, asked)
     assert fit.trusted and max(misses(fit, true).values()) < 4.0
-    assert "The law of slide is curved in v" in fit.findings[0]
+    assert "The law of slide is nonlinear in v" in fit.findings[0]
     likely = lw.identify(record, asked)  # starts where that search ended: F has no start of its own
     assert likely.trusted and max(misses(likely, true).values()) < 4.0
 

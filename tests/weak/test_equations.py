@@ -137,7 +137,7 @@ def test_a_mass_is_asked_where_its_neighbours_were_seen() -> None:
 def test_a_record_that_is_too_short_says_how_long_it_must_be() -> None:
     record = chain_record(2, duration=0.033, rate=RATE)
     with pytest.raises(
-        lw.IdentificationError, match=r"too short: its 34 samples hold \d windows of \d+ samples, and 8"
+        lw.IdentificationError, match=r"too short: its 34 samples give \d windows of \d+ samples, and 8"
     ):
         equations(record, lw.bnes_chain(2))
 
@@ -146,7 +146,9 @@ def test_a_record_that_is_too_broken_says_so() -> None:
     record = chain_record(2, duration=1.0, rate=RATE)
     values = record.values.copy()
     values[::10, 0] = np.nan
-    with pytest.raises(lw.IdentificationError, match="too many samples are missing: no mass has 8 windows"):
+    with pytest.raises(
+        lw.IdentificationError, match="too many samples are missing: no mass has 8 complete windows"
+    ):
         equations(replace(record, values=values), lw.bnes_chain(2), Window.of_deviation(3.0, 1e-3))
     values[:] = np.nan
     with pytest.raises(lw.IdentificationError, match="too many samples are missing"):
@@ -166,5 +168,5 @@ def test_single_missing_samples_everywhere_leave_a_band() -> None:
 
 def test_a_record_without_displacements_says_what_it_holds() -> None:
     record = chain_record(2, duration=1.0, rate=RATE, sensors=("a",))
-    with pytest.raises(lw.IdentificationError, match=r"needs displacements, and the record holds a:m1, a:m2"):
+    with pytest.raises(lw.IdentificationError, match=r"needs displacements, and the record has a:m1, a:m2"):
         read_displacements(record, lw.bnes_chain(2))

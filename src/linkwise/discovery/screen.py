@@ -121,7 +121,7 @@ def _equations(
     together: int = _TOGETHER,
 ) -> list[WeakEquations]:
     return [
-        weak_equations(record, structure, motion, together=together)
+        weak_equations(record, structure, motion, max_masses=together)
         for record, motion in zip(records, motions, strict=True)
     ]
 

@@ -1,4 +1,4 @@
-"""The displacements that a weak form reads off a record, and what is known of their noise."""
+"""Displacements of a record as the weak form uses them, with their noise."""
 
 from __future__ import annotations
 
@@ -13,19 +13,32 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth, noise_and_bandwidth
 
-_RESOLVED = 1e-5  # of the motion: what the sums that stand for integrals tell of a smooth motion
-_QUIET = 1e-3  # noise below this part of the motion (60 dB) counts as none when a window is chosen
+_QUADRATURE_ERROR = 1e-5  # of the motion: error of the sums that approximate integrals of a smooth motion
+_NOISE_FREE = 1e-3  # of the motion (60 dB): smaller noise is neglected when a window is chosen
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredDisplacements:
-    """Displacements `displacements` (n + 2, N) in m of what links hold on to: masses, the base and the ground, 0 where not
-    seen.
+    """Displacements of the nodes of a structure (masses, base and ground), with their noise.
 
-    `variance` (n,) and `base_variance` are those of their noise in m^2, `power` (n + 2,) their mean squares where seen;
-    `measured` (n,) says which masses have a displacement channel, `missing` (n, N) which samples are lost (None: no sample
-    is), `base` (N,) is None where it has no channel. `bandwidth` is the frequency in Hz up to which motion stands above
-    noise.
+    Attributes
+    ----------
+    displacements : array of shape (n + 2, N)
+        Displacements in m of the masses, the base and the ground; 0 where not measured.
+    base : array of shape (N,) or None
+        Displacement of the base in m; None without a channel.
+    variance : array of shape (n,)
+        Variances of the noise of the masses in m^2.
+    base_variance : float
+        Variance of the noise of the base in m^2.
+    power : array of shape (n + 2,)
+        Mean squares in m^2 over the samples measured.
+    measured : array of bool, shape (n,)
+        The masses with a displacement channel.
+    missing : array of bool, shape (n, N), or None
+        Samples that are missing; None without any.
+    bandwidth : float
+        Frequency in Hz up to which the motion is above the noise.
     """
 
     displacements: Floats
@@ -49,14 +62,14 @@ class MeasuredDisplacements:
 
     @property
     def samples(self) -> int:
-        """Displacement samples that were seen."""
-        lost = 0 if self.missing is None else int(np.sum(self.missing[self.measured]))
-        return int(np.sum(self.measured) * self.displacements.shape[1]) - lost
+        """Number of displacement samples measured."""
+        missing = 0 if self.missing is None else int(np.sum(self.missing[self.measured]))
+        return int(np.sum(self.measured) * self.displacements.shape[1]) - missing
 
     @property
     def noise_free(self) -> bool:
-        """Whether there is no noise to speak of."""
-        return bool(np.all(self.variance[self.measured] < _QUIET**2 * self.power[:-2][self.measured]))
+        """Whether the noise of every channel is negligible."""
+        return bool(np.all(self.variance[self.measured] < _NOISE_FREE**2 * self.power[:-2][self.measured]))
 
     @cached_property
     def noise_variance(self) -> Floats:
@@ -65,71 +78,103 @@ class MeasuredDisplacements:
 
     @cached_property
     def floored_variance(self) -> Floats:
-        """(n + 2,) variances in `displacements` of noise and of what sums over samples do not resolve of integrals.
+        """(n + 2,) variances of the noise, at least those of the quadrature error of sums over samples.
 
-        So a record without noise is not held to its rounding.
+        The floor keeps records without noise from being weighted by their rounding.
         """
-        return np.maximum(self.noise_variance, _RESOLVED**2 * self.power)
+        return np.maximum(self.noise_variance, _QUADRATURE_ERROR**2 * self.power)
 
 
 def differences(values: Floats, ends: Indices) -> Floats:
-    """(m, N) rows of `values` at the first less those at the second of `ends` (m, 2)."""
-    found = np.empty((len(ends), values.shape[1]))
-    for row, (first, second) in zip(found, ends.tolist(), strict=True):
+    """Elongations between pairs of rows.
+
+    Parameters
+    ----------
+    values : array of shape (k, N)
+        Displacements.
+    ends : array of int, shape (m, 2)
+        Indices of the two rows of each pair.
+
+    Returns
+    -------
+    array of shape (m, N)
+        The first row less the second.
+    """
+    result = np.empty((len(ends), values.shape[1]))
+    for row, (first, second) in zip(result, ends.tolist(), strict=True):
         np.subtract(values[first], values[second], out=row)
-    return found
+    return result
 
 
 def read_displacements(record: Record, structure: Structure) -> MeasuredDisplacements:
-    """The motion of the masses of `structure` in `record`; its noise as the record states it, else as found in it.
+    """Displacements of the masses of a structure in a record.
 
-    Raises IdentificationError for a record without displacements.
+    Parameters
+    ----------
+    record : Record
+        The record. Noise that it states is used; the rest is estimated.
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    MeasuredDisplacements
+        The displacements and their noise.
+
+    Raises
+    ------
+    IdentificationError
+        If no mass has a displacement channel.
     """
     names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
-    there = np.array([name in record.channels for name in names])
-    seen = there[:-1]
-    if not seen.any():
+    has_channel = np.array([name in record.channels for name in names])
+    measured = has_channel[:-1]
+    if not measured.any():
         raise IdentificationError(
-            f"the weak form needs displacements, and the record holds {', '.join(record.channels)}: give a channel x:MASS, "
+            f"the weak form needs displacements, and the record has {', '.join(record.channels)}: give a channel x:MASS, "
             "or map a column of the file to one (`channels`)",
             arguments=("channels",),
         )
     ends = np.zeros((len(names) + 1, len(record)))
-    for row in np.flatnonzero(there):
+    for row in np.flatnonzero(has_channel):
         ends[row] = record.channel(names[row])
-    values = ends[: there.sum()] if there[: there.sum()].all() else ends[:-1][there]
-    stated = [record.noise.get(name, np.nan) for name, each in zip(names, there, strict=True) if each]
+    values = ends[: has_channel.sum()] if has_channel[: has_channel.sum()].all() else ends[:-1][has_channel]
+    stated = [
+        record.noise.get(name, np.nan) for name, present in zip(names, has_channel, strict=True) if present
+    ]
     sigma, bands = noise_and_bandwidth(values.T, record.rate, stated)
     sigma = np.nan_to_num(sigma)
-    highest = float(np.max(bands[: seen.sum()]))
+    highest = float(np.max(bands[: measured.sum()]))
     if np.isnan(highest):
-        highest = _bridged(values[: seen.sum()], record.rate, sigma[: seen.sum()])
+        highest = _bridged_bandwidth(values[: measured.sum()], record.rate, sigma[: measured.sum()])
     missing = np.isnan(ends)
     gaps = bool(missing.any())
     if gaps:
         ends[missing] = 0.0
-    whole = np.maximum(len(record) - missing.sum(axis=1), 1) if gaps else len(record)
+    complete = np.maximum(len(record) - missing.sum(axis=1), 1) if gaps else len(record)
     variance = np.zeros(len(names))
-    variance[there] = sigma**2
+    variance[has_channel] = sigma**2
     return MeasuredDisplacements(
         displacements=ends,
-        base=ends[-2] if there[-1] else None,
+        base=ends[-2] if has_channel[-1] else None,
         variance=variance[:-1],
         base_variance=float(variance[-1]),
-        power=np.einsum("ij,ij->i", ends, ends) / whole,
-        measured=seen,
+        power=np.einsum("ij,ij->i", ends, ends) / complete,
+        measured=measured,
         missing=missing[:-2] | missing[-2] if gaps else None,
         bandwidth=highest,
     )
 
 
-def _bridged(values: Floats, rate: float, sigma: Floats) -> float:
-    """The frequency in Hz up to which some channel (C, N) stands above its noise where no long piece is whole: over bridged
-    gaps.
-    """
-    at = np.arange(values.shape[1])
-    seen = np.isfinite(values)
-    whole = [np.interp(at, at[here], row[here]) for row, here in zip(values, seen, strict=True) if here.any()]
-    if not whole:
+def _bridged_bandwidth(values: Floats, rate: float, sigma: Floats) -> float:
+    """Bandwidth in Hz of channels (C, N) without a long complete piece: gaps are bridged by linear interpolation."""
+    index = np.arange(values.shape[1])
+    finite = np.isfinite(values)
+    bridged = [
+        np.interp(index, index[kept], row[kept])
+        for row, kept in zip(values, finite, strict=True)
+        if kept.any()
+    ]
+    if not bridged:
         return 0.5 * rate
-    return float(np.max(bandwidth(np.stack(whole, axis=1), rate, sigma[seen.any(axis=1)])))
+    return float(np.max(bandwidth(np.stack(bridged, axis=1), rate, sigma[finite.any(axis=1)])))

@@ -1,7 +1,7 @@
-"""From a record and a structure to weak equations, free of the bias that noise puts into them (METHODS section 4).
+"""Weak equations of a structure on a record, without the bias due to noise (METHODS section 4).
 
-What the equations are stands in `patch`; here it is decided which masses have one, where their windows lie, and what the
-windows saw of the motion.
+`patch` defines the equations; this module selects the masses that have one, places their windows, and keeps the smoothed
+motion in the windows.
 """
 
 from __future__ import annotations
@@ -22,19 +22,37 @@ from linkwise.weak.patch import Patch, PatchContext
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
 from linkwise.weak.window import Window
 
-_FEWEST = 8  # windows
-_PATCH = 12  # masses: their dense products are small change, and shared work is not yet lost
-_ENOUGH = 400  # windows: slopes along the motion are smooth, so one window may stand for its neighbours in sums over time
-_THINNEST = 2
-_SMOOTHER = 4  # the slopes by which noise meets itself are smoother still
+_MIN_WINDOWS = 8  # windows
+_PATCH = 12  # masses: their dense products are cheap, and the terms of most links are shared
+_DENSE_WINDOWS = 400  # from twice as many, sums of smooth slopes over time use every second window
+_MAX_THINNING = 2
+_SLOPE_THINNING = 4  # the slopes in products of noise with itself vary more slowly
 
 
 @dataclass(frozen=True, eq=False)
 class WeakEquations:
-    """All weak equations of one record, in `patches`; every `thinning`-th window tells their noise.
+    """All weak equations of one record, and the smoothed motion in their windows.
 
-    Beside them what the windows saw: `d`, `v` (L, R) smoothed elongations in m and rates in m/s, `acceleration` (n, R) in
-    m/s2, `force` (R, n) in N (None: no force), `time` (R,) in s.
+    Attributes
+    ----------
+    structure_layout : StructureLayout
+        Layout of the structure.
+    window : Window
+        The test functions.
+    motion : MeasuredDisplacements
+        Displacements and their noise.
+    patches : tuple of Patch
+        The equations.
+    thinning : int
+        Stride in windows of the sums that give the covariance.
+    d, v : array of shape (L, R)
+        Smoothed elongations in m and their rates in m/s, at R windows.
+    acceleration : array of shape (n, R)
+        Smoothed accelerations in m/s^2.
+    force : array of shape (R, n) or None
+        Smoothed applied forces in N; None without any.
+    time : array of shape (R,)
+        Centres of the windows in s.
     """
 
     structure_layout: StructureLayout
@@ -60,18 +78,18 @@ class WeakEquations:
 
     @property
     def windows(self) -> int:
-        """R."""
+        """Number of windows R."""
         return len(self.time)
 
     @cached_property
     def adjoint_windows(self) -> Indices:
-        """The windows near the places of `Window.adjoint`."""
+        """(P,) windows next to the points of `Window.adjoint`."""
         return self.window.adjoint_windows(self.windows, self.thinning)
 
     @property
     def slope_stride(self) -> int:
-        """Every so many windows `Patch.slopes` are known."""
-        return _SMOOTHER * self.thinning
+        """Stride in windows at which `Patch.slopes` are evaluated."""
+        return _SLOPE_THINNING * self.thinning
 
 
 def weak_equations(
@@ -81,22 +99,44 @@ def weak_equations(
     *,
     window: Window | None = None,
     values: dict[str, float] | None = None,
-    together: int = _PATCH,
+    max_masses: int = _PATCH,
 ) -> WeakEquations:
-    """The weak equations of `structure` on `record` whose `motion` was read; the window is chosen where it is None.
+    """Weak equations of a structure on a record.
 
-    `values` are the present values of parameters that enter a law nonlinearly (else their starts);
-    `together` is the most masses in a patch. Raises IdentificationError where the record is too short or too broken.
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+    motion : MeasuredDisplacements
+        Displacements of the record, from `read_displacements`.
+    window : Window, optional
+        The test functions; chosen from the bandwidth by default.
+    values : dict of str to float, optional
+        Present values of parameters that enter a law nonlinearly; their starts by default.
+    max_masses : int, optional
+        Largest number of masses in a patch.
+
+    Returns
+    -------
+    WeakEquations
+        The equations.
+
+    Raises
+    ------
+    IdentificationError
+        If the record is shorter than eight windows, too many samples are missing, or a parameter lacks a start.
     """
     window = window or Window.for_band(motion.bandwidth, record.rate, motion.noise_free)
     windows = window.rows(len(record))
-    if windows < _FEWEST:
+    if windows < _MIN_WINDOWS:
         raise IdentificationError(
-            f"the record is too short: its {len(record)} samples hold {windows} windows of {window.length} samples, and "
-            f"{_FEWEST} are the least; record for longer"
+            f"the record is too short: its {len(record)} samples give {windows} windows of {window.length} samples, and "
+            f"{_MIN_WINDOWS} are needed; record for longer"
         )
-    thin = min(max(1, windows // _ENOUGH), _THINNEST)
-    pushes = {
+    thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING)
+    applied = {
         mass: record.channel(f"force:{name}")
         for mass, name in enumerate(structure.mass_names)
         if f"force:{name}" in record.channels
@@ -110,101 +150,100 @@ def weak_equations(
         window=window,
         filtered=smooth,
         forces={
-            mass: -window.filter(np.nan_to_num(push)[None], window.kernels[:1])[0, 0]
-            for mass, push in pushes.items()
+            mass: -window.filter(np.nan_to_num(force)[None], window.kernels[:1])[0, 0]
+            for mass, force in applied.items()
         },
-        slope_stride=_SMOOTHER * thin,
+        slope_stride=_SLOPE_THINNING * thinning,
     )
     area = window.kernels[PHI].sum()
     return WeakEquations(
         structure_layout=layout,
         window=window,
         motion=motion,
-        patches=_patches(context, pushes, together),
-        thinning=thin,
-        d=differences(_sharpened(smooth, window), layout.ends),
+        patches=_patches(context, applied, max_masses),
+        thinning=thinning,
+        d=differences(_displacements(smooth, window), layout.ends),
         v=differences(-smooth[PHI_1] / area, layout.ends),
         acceleration=smooth[PHI_2, :-2] / area,
-        force=_placed(context.forces, area, structure.size, windows) if pushes else None,
+        force=_applied_forces(context.forces, area, structure.size, windows) if applied else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
 
 
-def _sharpened(smooth: Floats, window: Window) -> Floats:
-    """(n + 2, R) displacements from their sums (3, n + 2, R) under phi, phi', phi'': means without bias to the third order.
-
-    The mean of a curve under phi is off by half its curvature times the second moment of phi; phi'' tells the curvature.
+def _displacements(smooth: Floats, window: Window) -> Floats:
+    """(n + 2, R) displacements from their sums (3, n + 2, R) under phi, phi', phi'': averages without
+    bias to third order: that of a curve under phi is biased by half its curvature times the second moment of phi.
     """
-    at = window.step * np.arange(-window.half, window.half + 1)
+    time = window.step * np.arange(-window.half, window.half + 1)
     phi = window.kernels[PHI]
-    return np.asarray((smooth[PHI] - 0.5 * (phi @ at**2 / phi.sum()) * smooth[PHI_2]) / phi.sum())
+    return np.asarray((smooth[PHI] - 0.5 * (phi @ time**2 / phi.sum()) * smooth[PHI_2]) / phi.sum())
 
 
-def _placed(pushes: Mapping[int, Floats], area: float, masses: int, windows: int) -> Floats:
+def _applied_forces(applied: Mapping[int, Floats], area: float, masses: int, windows: int) -> Floats:
     """(R, n) applied forces from those of the forced masses, negative under phi."""
-    placed = np.zeros((windows, masses))
-    for mass, push in pushes.items():
-        placed[:, mass] = -push / area
-    return placed
+    by_mass = np.zeros((windows, masses))
+    for mass, force in applied.items():
+        by_mass[:, mass] = -force / area
+    return by_mass
 
 
-def _patches(context: PatchContext, pushes: dict[int, Floats], together: int) -> tuple[Patch, ...]:
-    """The masses whose equation can be written: their displacement and those of all their neighbours were seen.
+def _patches(context: PatchContext, applied: dict[int, Floats], max_masses: int) -> tuple[Patch, ...]:
+    """Patches of the masses whose displacement and those of all their neighbours were measured.
 
-    Masses in one patch miss the same windows, and either each of their equations holds a parameter or none does.
+    Masses in one patch lack the same windows, and either each of their equations has a parameter or none has.
     """
     layout = context.structure_layout
-    seen = [*context.motion.measured.tolist(), context.motion.base is not None, True]
+    measured = [*context.motion.measured.tolist(), context.motion.base is not None, True]
     whole = np.ones(context.filtered.shape[2])
-    alike: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-    for mass, around in enumerate(layout.neighbourhoods):
-        if all(seen[end] for end in around):
-            lost = _lost(context.motion, [end for end in around if end >= 0], pushes.get(mass))
+    by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
+    for mass, nodes in enumerate(layout.neighbourhoods):
+        if all(measured[end] for end in nodes):
+            missing = _missing(context.motion, [end for end in nodes if end >= 0], applied.get(mass))
             if mass in layout.masses_needing_rate:
-                lost = _without_rate(lost, context)
-            valid = whole if lost is None else _valid(lost, context.window)
-            key = (b"" if lost is None else valid.tobytes(), mass in layout.masses_with_parameters)
-            alike.setdefault(key, (valid, []))[1].append(mass)
+                missing = _missing_rate(missing, context)
+            valid = whole if missing is None else _valid(missing, context.window)
+            key = (b"" if missing is None else valid.tobytes(), mass in layout.masses_with_parameters)
+            by_windows.setdefault(key, (valid, []))[1].append(mass)
     patches = [
-        context.patch(masses[first : first + together], valid)
-        for valid, masses in alike.values()
-        for first in range(0, len(masses), together)
+        context.patch(masses[first : first + max_masses], valid)
+        for valid, masses in by_windows.values()
+        for first in range(0, len(masses), max_masses)
     ]
     _require_whole_windows(patches, context.window)
     return tuple(patches)
 
 
-def _lost(motion: MeasuredDisplacements, masses: list[int], push: Floats | None) -> Bools | None:
-    """(N,) where a sample of `masses` or of the force `push` (N,) is missing, or None where none is."""
-    if motion.missing is None and push is None:
+def _missing(motion: MeasuredDisplacements, masses: list[int], force: Floats | None) -> Bools | None:
+    """(N,) True where a sample of `masses` or of their `force` (N,) is missing; None where none is."""
+    if motion.missing is None and force is None:
         return None
-    lost = np.zeros(motion.displacements.shape[1], dtype=bool)
+    missing = np.zeros(motion.displacements.shape[1], dtype=bool)
     if motion.missing is not None:
-        lost |= np.any(motion.missing[masses], axis=0)
-    if push is not None:
-        lost |= np.isnan(push)
-    return lost if lost.any() else None
+        missing |= np.any(motion.missing[masses], axis=0)
+    if force is not None:
+        missing |= np.isnan(force)
+    return missing if missing.any() else None
 
 
-def _without_rate(lost: Bools | None, context: PatchContext) -> Bools:
-    """(N,) where v cannot be told, since a window around the sample misses one or leaves the record."""
-    if lost is None:
-        lost = np.zeros(context.motion.displacements.shape[1], dtype=bool)
-    around = np.lib.stride_tricks.sliding_window_view(
-        np.pad(lost, context.window.half, constant_values=True), context.window.length
+def _missing_rate(missing: Bools | None, context: PatchContext) -> Bools:
+    """(N,) True where v is unknown: a window around the sample lacks one or extends past the record."""
+    if missing is None:
+        missing = np.zeros(context.motion.displacements.shape[1], dtype=bool)
+    window_samples = np.lib.stride_tricks.sliding_window_view(
+        np.pad(missing, context.window.half, constant_values=True), context.window.length
     )
-    return np.asarray(around.any(axis=1))
+    return np.asarray(window_samples.any(axis=1))
 
 
-def _valid(lost: Bools, window: Window) -> Floats:
-    """(R,) 1 for windows without a lost sample, 0 for others."""
-    count = window.filter(lost[None].astype(float), np.ones((1, window.length)))[0, 0]
+def _valid(missing: Bools, window: Window) -> Floats:
+    """(R,) 1 for windows without a missing sample, 0 for others."""
+    count = window.filter(missing[None].astype(float), np.ones((1, window.length)))[0, 0]
     return np.asarray(count < 0.5, dtype=float)
 
 
 def _require_whole_windows(patches: list[Patch], window: Window) -> None:
-    if patches and max(patch.windows for patch in patches) < _FEWEST:
+    if patches and max(patch.windows for patch in patches) < _MIN_WINDOWS:
         raise IdentificationError(
-            f"too many samples are missing: no mass has {_FEWEST} windows of {window.length} samples without one; fill single "
-            "gaps before, or record again"
+            f"too many samples are missing: no mass has {_MIN_WINDOWS} complete windows of {window.length} samples; fill "
+            "single gaps first, or record again"
         )

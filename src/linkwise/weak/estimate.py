@@ -1,4 +1,4 @@
-"""The answer of the weak form (METHODS section 4): the search, and the verdict on it."""
+"""The weak form (METHODS section 4) as a method of identification: regression, search and verdict."""
 
 from __future__ import annotations
 
@@ -29,19 +29,25 @@ from linkwise.weak.weak_form import weak_law
 
 _LARGEST_EXCESS = 1.7  # residual power over what noise explains; wrong laws and wrong noise leave more
 _NOTED_EXCESS = 1.3  # right laws stay below it from 10 dB on
-_CHANCE = 1e-5  # with which a record of few windows leaves the limits though its laws are right
-_LINKS_AT_ONCE = 16  # whose samples are looked through
+_FALSE_ALARM = 1e-5  # probability that a record of few windows leaves the limits although its laws are right
+_LINKS_AT_ONCE = 16  # whose samples are in memory at a time
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
-_SMALL = 1e-3  # of a standard error: a step below it changes nothing that anybody can see
+_CONVERGED_STEP = 1e-3  # of a standard error
 
 
 @final
 @dataclass(frozen=True)
 class WeakForm(Estimator):
-    """The weak form (METHODS section 4): the method "weak" of `identify`.
+    """The weak form, with the bias due to noise removed: the method "weak" of `identify`.
 
-    No signal is differentiated, and the bias that noise in the displacements causes is removed. It takes milliseconds and one
-    record. It has no options.
+    The equations of motion are multiplied by test functions and integrated over short windows, so that no signal is
+    differentiated. It needs displacements and one record, takes milliseconds, and has no options.
+
+    References
+    ----------
+    D. A. Messenger and D. M. Bortz, J. Comput. Phys. 443, 110525 (2021), for weak-form regression.
+
+    W. A. Fuller, Measurement Error Models (1987), for the bias.
 
     Examples
     --------
@@ -55,12 +61,34 @@ class WeakForm(Estimator):
     method: ClassVar[str] = "weak"
 
     def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
-        """The unknowns; IdentificationError where the record cannot tell one at all."""
+        """Estimate the unknowns of a structure by the weak form.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            A single record.
+        structure : Structure
+            The structure, with one unknown at least.
+        progress : Progress
+            Not called: the regression takes milliseconds.
+
+        Returns
+        -------
+        Estimate
+            The answer.
+
+        Raises
+        ------
+        IdentificationError
+            If there are several records, no displacements, or a parameter that the record does not determine.
+        """
         record = self.only_record(records)
         with one_blas_thread():
             motion = read_displacements(record, structure)
-            equations, fit, settled = weak_search(record, structure, motion)
-        verdict, message = _judged(record, equations, fit) if settled else (Verdict.NOT_CONVERGED, _UNSETTLED)
+            equations, fit, converged = weak_search(record, structure, motion)
+        verdict, message = (
+            _verdict(record, equations, fit) if converged else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
+        )
         return Estimate(
             method="weak",
             fit_verdicts=(verdict,),
@@ -74,7 +102,7 @@ class WeakForm(Estimator):
             noise=_noise(structure, motion),
             chi_square_per_sample=fit.excess,
             samples=motion.samples,
-            compute_motion=partial(_moved, structure, equations, fit.values),
+            compute_motion=partial(_link_motion, structure, equations, fit.values),
             record=record,
             remarks=tuple(_remarks(record, structure, fit.excess)),
         )
@@ -86,45 +114,67 @@ def weak_search(
     motion: MeasuredDisplacements,
     given: Mapping[str, float] | None = None,
 ) -> tuple[WeakEquations, WeakFit, bool]:
-    """One regression; Gauss-Newton around it while coefficients enter a law nonlinearly. True where it settled.
+    """Regression on weak equations, with Gauss-Newton iterations where coefficients enter a law nonlinearly.
 
-    The search starts from `given` by name, else from the starts of the structure. Raises IdentificationError as
-    `weak_equations` and `weak_fit` do.
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+    motion : MeasuredDisplacements
+        Displacements of the record.
+    given : mapping of str to float, optional
+        Starts by name of the parameter; those of the structure by default.
+
+    Returns
+    -------
+    equations : WeakEquations
+        The equations at the last iterate.
+    fit : WeakFit
+        The parameters.
+    converged : bool
+        Whether the iterations converged.
+
+    Raises
+    ------
+    IdentificationError
+        As `weak_equations` and `weak_fit`.
     """
-    curved = _nonlinear(structure)
-    if not curved:
+    nonlinear = _nonlinear(structure)
+    if not nonlinear:
         equations = weak_equations(record, structure, motion)
         return equations, weak_fit(equations, structure), True
     known = {p.name: p.start for p in structure.parameters if p.start is not None} | dict(given or {})
-    starts = {name: value for name, value in known.items() if name in curved}
-    held, values = structure.with_values(starts), dict(starts)
+    starts = {name: value for name, value in known.items() if name in nonlinear}
+    linear, values = structure.with_values(starts), dict(starts)
     try:
-        if held.parameters:
-            equations = weak_equations(record, held, motion)
+        if linear.parameters:
+            equations = weak_equations(record, linear, motion)
             values.update(
-                zip(equations.parameters, map(float, weak_fit(equations, held).values), strict=True)
+                zip(equations.parameters, map(float, weak_fit(equations, linear).values), strict=True)
             )
         for _ in range(_STEPS):
             equations = weak_equations(record, structure, motion, values=values)
             fit = weak_fit(equations, structure)
             step = np.array([fit.values[i] - values[name] for i, name in enumerate(equations.parameters)])
             deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
-            if np.all(np.abs(step) <= np.maximum(_SMALL * deviations, 1e-9 * np.abs(fit.values))):
+            if np.all(np.abs(step) <= np.maximum(_CONVERGED_STEP * deviations, 1e-9 * np.abs(fit.values))):
                 return equations, fit, True
             values = dict(zip(equations.parameters, map(float, fit.values), strict=True))
     except IdentificationError as error:
         if not starts:
             raise
-        stood = ", ".join(f"{name} = {values[name]:.4g}" for name in starts)
+        last = ", ".join(f"{name} = {values[name]:.4g}" for name in starts)
         raise IdentificationError(
-            f"{error}. The search stood at {stood}: start it nearer, or bound it"
+            f"{error}. The search was at {last}; give starts nearer to their values, or bounds"
         ) from None
     return equations, fit, False
 
 
-_UNSETTLED = (
-    f"The search for the coefficients that enter a law nonlinearly did not settle in {_STEPS} steps; start it nearer, or "
-    "bound them."
+_NOT_CONVERGED = (
+    f"The search for the coefficients that enter a law nonlinearly did not converge in {_STEPS} steps; give starts nearer to "
+    "their values, or bounds."
 )
 
 
@@ -137,7 +187,7 @@ def _nonlinear(structure: Structure) -> set[str]:
     }
 
 
-def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Verdict, str]:
+def _verdict(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Verdict, str]:
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
@@ -149,29 +199,29 @@ def _judged(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Ver
             f"record, or the noise is not white{larger}. The values are the best of these laws."
         )
     if fit.excess < lowest and not equations.motion.noise_free:
-        how, advice = (
-            ("stated", "State it right, or not at all")
+        source, advice = (
+            ("stated", "Correct the stated noise, or leave it out")
             if record.noise
-            else ("found", "State it, if it is known")
+            else ("estimated", "State it, if it is known")
         )
         return Verdict.NOISE_MISMATCH, (
             f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
-            f"{how} or not white, and taking out its bias has bent the values. {advice}."
+            f"{source} or not white, and the correction for its bias has biased the values. {advice}."
         )
     if has_outliers(equations.motion.x_or_nan.T, np.sqrt(equations.motion.variance)):
         return Verdict.OUTLIERS, (
-            "The noise has more large errors than normal noise, and the weak form takes out its bias as if it had not, so no "
+            "The noise has more large errors than normal noise, for which the weak form corrects the bias, so no "
             'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
         )
     return Verdict.CONVERGED, "The laws explain the record to within its noise."
 
 
 def _limits(windows: float) -> tuple[float, float]:
-    """Between which the excess of right laws lies; neighbouring windows share their noise, so two count as one."""
+    """Limits of the residual excess of right laws; neighbouring windows share their noise, so two count as one."""
     freedom = 0.5 * max(windows, 2.0)
     low, high = (
         float(scipy.special.gammaincinv(0.5 * freedom, chance)) * 2.0 / freedom
-        for chance in (_CHANCE, 1.0 - _CHANCE)
+        for chance in (_FALSE_ALARM, 1.0 - _FALSE_ALARM)
     )
     return min(low, 1.0 / _LARGEST_EXCESS), max(high, _LARGEST_EXCESS)
 
@@ -187,55 +237,55 @@ def _model_error(equations: WeakEquations, fit: WeakFit) -> float:
     return float(max(shares) * np.sqrt(1.0 - 1.0 / fit.excess))
 
 
-def _moved(structure: Structure, equations: WeakEquations, values: Floats) -> LinkMotion:
+def _link_motion(structure: Structure, equations: WeakEquations, values: Floats) -> LinkMotion:
     return LinkMotion(
         structure=structure.with_values(dict(zip(equations.parameters, map(float, values), strict=True))),
         time=equations.time,
         d=equations.d.T,
         v=equations.v.T,
-        d_range=_visited(equations.motion, equations),
+        d_range=_elongation_ranges(equations.motion, equations),
         compute_residual=partial(weak_residual, equations, values),
     )
 
 
-def _visited(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
-    """(L, 2) m, from the samples: windows would cut the peaks."""
-    found = []
+def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
+    """(L, 2) ranges in m, from the samples: averages over windows would cut the peaks."""
+    ranges = []
     for first in range(0, len(equations.ends), _LINKS_AT_ONCE):
         ends = equations.ends[first : first + _LINKS_AT_ONCE]
         d = differences(motion.displacements, ends)
         if motion.missing is not None:
-            lost = np.concatenate([motion.missing, np.zeros((2, d.shape[1]), dtype=bool)])
-            d[lost[ends].any(axis=1)] = np.nan
-        found.append(extremes(d.T, np.sqrt(motion.floored_variance[ends].sum(axis=1))))
-    return np.concatenate(found)
+            missing = np.concatenate([motion.missing, np.zeros((2, d.shape[1]), dtype=bool)])
+            d[missing[ends].any(axis=1)] = np.nan
+        ranges.append(extremes(d.T, np.sqrt(motion.floored_variance[ends].sum(axis=1))))
+    return np.concatenate(ranges)
 
 
 def _noise(structure: Structure, motion: MeasuredDisplacements) -> dict[str, NoiseEstimate]:
     names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
-    there = np.flatnonzero([*motion.measured, motion.base is not None]).tolist()
+    measured = np.flatnonzero([*motion.measured, motion.base is not None]).tolist()
     return {
         names[i]: NoiseEstimate.beside(
             float(motion.power[i]), names[i], float(np.sqrt(motion.noise_variance[i]))
         )
-        for i in there
+        for i in measured
     }
 
 
 def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[str]:
-    lost = int(record.missing.sum())
-    if lost:
-        yield f"{lost} samples are missing; equations that need them are left out."
+    missing = int(record.missing.sum())
+    if missing:
+        yield f"{missing} samples are missing; equations that need them are left out."
     if _NOTED_EXCESS < excess < _LARGEST_EXCESS:
         yield (
             f"The residuals are {100.0 * (np.sqrt(excess) - 1.0):.0f} % larger than the noise explains: something small is "
             "missing from the laws. All intervals are widened by as much."
         )
-    curved = [
+    rated = [
         link.name for link in structure.links if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
     ]
-    if curved:
+    if rated:
         yield (
-            f"The law of {', '.join(curved)} is curved in v, which the weak form takes from smoothed displacements; where v "
-            'turns fast that bends it, and method "ml" does without.'
+            f"The law of {', '.join(rated)} is nonlinear in v, which the weak form takes from smoothed displacements; where v "
+            'changes fast this biases the values, and method "ml" avoids it.'
         )

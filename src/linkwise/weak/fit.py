@@ -1,8 +1,8 @@
-"""Least squares on weak equations: coefficients, their covariance, and whether noise explains what is left.
+"""Least squares on weak equations: coefficients, their covariance, and whether noise explains the residuals.
 
-The sums of products carry no noise bias (`noisebias`), so the estimate is right on average at any noise level that leaves
-them positive definite. Its covariance is H^-1 J H^-1, H the sums of products and J what noise does to the equations that are
-solved (`weaknoise`), scaled by what the residuals say of that noise.
+The sums of products carry no noise bias (`noise_bias`), so the estimate is unbiased at any noise level that leaves them
+positive definite. Its covariance is the sandwich H^-1 J H^-1, H the sums of products and J the covariance of the normal
+equations due to noise (`scatter`), scaled by the residual excess where that is above 1.
 """
 
 from __future__ import annotations
@@ -26,17 +26,25 @@ from linkwise.weak.sandwich import sandwich
 from linkwise.weak.scatter import FLOOR, SlopeStatistics, residual_excess, score_blocks
 
 _DENSE = 300  # parameters up to which matrices are dense
-_ROUNDS = 3  # of weighting the masses: the second changes weights by per cents, the third by next to nothing
-_SINGULAR = 1e-13  # scaled pivot below which columns move together
+_ROUNDS = 3  # of reweighting the masses: the second changes weights by per cents, the third by far less
+_SINGULAR = 1e-13  # scaled pivot below which columns are collinear
 _NAMED = 6  # parameters that a message lists
 
 
 @dataclass(frozen=True, eq=False)
 class WeakFit:
-    """`values` (p,) of the parameters, `covariance` (p, p) (for large structures within links only), `free` (p,) False where a
-    parameter was stopped by its bound.
+    """Parameters from weak equations.
 
-    `excess` is the power of the residuals over what noise explains, 1 for a law that fits.
+    Attributes
+    ----------
+    values : array of shape (p,)
+        The parameters in SI units.
+    covariance : array or sparse array of shape (p, p)
+        Their covariance; of large structures only between parameters of one link.
+    free : array of bool, shape (p,)
+        False where a parameter is at its bound.
+    excess : float
+        Power of the residuals over that expected from noise, 1 for laws that fit.
     """
 
     values: Floats
@@ -46,20 +54,35 @@ class WeakFit:
 
 
 def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
-    """The parameters of `structure` from its weak equations.
+    """Least squares on weak equations.
 
-    Raises IdentificationError where a parameter is in no equation, nothing sets the scale, or columns move together.
+    Parameters
+    ----------
+    system : WeakEquations
+        The equations.
+    structure : Structure
+        The structure, for bounds and messages.
+
+    Returns
+    -------
+    WeakFit
+        The parameters and their covariance.
+
+    Raises
+    ------
+    IdentificationError
+        If a parameter is in no equation, nothing sets the scale of the forces, or terms are collinear.
     """
-    _require_reached(system, structure)
+    _require_informed(system, structure)
     lower = np.array([parameter.lower for parameter in structure.parameters])
     upper = np.array([parameter.upper for parameter in structure.parameters])
     patches = [patch for patch in system.patches if len(patch.layout.free_terms)]
-    after = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
+    next_weights = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
     for _ in range(_ROUNDS):
-        weights = after
+        weights = next_weights
         normal, right = normal_equations(patches, weights, len(lower))
         values, free = _solve_bounded(normal, right, lower, upper, system.parameters)
-        after = [1.0 / residual_power(patch, values) for patch in patches]
+        next_weights = [1.0 / residual_power(patch, values) for patch in patches]
     noisy = [(patch, SlopeStatistics.along(patch, system, values)) for patch in patches]
     excess = residual_excess(noisy, values, system)
     scatter = assemble_blocks(score_blocks(noisy, weights, system), len(values))
@@ -67,18 +90,18 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     return WeakFit(values, covariance, free, excess)
 
 
-def _require_reached(system: WeakEquations, structure: Structure) -> None:
+def _require_informed(system: WeakEquations, structure: Structure) -> None:
     reached = {number for patch in system.patches for number in patch.layout.free_parameters.tolist()}
-    lost = [name for number, name in enumerate(system.parameters) if number not in reached]
-    if lost:
-        unseen = [
+    uninformed = [name for number, name in enumerate(system.parameters) if number not in reached]
+    if uninformed:
+        unmeasured = [
             f"x:{name}"
-            for name, seen in zip(structure.mass_names, system.motion.measured, strict=True)
-            if not seen
+            for name, has_channel in zip(structure.mass_names, system.motion.measured, strict=True)
+            if not has_channel
         ]
         raise IdentificationError(
-            f"the record says nothing of {', '.join(lost)}: the weak form needs the displacement of a mass and of all its "
-            f"neighbours; missing {', '.join(unseen) or 'x:base'}"
+            f"the record has no information on {', '.join(uninformed)}: the weak form needs the displacement of a mass and of "
+            f"all its neighbours; missing {', '.join(unmeasured) or 'x:base'}"
         )
     if not any(len(patch.layout.free_terms) and patch.fixed.any() for patch in system.patches):
         raise IdentificationError(
@@ -88,7 +111,20 @@ def _require_reached(system: WeakEquations, structure: Structure) -> None:
 
 
 def residual_power(patch: Patch, values: Floats) -> Floats:
-    """(m,) mean squares of the residuals at the parameters (p,), floored at rounding."""
+    """Mean squares of the residuals.
+
+    Parameters
+    ----------
+    patch : Patch
+        The equations.
+    values : array of shape (p,)
+        The parameters.
+
+    Returns
+    -------
+    array of shape (m,)
+        Mean squares for each mass, at least those of rounding.
+    """
     numbers = patch.numbers(values)
     signed = patch.signs * numbers
     sums = np.maximum(((signed @ patch.products) * signed).sum(axis=1), 0.0)
@@ -99,28 +135,57 @@ def residual_power(patch: Patch, values: Floats) -> Floats:
 def normal_equations(
     patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
 ) -> tuple[Floats | csc_array, Floats]:
-    """H (p, p) and g (p,) of the least squares over all masses, weighted by `weights` (m,) of each patch.
+    """Normal equations H c = g of weighted least squares over all masses.
 
-    `bias` is the share of the noise bias that is left in: with 1 H is never negative, but pulls values towards zero.
+    Parameters
+    ----------
+    patches : sequence of Patch
+        The equations.
+    weights : sequence of array of shape (m,)
+        Weights of the masses of each patch.
+    count : int
+        Number of parameters p.
+    bias : float, optional
+        Share of the noise bias that is left in: with 1, H is never indefinite but the values are biased towards zero.
+
+    Returns
+    -------
+    matrix : array or sparse array of shape (p, p)
+        H.
+    right : array of shape (p,)
+        g.
     """
     g = np.zeros(count)
     blocks = []
     for patch, weight in zip(patches, weights, strict=True):
         moments = patch.moments if bias == 0.0 else (1.0 - bias) * patch.moments + bias * patch.products
         weighted = moments * ((patch.signs.T * weight) @ patch.signs)
-        asked, which = weighted[patch.layout.free_terms], patch.layout.free_parameters
-        g -= np.bincount(which, asked @ patch.fixed, count)
-        blocks.append((which, asked[:, patch.layout.free_terms]))
+        free_rows, which = weighted[patch.layout.free_terms], patch.layout.free_parameters
+        g -= np.bincount(which, free_rows @ patch.fixed, count)
+        blocks.append((which, free_rows[:, patch.layout.free_terms]))
     return assemble_blocks(blocks, count), g
 
 
 def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | csc_array:
-    """The sum of square blocks at their places in (count, count); a place may stand in one block twice."""
+    """Sum of square blocks at their positions in a matrix.
+
+    Parameters
+    ----------
+    blocks : iterable of (array of int, shape (s,); array of shape (s, s))
+        Indices and values of each block; an index may be repeated within a block.
+    count : int
+        Size of the matrix.
+
+    Returns
+    -------
+    array or sparse array of shape (count, count)
+        The sum; sparse above 300 rows.
+    """
     parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
-    places, data = (np.concatenate(part) for part in zip(*parts, strict=True))
+    positions, data = (np.concatenate(part) for part in zip(*parts, strict=True))
     if count <= _DENSE:
-        return np.bincount(places, data, count * count).reshape(count, count)
-    return csc_array(coo_array((data, divmod(places, count)), shape=(count, count)))
+        return np.bincount(positions, data, count * count).reshape(count, count)
+    return csc_array(coo_array((data, divmod(positions, count)), shape=(count, count)))
 
 
 def _solve_bounded(
@@ -131,7 +196,7 @@ def _solve_bounded(
     values = np.zeros(len(g))
     while free.any():
         rest = g[free] - (0.0 if free.all() else h[free][:, ~free] @ values[~free])
-        values[free] = _solver(_part(h, free), _named(names, free))(rest)
+        values[free] = _solver(_part(h, free), _free_names(names, free))(rest)
         outside = free & ((values < lower) | (values > upper))
         if not outside.any():
             break
@@ -144,21 +209,21 @@ def _part(h: Floats | csc_array, free: Bools) -> Floats | csc_array:
     return h if free.all() else h[free][:, free]
 
 
-def _named(names: tuple[str, ...], free: Bools) -> list[str]:
-    return [name for name, each in zip(names, free, strict=True) if each]
+def _free_names(names: tuple[str, ...], free: Bools) -> list[str]:
+    return [name for name, is_free in zip(names, free, strict=True) if is_free]
 
 
 def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Floats]:
-    """What multiplies by h^-1, equilibrated.
+    """A function that multiplies by h^-1, equilibrated.
 
-    IdentificationError names what moves together where h is not positive definite.
+    Raises IdentificationError, naming collinear parameters, where h is not positive definite.
     """
     diagonal = h.diagonal()
     if not np.isfinite(diagonal).all():
-        lost = ", ".join(names[i] for i in np.flatnonzero(~np.isfinite(diagonal)))
+        not_finite = ", ".join(names[i] for i in np.flatnonzero(~np.isfinite(diagonal)))
         raise IdentificationError(
-            f"the law with {lost} is not finite everywhere the record went: write it for both signs of d, as in "
-            "sqrt(abs(d))*sign(d), or cut the record with record.between",
+            f"the law with {not_finite} is not finite over the whole motion of the record: write it for both signs of d, as "
+            "in sqrt(abs(d))*sign(d), or cut the record with record.between",
             arguments=("earliest", "latest"),
         )
     if np.any(diagonal <= 0.0):
@@ -178,7 +243,7 @@ def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Float
 
 
 def _null_names(scaled: Floats, names: list[str]) -> list[str]:
-    """The parameters in the direction that the equations see least."""
+    """The parameters in the direction of the smallest eigenvalue."""
     weight = np.abs(np.linalg.eigh(scaled)[1][:, 0])
     return [name for name, share in zip(names, weight, strict=True) if share > 0.2 * weight.max()]
 
@@ -187,12 +252,12 @@ def _raise_not_identifiable(names: list[str]) -> NoReturn:
     shown = ", ".join(names if len(names) <= _NAMED else [*names[:_NAMED], "..."])
     if len(names) == 1:
         raise IdentificationError(
-            f"the record cannot tell {shown}: its term does not stand above the noise; give it a number, or record a motion "
-            "that reaches it"
+            f"the record does not determine {shown}: its term is not above the noise; give it a number, or record a motion "
+            "that excites it"
         )
     raise IdentificationError(
-        f"the record cannot tell {shown} apart: their terms move together, or not at all above the noise; give one of them a "
-        "number, share it with another, or record a motion that sets them apart"
+        f"the record cannot distinguish {shown}: their terms are collinear, or not above the noise; give one of them a "
+        "number, share it with another, or record a motion in which they vary independently"
     )
 
 
@@ -200,20 +265,20 @@ def _covariance(
     normal: Floats | csc_array, scatter: Floats | csc_array, free: Bools, system: WeakEquations
 ) -> Floats | csc_array:
     """H^-1 J H^-1 for the free parameters; for large structures only between parameters of one link."""
-    count, at = len(free), np.flatnonzero(free)
+    count, indices = len(free), np.flatnonzero(free)
     inner, middle = _part(normal, free), _part(scatter, free)
     if isinstance(inner, np.ndarray):
-        kept = _named(system.parameters, free)
+        kept = _free_names(system.parameters, free)
         covariance = np.zeros((count, count))
         if kept:
             solve = _solver(inner, kept)
-            covariance[np.ix_(at, at)] = solve(solve(middle).T)
+            covariance[np.ix_(indices, indices)] = solve(solve(middle).T)
         return 0.5 * (covariance + covariance.T)
-    if not len(at):
+    if not len(indices):
         return csc_array((count, count))
-    place = np.cumsum(free) - 1
+    position = np.cumsum(free) - 1
     rows, columns = _within_links(system.structure_layout, free)
-    data = sandwich(inner, middle, place[rows], place[columns])
+    data = sandwich(inner, middle, position[rows], position[columns])
     return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
 
 
@@ -223,6 +288,6 @@ def _within_links(structure_layout: StructureLayout, free: Bools) -> tuple[Indic
     for (index, _), number in structure_layout.parameter_index.items():
         if free[number]:
             members.setdefault(index, []).append(number)
-    pairs = sorted({(one, two) for numbers in members.values() for one in numbers for two in numbers})
+    pairs = sorted({(row, column) for numbers in members.values() for row in numbers for column in numbers})
     rows, columns = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
     return rows, columns

@@ -1,14 +1,13 @@
-"""What noise adds to the products of terms, summed over all windows.
+"""Bias that noise adds to the products of terms, summed over all windows.
 
-Two terms of one equation see the same noise, so their product is biased even where each of them is right on average; that is
-what makes ordinary regression wrong when noise grows (errors in variables; Fuller, Measurement Error Models, 1987). For
-functions h, g of elongations d, d' whose noises have the covariance c, with h and g free of bias (`weakform`), the bias of
-h(d) g(d') at one sample is
+Two terms of one equation contain the same noise, so their product is biased even where each of them is unbiased; this is the
+errors-in-variables bias of ordinary regression (Fuller, Measurement Error Models, 1987). For functions h, g of elongations
+d, d' whose noises have the covariance c, with unbiased h and g (`weak_form`), the bias of h(d) g(d') at one sample is
 
     c h' g' - c^2/2 h'' g'' + c^3/6 h''' g''' - ...
 
 and in a window it is the sum of that over its samples, weighted by the product of both kernels. Summed over all windows it
-is the product of two signals, weighted by what all windows together make of each sample (`Window.coverage`).
+is the product of two signals, weighted by the sum of the windows at each sample (`Window.coverage`).
 """
 
 from __future__ import annotations
@@ -18,51 +17,75 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.weak.layout import PatchLayout
+from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.terms import LawTerms
 from linkwise.weak.window import Window
 
 
 def noise_bias(
     layout: PatchLayout,
-    atoms: Sequence[LawTerms],
+    curved: Sequence[LawTerms],
     slope: Floats,
     noise: Floats,
     window: Window,
     valid: Floats,
 ) -> Floats:
-    """(q, q): the bias of the products of all terms of `layout`, summed over windows, each weighted by `valid` (R,).
+    """Bias of the products of all terms of a layout, summed over windows.
 
-    `slope` (q,) are the slopes of the terms where they are constant, 0 for those of curved `atoms`; `noise` (c,) in m^2 is
-    that in the displacements of the nodes.
+    Parameters
+    ----------
+    layout : PatchLayout
+        The q terms.
+    curved : sequence of LawTerms
+        The terms that are nonlinear in d.
+    slope : array of shape (q,)
+        Slopes of the terms where they are constant; 0 for nonlinear terms.
+    noise : array of shape (c,)
+        Variances in m^2 of the displacements of the nodes.
+    window : Window
+        The test functions.
+    valid : array of shape (R,)
+        Weights of the windows.
+
+    Returns
+    -------
+    array of shape (q, q)
+        The bias.
     """
     kernel = layout.kernel
     covariance = (layout.incidence * noise) @ layout.incidence.T
     gram = window.kernels @ window.kernels.T
     bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
     coverage: dict[int, Floats] = {}
-    for number, one in enumerate(atoms):
-        first, here, samples = one.part.kernel, one.terms, np.shape(one.slope)[-1]
-        if first not in coverage:
-            coverage[first] = window.coverage(window.kernels[first] * window.kernels, valid, samples)
-        linear = covariance[here] * (one.part.sign * (one.slope @ coverage[first].T))[:, kernel] * slope
-        bias[here] += linear
-        bias[:, here] += linear.T
-        for two in atoms[number:]:
-            sign = one.part.sign * two.part.sign
+    for number, first in enumerate(curved):
+        under, rows, samples = (
+            first.part.kernel,
+            first.terms,
+            np.shape(first.slope)[-1],
+        )
+        if under not in coverage:
+            coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
+        linear = covariance[rows] * (first.part.sign * (first.slope @ coverage[under].T))[:, kernel] * slope
+        bias[rows] += linear
+        bias[:, rows] += linear.T
+        for second in curved[number:]:
+            sign = first.part.sign * second.part.sign
             mixed = sign * _product_bias(
-                one, two, covariance[here, two.terms], coverage[first][two.part.kernel]
+                first,
+                second,
+                covariance[rows, second.terms],
+                coverage[under][second.part.kernel],
             )
-            bias[here, two.terms] += mixed
-            if two is not one:
-                bias[two.terms, here] += mixed.T
+            bias[rows, second.terms] += mixed
+            if second is not first:
+                bias[second.terms, rows] += mixed.T
     return np.asarray(bias)
 
 
-def _product_bias(one: LawTerms, two: LawTerms, covariance: Floats, weight: Floats) -> Floats:
+def _product_bias(first: LawTerms, second: LawTerms, covariance: Floats, weight: Floats) -> Floats:
     """(m, m'): the bias of the products of two sets of curved functions, summed over samples with `weight` (N,)."""
     total, factor = np.zeros(covariance.shape), -1.0
-    for order, (h, g) in enumerate(zip(one.derivatives[1:], two.derivatives[1:], strict=False), start=1):
+    for order, (h, g) in enumerate(zip(first.derivatives[1:], second.derivatives[1:], strict=False), start=1):
         factor /= -order
         weighted = h * weight
         products = g * weighted.sum(axis=-1, keepdims=True) if isinstance(g, float) else weighted @ g.T

@@ -1,4 +1,4 @@
-"""What laws leave of the weak equations of motion."""
+"""Residuals of the weak equations of motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,20 @@ from linkwise.weak.weak_form import PHI
 
 
 def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
-    """(R, n) N: what the laws with the parameters `values` (p,) leave of the weak equations, NaN for masses without one."""
+    """Residuals of the weak equations as forces.
+
+    Parameters
+    ----------
+    equations : WeakEquations
+        The equations.
+    values : array of shape (p,)
+        The parameters.
+
+    Returns
+    -------
+    array of shape (R, n)
+        Residuals in N; NaN for masses without an equation and windows with missing samples.
+    """
     residual = np.full(equations.acceleration.T.shape, np.nan)
     area = equations.window.kernels[PHI].sum()
     for patch in equations.patches:

@@ -1,9 +1,9 @@
 """The covariance H^-1 J H^-1 of the coefficients of a large structure, near the diagonal only.
 
-All of it would be dense. What is near follows from (H + i e J)^-1 = H^-1 - i e H^-1 J H^-1 + O(e^2): for an e whose square
-is nothing beside 1, the imaginary part is the covariance to rounding (Squire and Trapp 1998). Ordered so that H and J are
-block tridiagonal, that inverse is known near its diagonal after one sweep down the blocks and one up (Takahashi 1973). Time
-and memory are linear in the structure while it is a chain of parts.
+The whole matrix would be dense. Entries near the diagonal follow from the complex step (Squire and Trapp 1998): the imaginary
+part of (H + i e J)^-1 = H^-1 - i e H^-1 J H^-1 + O(e^2), for an e whose square is below rounding. Ordered so that H and J are
+block tridiagonal, that inverse follows near its diagonal from one sweep down the blocks and one up (Takahashi 1973). Time and
+memory are linear in the number of coefficients for chains of parts.
 """
 
 from __future__ import annotations
@@ -15,31 +15,49 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from linkwise.arrays import Floats, Indices
 
-_STEP = 1e-30  # e, beside matrices of order 1
+_STEP = 1e-30  # e, right_blocks matrices of order 1
 
 
 def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Floats:
-    """Entries (k,) of h^-1 j h^-1 at `rows` and `columns` (k,), places where h or j is not empty.
+    """Entries of h^-1 j h^-1 where h or j has entries.
 
-    `h` (p, p) is symmetric and positive definite, `j` (p, p) symmetric.
+    Parameters
+    ----------
+    h : sparse array of shape (p, p)
+        Symmetric and positive definite.
+    j : sparse array of shape (p, p)
+        Symmetric.
+    rows, columns : array of int, shape (k,)
+        Positions of the entries.
+
+    Returns
+    -------
+    array of shape (k,)
+        The entries.
+
+    References
+    ----------
+    W. Squire and G. Trapp, SIAM Rev. 40, 110 (1998); K. Takahashi, J. Fagan and M.-S. Chin, Proc. 8th PICA Conf., 63 (1973).
     """
     scale = 1.0 / np.sqrt(h.diagonal())
-    scaled = [each.multiply(scale[:, None]).multiply(scale).tocoo() for each in (h, j)]
+    scaled = [matrix.multiply(scale[:, None]).multiply(scale).tocoo() for matrix in (h, j)]
     step = _STEP / max(float(np.max(np.abs(scaled[1].data), initial=0.0)), np.finfo(float).tiny)
-    place = np.empty(len(scale), dtype=np.intp)
-    place[reverse_cuthill_mckee((abs(h) + abs(j)).tocsr(), symmetric_mode=True)] = np.arange(len(scale))
-    near, beside = _inverse(
-        place[np.concatenate([each.row for each in scaled])],
-        place[np.concatenate([each.col for each in scaled])],
+    position = np.empty(len(scale), dtype=np.intp)
+    position[reverse_cuthill_mckee((abs(h) + abs(j)).tocsr(), symmetric_mode=True)] = np.arange(len(scale))
+    diagonal_blocks, right_blocks = _inverse(
+        position[np.concatenate([matrix.row for matrix in scaled])],
+        position[np.concatenate([matrix.col for matrix in scaled])],
         np.concatenate([scaled[0].data.astype(complex), 1j * step * scaled[1].data]),
         len(scale),
     )
-    size = near.shape[1]
-    first, last = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
+    size = diagonal_blocks.shape[1]
+    first, last = np.minimum(position[rows], position[columns]), np.maximum(position[rows], position[columns])
     block, inside = np.divmod(first, size)
     other, along = np.divmod(last, size)
-    found = np.where(other == block, near[block, inside, along], beside[block, inside, along])
-    return np.asarray(-found.imag / step * scale[rows] * scale[columns])
+    values = np.where(
+        other == block, diagonal_blocks[block, inside, along], right_blocks[block, inside, along]
+    )
+    return np.asarray(-values.imag / step * scale[rows] * scale[columns])
 
 
 def _inverse(
@@ -52,19 +70,19 @@ def _inverse(
     size = max(int(np.max(np.abs(rows - columns))), 1)
     blocks = -(-count // size)
     diagonal, right = np.zeros((2, blocks, size, size), dtype=complex)
-    spare = np.arange(count, blocks * size) % size
-    diagonal[-1, spare, spare] = 1.0
+    padding = np.arange(count, blocks * size) % size
+    diagonal[-1, padding, padding] = 1.0
     block, inside = np.divmod(rows, size)
     step, along = columns // size - block, columns % size
-    for target, here in ((diagonal, step == 0), (right, step == 1)):
-        np.add.at(target, (block[here], inside[here], along[here]), data[here])
+    for target, chosen in ((diagonal, step == 0), (right, step == 1)):
+        np.add.at(target, (block[chosen], inside[chosen], along[chosen]), data[chosen])
     inverses = [np.linalg.inv(diagonal[0])]
     for k in range(1, blocks):
         coupling = right[k - 1].copy()
         right[k - 1] = inverses[-1] @ coupling
         inverses.append(np.linalg.inv(diagonal[k] - coupling.T @ right[k - 1]))
-    near, beside = np.stack(inverses), np.zeros_like(right)
+    diagonal_blocks, right_blocks = np.stack(inverses), np.zeros_like(right)
     for k in reversed(range(blocks - 1)):
-        beside[k] = -right[k] @ near[k + 1]
-        near[k] -= beside[k] @ right[k].T
-    return near, beside
+        right_blocks[k] = -right[k] @ diagonal_blocks[k + 1]
+        diagonal_blocks[k] -= right_blocks[k] @ right[k].T
+    return diagonal_blocks, right_blocks

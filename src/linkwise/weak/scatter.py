@@ -1,12 +1,12 @@
-"""How noise in the displacements reaches what weak least squares solves.
+"""Covariance of the weak normal equations due to noise in the displacements.
 
-The residual r_k of window k of mass i is, to first order, the noise of every displacement it sees under
+The residual r_k of window k of mass i is, to first order, the noise of every displacement in it under
 
     m phi'' + k phi - c phi'      for its own, k and c the sums of the slopes of its links,
     -(k_l phi - c_l phi')         for the mass at the other end of link l.
 
 The estimate solves sum_k a_k r_k = 0, a_k the columns of window k. Noise at time t enters that sum by G(t) = sum_k a_k
-kernel(t - t_k) and adds sigma^2 G G' to its covariance for every sample. Since a_k is noisy too, G brings along
+kernel(t - t_k) and adds sigma^2 G G' to its covariance for every sample. Since a_k is noisy too, G also adds
 sigma^4 tr(Q Q'), Q the quadratic form of the noise in the sum; the covariance of a quadratic form is that plus
 sigma^4 tr(Q Q).
 """
@@ -27,20 +27,32 @@ from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
 
-FLOOR = 1e-24  # of the terms' power: residuals below are rounding
-_MEETING = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
+FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
+_CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
 
 
 @dataclass(frozen=True, eq=False)
 class SlopeStatistics:
-    """Slopes of a patch's laws by d (N/m) and by v (N s/m), `mean` (2, l, P) and, summed over the links of a mass, `own`
-    (2, m, P), at the windows `places` (P,) of `Window.adjoint_windows`, of which the first `inside` are those that were kept.
+    """Means and mean squares over noise of the slopes of a patch's laws with respect to d (N/m) and v (N s/m).
 
-    They are means over one deviation of noise over sqrt(2) to both sides, and `square` (2, l, P) the means of their squares:
-    what noise makes of a curved law, right to its fourth power. `masses` (m,) are in kg.
+    Each is the mean over two points, the smoothed motion plus and minus the standard deviation of the noise over sqrt(2),
+    which is correct to the fourth power of the noise.
+
+    Attributes
+    ----------
+    windows : array of int, shape (P,)
+        The windows, as from `Window.adjoint_windows`.
+    inside : int
+        How many of these, from the first, are in the interior of the record.
+    masses : array of shape (m,)
+        Masses in kg.
+    mean, square : array of shape (2, l, P)
+        Means and mean squares of the slopes of the links.
+    own : array of shape (2, m, P)
+        Means summed over the links of each mass.
     """
 
-    places: Indices
+    windows: Indices
     inside: int
     masses: Floats
     mean: Floats
@@ -49,29 +61,44 @@ class SlopeStatistics:
 
     @classmethod
     def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> SlopeStatistics:
-        """Along the smoothed motion, at the parameters (p,)."""
-        layout, places = patch.layout, system.adjoint_windows
+        """Statistics along the smoothed motion.
+
+        Parameters
+        ----------
+        patch : Patch
+            The equations.
+        system : WeakEquations
+            All equations of the record.
+        values : array of shape (p,)
+            The parameters.
+
+        Returns
+        -------
+        SlopeStatistics
+            The statistics.
+        """
+        layout, windows = patch.layout, system.adjoint_windows
         deviation = np.sqrt(0.5 * system.motion.floored_variance[system.ends[layout.links]].sum(axis=1))
-        mean, square = np.empty((2, 2, len(layout.links), len(places)))
+        mean, square = np.empty((2, 2, len(layout.links), len(windows)))
         for group in layout.groups:
             program, constant = _slopes(group.weak_law.law)
-            at, links, here = group.positions, group.links[:, None], places[:1] if constant else places
-            aside = deviation[at, None, None] * np.array([[-1.0], [1.0]])
-            coefficients = [each.at(values)[:, None, None] for each in group.coefficients.values()]
+            rows, links, at = group.positions, group.links[:, None], windows[:1] if constant else windows
+            offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
+            coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
             slopes = program(
-                system.d[links, here][:, None] + aside, system.v[links, here][:, None], *coefficients
+                system.d[links, at][:, None] + offsets, system.v[links, at][:, None], *coefficients
             )
             for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
-                mean[by, at] = 0.5 * (low + high)
-                square[by, at] = 0.5 * (low**2 + high**2)
-        inside = len(places) - 2 * system.window.half
+                mean[by, rows] = 0.5 * (low + high)
+                square[by, rows] = 0.5 * (low**2 + high**2)
+        inside = len(windows) - 2 * system.window.half
         masses = layout.inertia.at(values)
-        return cls(places, inside, masses, mean, square, np.abs(layout.link_incidence) @ mean)
+        return cls(windows, inside, masses, mean, square, np.abs(layout.link_incidence) @ mean)
 
 
 @lru_cache(maxsize=512)
 def _slopes(law: Law) -> tuple[Program, bool]:
-    """What evaluates the slopes of a law by d and by v, and whether they are constant."""
+    """Program for the slopes of a law with respect to d and v, and whether they are constant."""
     slopes = [differentiate(law.expression, name) for name in VARIABLES]
     constant = not any(name in symbols(slope) for name in VARIABLES for slope in slopes)
     return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES), constant
@@ -80,25 +107,42 @@ def _slopes(law: Law) -> tuple[Program, bool]:
 def residual_excess(
     noisy: Sequence[tuple[Patch, SlopeStatistics]], values: Floats, system: WeakEquations
 ) -> float:
-    """Power of the residuals at the parameters (p,) over the power that the noise gives them."""
+    """Power of the residuals over the power expected from noise.
+
+    Parameters
+    ----------
+    noisy : sequence of (Patch, SlopeStatistics)
+        The equations and their slopes.
+    values : array of shape (p,)
+        The parameters.
+    system : WeakEquations
+        All equations of the record.
+
+    Returns
+    -------
+    float
+        The ratio; 1 for laws and noise that fit.
+    """
     gram = system.window.kernels @ system.window.kernels.T
-    by_slope, doubt = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
+    by_slope, variance = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
     total = count = 0.0
-    for patch, here in noisy:
+    for patch, statistics in noisy:
         mean, square, own = (
-            here.mean[..., : here.inside],
-            here.square[..., : here.inside],
-            here.own[..., : here.inside],
+            statistics.mean[..., : statistics.inside],
+            statistics.square[..., : statistics.inside],
+            statistics.own[..., : statistics.inside],
         )
-        masses, holds = here.masses[:, None], np.abs(patch.layout.link_incidence)
+        masses, incidence = statistics.masses[:, None], np.abs(patch.layout.link_incidence)
         passed = by_slope[0] * square[0] + by_slope[1] * square[1]
         curved = passed - by_slope[0] * mean[0] ** 2 - by_slope[1] * mean[1] ** 2
         near = by_slope[0] * own[0] ** 2 + by_slope[1] * own[1] ** 2
         near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
-        near += holds @ curved
-        expected = doubt[patch.masses, None] * near + (holds * doubt[patch.layout.far_ends]) @ passed
+        near += incidence @ curved
+        expected = (
+            variance[patch.masses, None] * near + (incidence * variance[patch.layout.far_ends]) @ passed
+        )
         expected += FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
-        kept = here.places[: here.inside]
+        kept = statistics.windows[: statistics.inside]
         residual = patch.residual(values)[:, kept]
         valid = patch.valid[kept]
         total += float((residual**2 / expected).sum(axis=0) @ valid)
@@ -109,72 +153,91 @@ def residual_excess(
 def score_blocks(
     noisy: Sequence[tuple[Patch, SlopeStatistics]], weights: Sequence[Floats], system: WeakEquations
 ) -> Iterator[tuple[Indices, Floats]]:
-    """The covariance of the sum that is solved, in blocks: parameters (s,), some perhaps twice, and their (s, s)."""
-    doubt = system.motion.floored_variance
-    awaited = Counter(channel for patch, _ in noisy for channel in _coupled_channels(patch, system))
-    heard: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in awaited}
-    for (patch, here), weight in zip(noisy, weights, strict=True):
-        yield _quadratic_noise(patch, here, weight, system)
-        for channel, part in _noise_contributions(patch, here, weight, system):
-            heard[channel].append(part)
-            awaited[channel] -= 1
-            if not awaited[channel]:
+    """Covariance of the normal equations due to noise, in blocks.
+
+    Parameters
+    ----------
+    noisy : sequence of (Patch, SlopeStatistics)
+        The equations and their slopes.
+    weights : sequence of array of shape (m,)
+        Weights of the masses of each patch.
+    system : WeakEquations
+        All equations of the record.
+
+    Yields
+    ------
+    parameters : array of int, shape (s,)
+        Indices of the parameters, some perhaps repeated.
+    covariance : array of shape (s, s)
+        Their block.
+    """
+    variance = system.motion.floored_variance
+    pending = Counter(channel for patch, _ in noisy for channel in _coupled_channels(patch, system))
+    contributions: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in pending}
+    for (patch, statistics), weight in zip(noisy, weights, strict=True):
+        yield _quadratic_noise(patch, statistics, weight, system)
+        for channel, part in _noise_contributions(patch, statistics, weight, system):
+            contributions[channel].append(part)
+            pending[channel] -= 1
+            if not pending[channel]:
                 which, scale, sums = (
-                    np.concatenate(pieces) for pieces in zip(*heard.pop(channel), strict=True)
+                    np.concatenate(pieces) for pieces in zip(*contributions.pop(channel), strict=True)
                 )
-                yield which, doubt[channel] * np.outer(scale, scale) * (sums @ sums.T)
+                yield which, variance[channel] * np.outer(scale, scale) * (sums @ sums.T)
 
 
 def _coupled_channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
-    """Whose noise the equations of a patch hear: of the masses, and over each link of what is at its other end."""
-    for mass, ear in zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True):
+    """Channels whose noise enters the equations of a patch: of its masses and, for each link, of the node at its other end."""
+    for mass, coupling in zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True):
         yield mass
-        yield from (other for other in ear.far_ends if system.motion.floored_variance[other] > 0.0)
+        yield from (other for other in coupling.far_ends if system.motion.floored_variance[other] > 0.0)
 
 
 def _noise_contributions(
-    patch: Patch, here: SlopeStatistics, weight: Floats, system: WeakEquations
+    patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
 ) -> Iterator[tuple[int, tuple[Indices, Floats, Floats]]]:
     """For each of `_coupled_channels`: parameters (s,), and G (s, P), to be scaled by (s,)."""
-    spread = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
-    doubt = system.motion.floored_variance
-    for i, (mass, ear) in enumerate(zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True)):
-        scale = weight[i] * ear.sign
-        phi, phi_1, phi_2 = spread[ear.terms].transpose(1, 0, 2)
-        stiffness, damping = here.mean[:, ear.links, None]
+    weighted = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
+    variance = system.motion.floored_variance
+    for i, (mass, coupling) in enumerate(
+        zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True)
+    ):
+        scale = weight[i] * coupling.sign
+        phi, phi_1, phi_2 = weighted[coupling.terms].transpose(1, 0, 2)
+        stiffness, damping = statistics.mean[:, coupling.links, None]
         far = damping * phi_1
         far -= stiffness * phi
-        yield mass, (ear.parameter, scale, here.masses[i] * phi_2 - far.sum(axis=0))
-        for link, other in enumerate(ear.far_ends):
-            if doubt[other] > 0.0:
-                yield other, (ear.parameter, scale, far[link])
+        yield mass, (coupling.parameter, scale, statistics.masses[i] * phi_2 - far.sum(axis=0))
+        for link, other in enumerate(coupling.far_ends):
+            if variance[other] > 0.0:
+                yield other, (coupling.parameter, scale, far[link])
 
 
 def _quadratic_noise(
-    patch: Patch, here: SlopeStatistics, weight: Floats, system: WeakEquations
+    patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
 ) -> tuple[Indices, Floats]:
     """tr(Q Q) for the noise in each mass's own displacement, over all masses: parameters (s,) and (s, s).
 
     Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs.
     """
     window = system.window
-    at = np.flatnonzero(here.places[: here.inside] % system.slope_stride == 0)
-    stiffness, damping = here.own[:, :, at]
-    kernels = np.stack([stiffness, -damping, np.broadcast_to(here.masses[:, None], stiffness.shape)]).reshape(
-        3, -1
-    )
+    at = np.flatnonzero(statistics.windows[: statistics.inside] % system.slope_stride == 0)
+    stiffness, damping = statistics.own[:, :, at]
+    kernels = np.stack(
+        [stiffness, -damping, np.broadcast_to(statistics.masses[:, None], stiffness.shape)]
+    ).reshape(3, -1)
     amount = system.slope_stride * (weight * system.motion.floored_variance[patch.masses]) ** 2
     total = np.zeros(patch.products.shape)
     layout, terms = patch.layout, patch.layout.free_terms_by_kernel
-    for one, two in _MEETING:
-        first, second = terms[one], terms[two]
+    for row, column in _CORRELATED:
+        first, second = terms[row], terms[column]
         if len(first) and len(second):
-            both = (
-                ((window.cross_correlations[one, two].T @ kernels) * kernels)
+            correlation = (
+                ((window.cross_correlations[row, column].T @ kernels) * kernels)
                 .sum(axis=0)
                 .reshape(stiffness.shape)
             )
-            sums = (patch.slopes[first] * both[:, None]) @ patch.slopes[second].T
-            holds = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
-            total[first[:, None], second] = (amount[:, None, None] * holds * sums).sum(axis=0)
+            sums = (patch.slopes[first] * correlation[:, None]) @ patch.slopes[second].T
+            acts = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
+            total[first[:, None], second] = (amount[:, None, None] * acts * sums).sum(axis=0)
     return layout.free_parameters, total[np.ix_(layout.free_terms, layout.free_terms)]

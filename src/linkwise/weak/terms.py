@@ -1,4 +1,4 @@
-"""The laws of links, evaluated on a record: functions of the noisy elongations, ready to meet a test function."""
+"""Terms of the laws of links, evaluated on a record: functions of the noisy elongations."""
 
 from __future__ import annotations
 
@@ -9,15 +9,25 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.weak.layout import PatchLayout, StructureLayout, WeakLawGroup
+from linkwise.weak.layout import StructureLayout
+from linkwise.weak.patch_layout import PatchLayout, WeakLawGroup
 from linkwise.weak.weak_form import WeakPart
 
 
 @dataclass(frozen=True, eq=False)
 class LawTerms:
-    """sign * int kernel h(d) of one `part` of a law at all of `links` (m,), the terms `terms` of a layout.
+    """sign * int kernel h(d) of one part of a law, at m links.
 
-    `derivatives` is [h, h', h'', ...]: arrays (m, N) over all samples, numbers where constant.
+    Attributes
+    ----------
+    part : WeakPart
+        The part.
+    links : array of int, shape (m,)
+        Indices of the links.
+    terms : slice
+        The terms in the layout.
+    derivatives : tuple
+        h, h', h'', ...: arrays of shape (m, N) over all samples, numbers where constant.
     """
 
     part: WeakPart
@@ -27,7 +37,7 @@ class LawTerms:
 
     @property
     def slope(self) -> Floats | float:
-        """h'."""
+        """First derivative h'."""
         return self.derivatives[1] if len(self.derivatives) > 1 else 0.0
 
 
@@ -40,11 +50,32 @@ def law_terms(
     rates: Callable[[Floats], Floats],
     variance: Callable[[Indices], Floats],
 ) -> list[LawTerms]:
-    """The atoms of all links of `layout`: of their `elongations` (m, N), whose noise has `variance` (m,), and smoothed `rates`
-    of those, at the parameters `values` (p,), NaN where they have no value.
+    """Evaluate the laws of all links of a layout.
 
-    Elongations and rates are only asked for where a law needs them. Raises IdentificationError for an unknown that enters its
-    law nonlinearly and has no start.
+    Parameters
+    ----------
+    structure_layout : StructureLayout
+        Layout of the structure.
+    layout : PatchLayout
+        The terms.
+    values : array of shape (p,)
+        The parameters; NaN where they have no value.
+    elongations : callable
+        Elongations (m, N) in m of m links; called only where a law needs them.
+    rates : callable
+        Smoothed rates (m, N) in m/s from elongations; called only where a law needs them.
+    variance : callable
+        Variances (m,) in m^2 of the elongations of m links.
+
+    Returns
+    -------
+    list of LawTerms
+        The terms, in the order of `layout.group_terms`.
+
+    Raises
+    ------
+    IdentificationError
+        If an unknown enters its law nonlinearly and has no start.
     """
     evaluated = []
     for group in layout.groups:
@@ -54,8 +85,10 @@ def law_terms(
         v = rates(d) if group.weak_law.needs_rate else 0.0
         evaluated.append(iter(group.weak_law.evaluate(d, v, variance(group.links)[:, None], inside)))
     return [
-        LawTerms(each.part, layout.groups[each.group].links, each.terms, tuple(next(evaluated[each.group])))
-        for each in layout.group_terms
+        LawTerms(
+            terms.part, layout.groups[terms.group].links, terms.terms, tuple(next(evaluated[terms.group]))
+        )
+        for terms in layout.group_terms
     ]
 
 
@@ -64,8 +97,8 @@ def _require_starts(
 ) -> None:
     law = group.weak_law.law
     for name in (name for name in law.nonlinear if name in inside):
-        for lost in np.flatnonzero(np.isnan(inside[name])):
+        for row in np.flatnonzero(np.isnan(inside[name])):
             raise IdentificationError(
-                f'link "{structure_layout.structure.links[group.links[lost]].name}": {name} enters the law {law.text} '
-                f"nonlinearly, so its search needs a start: write {name} = {{ start = ... }} among its coefficients"
+                f'link "{structure_layout.structure.links[group.links[row]].name}": {name} enters the law {law.text} '
+                f"nonlinearly and needs a start: write {name} = {{ start = ... }} among its coefficients"
             )

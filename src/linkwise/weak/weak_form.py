@@ -1,14 +1,14 @@
-"""The weak form of one law: which test function meets which function of d, and what noise does to it.
+"""The weak form of one law: pairs of a test function and a function of d, and their correction for noise.
 
-Multiply a law's term by phi and integrate. What depends on d alone stays; what is linear in v is integrated by parts, so that
-no signal is differentiated:
+The terms of a law are multiplied by phi and integrated. Those in d alone are kept; those linear in v are integrated by parts,
+so that no signal is differentiated:
 
-    int phi g(d)        stays
+    int phi g(d)        as it is
     int phi v g(d)  = - int phi' G(d),   G' = g
-    int phi g(d, v)     stays, with a smoothed v, where neither rule applies (v**2, tanh(v/s))
+    int phi g(d, v)     as it is, with a smoothed v, where neither rule applies (v**2, tanh(v/s))
 
 White noise e of variance s^2 on d biases a curved function: E h(d + e) = exp(s^2/2 D^2) h(d). The inverse of that operator,
-exp(-s^2/2 D^2), applied to h gives a function of the noisy d that is right on average; for d^k it is the Hermite polynomial
+exp(-s^2/2 D^2), applied to h gives a function of the noisy d that is unbiased; for d^k it is the Hermite polynomial
 of METHODS section 4. It commutes with D, so its derivatives are the unbiased estimates of the derivatives of h; `moments` of
 products need them.
 """
@@ -27,18 +27,29 @@ from linkwise.model.law import Law
 
 PHI, PHI_1, PHI_2 = 0, 1, 2  # phi, phi', phi'': rows of Window.kernels
 
-_HIGHEST = 3  # derivatives kept: with them the products of cubic laws are free of bias, steeper ones to s^6
+_HIGHEST = 3  # derivatives kept: products of cubic laws are then unbiased, others to order s^6
 _SERIES = 3  # terms of exp(-s^2/2 D^2), enough for polynomials up to d^7
-_VARIANCE = "s^2"  # no name that a law can have
+_VARIANCE = "s^2"  # not a valid name in a law
 _ELONGATION = Symbol("d")
 
 
 @dataclass(frozen=True)
 class WeakPart:
-    """sign * int kernel * function(d, v), to be multiplied by a coefficient of the law, or by 1 where that is None.
+    """One part of the weak form of a law: sign * int kernel * function(d, v), multiplied by a coefficient.
 
-    `increment`: the coefficient enters the law nonlinearly, and what multiplies the function (the law's slope by it) is the
-    step from its present value.
+    Attributes
+    ----------
+    coefficient : str or None
+        Name of the coefficient; None for a factor of 1.
+    increment : bool
+        True where the coefficient enters the law nonlinearly: the function is the derivative of the law with respect to it,
+        and the multiplier is its step from the present value.
+    kernel : int
+        PHI, PHI_1 or PHI_2.
+    sign : float
+        1 or -1.
+    function : Expression
+        Function of d and v.
     """
 
     coefficient: str | None
@@ -49,7 +60,7 @@ class WeakPart:
 
     @property
     def needs_rate(self) -> bool:
-        """Whether the function wants a smoothed v."""
+        """Whether the function needs a smoothed v."""
         return "v" in symbols(self.function)
 
     @property
@@ -59,70 +70,104 @@ class WeakPart:
 
     @property
     def curved(self) -> bool:
-        """Whether the function must be worked out sample by sample, unlike d itself and constants."""
+        """Whether the function must be evaluated at every sample, unlike d itself and constants."""
         return not (self.plain or isinstance(self.function, Number))
 
 
 @dataclass(frozen=True)
 class WeakLaw:
-    """The parts of a law and the code that evaluates them; see `weak_law`."""
+    """Weak form of a law, and the program that evaluates it.
+
+    Attributes
+    ----------
+    law : Law
+        The law.
+    parts : tuple of WeakPart
+        Its parts.
+    """
 
     law: Law
     parts: tuple[WeakPart, ...]
 
     @cached_property
     def needs_rate(self) -> bool:
-        """Whether some part wants a smoothed v."""
+        """Whether some part needs a smoothed v."""
         return any(part.needs_rate for part in self.parts)
 
     @cached_property
     def curved(self) -> bool:
-        """Whether some part must be worked out sample by sample."""
+        """Whether some part must be evaluated at every sample."""
         return any(part.curved for part in self.parts)
 
     @cached_property
     def _derivatives(self) -> tuple[tuple[Expression, ...], ...]:
         """For each part its unbiased function and the derivatives of that by d which are not zero."""
-        found = []
+        derivatives = []
         for part in self.parts:
             chain = [_without_bias(part.function)]
             while len(chain) <= _HIGHEST and (following := differentiate(chain[-1], "d")) != ZERO:
                 chain.append(following)
-            found.append(tuple(chain))
-        return tuple(found)
+            derivatives.append(tuple(chain))
+        return tuple(derivatives)
 
     @cached_property
     def inside(self) -> tuple[str, ...]:
-        """The coefficients that stand inside the functions: nonlinear ones and, where those are to be found, their factors."""
-        held = {name for part in self.parts for name in symbols(part.function)}
-        return tuple(name for name in self.law.coefficients if name in held)
+        """Coefficients inside the functions: nonlinear ones and, where those are unknown, their factors."""
+        used = {name for part in self.parts for name in symbols(part.function)}
+        return tuple(name for name in self.law.coefficients if name in used)
 
     @cached_property
     def _program(self) -> Program:
-        varying = [each for chain in self._derivatives for each in chain if not isinstance(each, Number)]
+        varying = [
+            function for chain in self._derivatives for function in chain if not isinstance(function, Number)
+        ]
         return Program(varying, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
 
     def evaluate(
         self, d: Floats, v: Floats | float, variance: Floats, values: Mapping[str, Floats]
     ) -> list[list[Floats | float]]:
-        """For each part [h, h', h'', ...]: arrays of the shape of `d` (links, N), or a number where it is constant.
+        """Evaluate the unbiased functions of all parts and their derivatives.
 
-        `variance` (links, 1) is that of the noise in d; `values` (links, 1) those of the coefficients `inside`.
+        Parameters
+        ----------
+        d, v : array of shape (m, N)
+            Elongations in m and rates in m/s of m links.
+        variance : array of shape (m, 1)
+            Variances in m^2 of the noise in d.
+        values : mapping of str to array of shape (m, 1)
+            The coefficients `inside`.
+
+        Returns
+        -------
+        list of list of array or float
+            For each part h, h', h'', ...: arrays of the shape of d, or numbers where constant.
         """
-        given = [d, v, variance, *(values[name] for name in self.inside)]
-        arrays = iter(self._program(*given))
+        arguments = [d, v, variance, *(values[name] for name in self.inside)]
+        arrays = iter(self._program(*arguments))
         return [
-            [each.value if isinstance(each, Number) else next(arrays) for each in chain]
+            [function.value if isinstance(function, Number) else next(arrays) for function in chain]
             for chain in self._derivatives
         ]
 
 
 @lru_cache(maxsize=512)
 def weak_law(law: Law, free: frozenset[str]) -> WeakLaw:
-    """The weak form of `law` where the coefficients `free` are to be found.
+    """Weak form of a law.
 
-    A linear coefficient has a term of its own, free or not; what is left without them is a term with the coefficient 1;
-    every free nonlinear coefficient adds the law's slope by it.
+    A linear coefficient has a term of its own, known or not; the terms without one have the coefficient 1; each unknown
+    nonlinear coefficient adds the derivative of the law with respect to it.
+
+    Parameters
+    ----------
+    law : Law
+        The law.
+    free : frozenset of str
+        Names of the unknown coefficients that enter nonlinearly.
+
+    Returns
+    -------
+    WeakLaw
+        The weak form; the same object for equal arguments.
     """
     terms: list[tuple[str | None, bool, Expression]] = [(name, False, law.basis[name]) for name in law.linear]
     if law.remainder != ZERO:

@@ -1,8 +1,8 @@
-"""Test functions on short windows: the only filters that the weak form needs (METHODS section 4).
+"""Test functions on short windows (METHODS section 4).
 
 phi(u) = (1 - u^2)^p on |u| < 1 vanishes with its derivatives at the edges of its window, so an integral by parts leaves no
-boundary term. The sums over samples that stand for the integrals agree with each other to the alias of phi at the sampling
-rate; p = 8 keeps it below 1e-6 for windows of deviation 1.6 samples and more, where p = 4 needs windows three times as wide.
+boundary term. Sums over samples approximate the integrals up to the aliasing of phi at the sampling rate; p = 8 keeps it
+below 1e-6 for windows with a standard deviation of 1.6 samples and more, where p = 4 needs windows three times as wide.
 """
 
 from __future__ import annotations
@@ -16,16 +16,26 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 
 ORDER = 8
-_NARROWEST = 1.8  # samples of deviation: the alias of a narrower phi shows above noise of 40 dB
+_NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower phi exceeds noise at 40 dB
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
-_AT_ONCE = 2**17  # samples that `strided_filter` lays out together: they stay in the cache
-_BLOCK = 8  # places that make one row of the blocked product in `strided_filter`
+_AT_ONCE = 2**17  # samples that `strided_filter` processes together: they fit in the cache
+_BLOCK = 8  # outputs in one row of the blocked product in `strided_filter`
 
 
 @dataclass(frozen=True)
 class Window:
-    """The windows of one record: `half` samples to each side of the centre, a new one every `stride` samples of `step` s."""
+    """Test functions of one record, all of one shape.
+
+    Attributes
+    ----------
+    half : int
+        Samples on each side of the centre.
+    stride : int
+        Distance of neighbouring windows in samples.
+    step : float
+        Sampling interval in s.
+    """
 
     half: int
     stride: int
@@ -33,35 +43,72 @@ class Window:
 
     @classmethod
     def of_deviation(cls, deviation: float, step: float) -> Window:
-        """The window whose phi has the standard deviation `deviation` in samples; neighbours are 1.6 deviations apart."""
+        """Window of given width; neighbours are 1.6 standard deviations apart.
+
+        Parameters
+        ----------
+        deviation : float
+            Standard deviation of phi in samples.
+        step : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        Window
+            The window.
+        """
         return _window(ceil(deviation * sqrt(2 * ORDER + 3)), max(1, round(1.6 * deviation)), step)
 
     @classmethod
     def for_band(cls, highest: float, rate: float, noise_free: bool) -> Window:
-        """The window for motion up to `highest` Hz at `rate` Hz: phi passes it and no more.
+        """Window for motion of given bandwidth.
 
-        Where the noise bias is removed the accuracy hardly depends on the width while phi stays shorter than the fastest
-        motion; its cut at 2 pi f deviation = 1 is safe on that side. `noise_free` records (no noise to speak of) get at
-        least a width at which the alias of phi is small.
+        With the noise bias removed, the accuracy hardly depends on the width while phi is shorter than the fastest motion; its
+        cut-off at 2 pi f deviation = 1 satisfies this with a margin.
+
+        Parameters
+        ----------
+        highest : float
+            Highest frequency of the motion in Hz.
+        rate : float
+            Sampling rate in Hz.
+        noise_free : bool
+            Whether noise is negligible; the window then is at least so wide that the aliasing of phi is small.
+
+        Returns
+        -------
+        Window
+            The window.
         """
         narrowest = _NARROWEST_EXACT if noise_free else _NARROWEST
         return cls.of_deviation(min(max(rate / (2.0 * pi * highest), narrowest), _WIDEST), 1.0 / rate)
 
     @property
     def length(self) -> int:
-        """Samples that one window spans."""
+        """Number of samples in a window."""
         return 2 * self.half + 1
 
     def rows(self, samples: int) -> int:
-        """Windows that fit into a record of so many samples."""
+        """Number of windows in a record.
+
+        Parameters
+        ----------
+        samples : int
+            Length of the record.
+
+        Returns
+        -------
+        int
+            Number of windows R.
+        """
         return max(0, (samples - self.length) // self.stride + 1)
 
     @cached_property
     def kernels(self) -> Floats:
-        """(3, length): phi, phi' and phi'' at the samples, divided by the norm of phi''.
+        """(3, length) phi, phi' and phi'' at the samples, divided by the norm of phi''.
 
-        phi' and phi'' carry a small multiple of phi, so that sums over samples obey the integrals by parts exactly for
-        polynomials of the fifth degree. Else their alias, of 1e-6, would be an acceleration that slow motion does not have.
+        phi' and phi'' contain a small multiple of phi, so that sums over samples satisfy integration by parts exactly for
+        polynomials of degree five; without it their aliasing, of 1e-6, would be a spurious acceleration of slow motion.
         """
         u = np.arange(-self.half, self.half + 1) / self.half
         inside = 1.0 - u * u
@@ -79,7 +126,7 @@ class Window:
 
     @cached_property
     def slope(self) -> Floats:
-        """(1, length): the derivative at the centre of a polynomial of the sixth degree fitted under phi."""
+        """(1, length) filter for the derivative at the centre of a polynomial of degree six, fitted with the weight phi."""
         u = np.arange(-self.half, self.half + 1) / self.half
         odd = u ** np.array([[1], [3], [5]])
         weighted = odd * self.kernels[0]
@@ -87,30 +134,55 @@ class Window:
         return np.asarray(first @ weighted / (self.half * self.step))[None]
 
     def filter(self, signals: Floats, kernels: Floats) -> Floats:
-        """Every kernel (Q, length) over every signal (S, N) at every window: (Q, S, R)."""
+        """Correlate signals with kernels at every window.
+
+        Parameters
+        ----------
+        signals : array of shape (S, N)
+            The signals.
+        kernels : array of shape (Q, length)
+            The kernels.
+
+        Returns
+        -------
+        array of shape (Q, S, R)
+            The sums over samples.
+        """
         return strided_filter(signals, kernels, self.stride)
 
     @cached_property
     def cross_correlations(self) -> Floats:
-        """(3, 3, 3, 3): sums over windows j of <a, b at j> <c, d at -j>, at [a, c, b, d], for kernels a, b, c, d.
+        """(3, 3, 3, 3) sums over lags j of <a, b at j> <c, d at -j>, at [a, c, b, d], for kernels a, b, c, d.
 
-        <a, b at j> is the sum over samples of kernel a times kernel b that is j windows later.
+        <a, b at j> is the sum over samples of kernel a times kernel b shifted by j windows.
         """
         lags = self.stride * np.arange(-self.neighbours, self.neighbours + 1)
         padded = np.pad(self.kernels, ((0, 0), (self.length, self.length)))
-        later = np.stack([padded[:, self.length - lag : 2 * self.length - lag] for lag in lags], axis=2)
-        overlaps = np.einsum("at,btj->abj", self.kernels, later)
+        shifted = np.stack([padded[:, self.length - lag : 2 * self.length - lag] for lag in lags], axis=2)
+        overlaps = np.einsum("at,btj->abj", self.kernels, shifted)
         return np.asarray(np.einsum("abj,cdj->acbd", overlaps, overlaps[:, :, ::-1]))
 
     @property
     def neighbours(self) -> int:
-        """Windows to each side whose centre lies within one window."""
+        """Number of windows to each side whose centre lies within one window."""
         return self.half // self.stride
 
     def coverage(self, kernels: Floats, valid: Floats, samples: int) -> Floats:
-        """(Q, N) sums over windows, weighted by `valid` (R,), of kernels (Q, length) at each of so many samples.
+        """Sums of kernels over windows at every sample: the adjoint of `filter` for weights on windows.
 
-        A sum over samples and windows of a signal under a kernel is the product of the signal and this.
+        Parameters
+        ----------
+        kernels : array of shape (Q, length)
+            The kernels.
+        valid : array of shape (R,)
+            Weights of the windows.
+        samples : int
+            Length N of the record.
+
+        Returns
+        -------
+        array of shape (Q, N)
+            The sums.
         """
         reach = -(-self.length // self.stride)
         taps = np.zeros((len(kernels), reach * self.stride))
@@ -123,69 +195,105 @@ class Window:
         np.matmul(windows, taps.reshape(len(kernels), reach, self.stride)[:, ::-1], out=inside)
         return covered[:, :samples]
 
-    def adjoint_windows(self, windows: int, thin: int) -> Indices:
-        """(P,) the window that is nearest to each place of `adjoint`.
+    def adjoint_windows(self, windows: int, thinning: int) -> Indices:
+        """The window nearest to each point of `adjoint`.
 
-        First every second of every `thin`-th window, then the others of them, then `half` times the first and the last.
+        Parameters
+        ----------
+        windows : int
+            Number of windows R.
+        thinning : int
+            Stride of the points in windows.
+
+        Returns
+        -------
+        array of int, shape (P,)
+            Every second of the thinned windows, then the others of them, then `half` times the first and the last.
         """
-        kept = np.arange(0, windows, thin)
+        kept = np.arange(0, windows, thinning)
         return np.concatenate([kept[::2], kept[1::2], np.repeat(kept[[0, -1]], self.half)])
 
-    def adjoint(self, rows: Floats, thin: int) -> Floats:
-        """(S, 3, P) sums of kernels over all windows, weighted by `rows` (S, R), at places that stand for all samples.
+    def adjoint(self, rows: Floats, thinning: int) -> Floats:
+        """Sums of kernels over all windows at points that represent all samples.
 
-        Places lie near the centre of every `thin`-th window, every second of them moved half a stride, so that what they see
-        of all times is even; before the first and after the last centre every sample is a place, since what other windows
-        cancel inside the record stays there. The sums are multiplied by the root of the samples for which their place stands.
+        Points lie near the centre of every `thinning`-th window, every second of them moved by half a stride so that all
+        phases are sampled evenly. Before the first and after the last centre every sample is a point, since there the sums of
+        neighbouring windows do not cancel.
+
+        Parameters
+        ----------
+        rows : array of shape (S, R)
+            Weights of the windows.
+        thinning : int
+            Stride of the points in windows.
+
+        Returns
+        -------
+        array of shape (S, 3, P)
+            The sums, multiplied by the root of the number of samples that a point represents.
         """
-        taps = _taps(self, thin)
+        taps = _taps(self, thinning)
         windows, reach, width = rows.shape[1], self.neighbours + 1, taps.shape[1]
         padded = np.zeros((len(rows), windows + width - 1))
         padded[:, reach : reach + windows] = rows
-        around = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: 2 * thin]
-        around = np.ascontiguousarray(around.transpose(2, 0, 1))
-        sums = (taps @ around.reshape(width, -1)).reshape(2, 3, *around.shape[1:])
-        places = np.arange(0, windows, thin)
-        split, inside = len(places[::2]), len(places)
-        found = np.empty((3, len(rows), inside + 2 * self.half))
-        found[:, :, :split] = sums[0, :, :, :split]
-        found[:, :, split:inside] = sums[1, :, :, : inside - split]
-        found[:, :, inside:] = self._edges(rows)
-        return found.transpose(1, 0, 2)
+        neighbours = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: 2 * thinning]
+        neighbours = np.ascontiguousarray(neighbours.transpose(2, 0, 1))
+        sums = (taps @ neighbours.reshape(width, -1)).reshape(2, 3, *neighbours.shape[1:])
+        kept = np.arange(0, windows, thinning)
+        split, inside = len(kept[::2]), len(kept)
+        result = np.empty((3, len(rows), inside + 2 * self.half))
+        result[:, :, :split] = sums[0, :, :, :split]
+        result[:, :, split:inside] = sums[1, :, :, : inside - split]
+        result[:, :, inside:] = self._edges(rows)
+        return result.transpose(1, 0, 2)
 
     def _edges(self, rows: Floats) -> Floats:
         """(3, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
         count = min(self.neighbours + 1, rows.shape[1])
         taps = np.zeros((2, 3, count, self.half))
-        for later in range(count):
-            shift = later * self.stride
-            taps[0, :, later, shift:] = self.kernels[:, : self.half - shift]
-            taps[1, :, -1 - later, : self.half - shift] = self.kernels[:, self.half + 1 + shift :]
+        for lag in range(count):
+            shift = lag * self.stride
+            taps[0, :, lag, shift:] = self.kernels[:, : self.half - shift]
+            taps[1, :, -1 - lag, : self.half - shift] = self.kernels[:, self.half + 1 + shift :]
         return np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
 
 
 @lru_cache(maxsize=64)
 def _window(half: int, stride: int, step: float) -> Window:
-    """One object for equal windows: what follows from it is worked out once."""
+    """One object for equal windows, which keeps its kernels."""
     return Window(half, stride, step)
 
 
 @lru_cache(maxsize=64)
-def _taps(window: Window, thin: int) -> Floats:
-    """(6, width): kernels at the windows around two places of `spread`, times the root of the samples of a place."""
+def _taps(window: Window, thinning: int) -> Floats:
+    """(6, width): kernels at the windows around two points of `adjoint`, times the root of the samples per point."""
     reach = window.neighbours + 1
-    windows = np.arange(thin + 2 * reach + 1) - reach
-    centres = window.half + np.array([[0], [thin * window.stride + window.stride // 2]])
+    windows = np.arange(thinning + 2 * reach + 1) - reach
+    centres = window.half + np.array([[0], [thinning * window.stride + window.stride // 2]])
     at = centres - window.stride * windows
     inside = (at >= 0) & (at < window.length)
     taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
-    return np.asarray(np.sqrt(thin * window.stride) * taps.transpose(1, 0, 2).reshape(6, -1))
+    return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(6, -1))
 
 
 def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
-    """Correlations of `signals` (S, N) with `kernels` (Q, T) at every `stride`-th sample: (Q, S, (N - T) // stride + 1).
+    """Correlate signals with kernels at every stride-th sample.
 
-    Blocks of places share one product with a banded Toeplitz matrix: a BLAS call in place of a strided loop.
+    Each block of outputs is one product with a banded Toeplitz matrix.
+
+    Parameters
+    ----------
+    signals : array of shape (S, N)
+        The signals.
+    kernels : array of shape (Q, T)
+        The kernels.
+    stride : int
+        Distance of the outputs in samples.
+
+    Returns
+    -------
+    array of shape (Q, S, (N - T) // stride + 1)
+        The correlations.
     """
     (count, samples), (filters, length) = signals.shape, kernels.shape
     rows = (samples - length) // stride + 1
@@ -199,10 +307,10 @@ def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
     for row in range(per_block):
         toeplitz[:, row * stride : row * stride + length, row] = kernels
     pieces = np.lib.stride_tricks.sliding_window_view(signals, span, axis=1)[:, :: per_block * stride]
-    found = np.empty((filters, count, blocks, per_block))
+    result = np.empty((filters, count, blocks, per_block))
     group = max(1, _AT_ONCE // (blocks * span))
     for first in range(0, count, group):
         part = np.ascontiguousarray(pieces[first : first + group, :blocks])
         for kernel in range(filters):
-            np.matmul(part, toeplitz[kernel], out=found[kernel, first : first + group])
-    return found.reshape(filters, count, -1)[:, :, :rows]
+            np.matmul(part, toeplitz[kernel], out=result[kernel, first : first + group])
+    return result.reshape(filters, count, -1)[:, :, :rows]
