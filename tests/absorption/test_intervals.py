@@ -140,7 +140,7 @@ def test_an_answer_not_to_be_trusted_has_no_intervals(fitted: lw.Estimate, tmp_p
 def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "structure.toml").write_bytes((folder / "structure.toml").read_bytes())
     with pytest.raises(
-        lw.RecordError, match="no answer of identify either; give a structure file or a folder"
+        lw.RecordError, match="no result of identify either; give a structure file or a folder"
     ):
         lw.read_posterior(tmp_path)
     path = tmp_path / "covariance.csv"

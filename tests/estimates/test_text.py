@@ -121,7 +121,7 @@ def test_long_chains_are_cut() -> None:
     record = lw.simulate(chain, release={"v:m1": 3.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
     printed = str(lw.identify(record, chain.unknown("nes"), method="weak"))
     assert "... and 16 more channels" in printed
-    assert "... and 2 more links; every one stands in the result folder" in printed
+    assert "... and 2 more links; the result folder lists all of them" in printed
     assert "nes12 (" in printed and "nes13 (" not in printed
 
 

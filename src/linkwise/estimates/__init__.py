@@ -1,3 +1,3 @@
-"""What every estimator returns: values, covariance, links, and what can be said of them."""
+"""Results of estimators: values, covariance, links, findings and their text."""
 
 from linkwise.estimates import text as text

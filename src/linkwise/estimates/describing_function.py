@@ -1,7 +1,7 @@
-"""What a link's law is worth at an amplitude: the linear spring and damper that store and take as much in one cycle.
+"""Describing function of a link: the linear spring and damper that are equivalent to its law at an amplitude.
 
-The describing function of a force f(d, v) for d = A sin(w t) (Krylov, Bogoliubov 1943; the first harmonic of the force over
-that of the motion):
+For the force f(d, v) of a motion d = A sin(w t) it is the first harmonic of the force over that of the motion (Krylov and
+Bogoliubov 1943):
 
     k(A) = 1/(pi A) int_0^{2 pi} f sin,   c(A) = 1/(pi A w) int_0^{2 pi} f cos
 """
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 
 _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
@@ -21,7 +22,25 @@ _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
 
 @dataclass(frozen=True, eq=False)
 class Equivalent:
-    """At `amplitude` (A,) m: `stiffness` (A,) N/m and `damping` (A,) N s/m with their 95 % bands, (A, 2), NaN without any."""
+    """Equivalent linear spring and damper of a link at A amplitudes.
+
+    Attributes
+    ----------
+    amplitude : array of shape (A,)
+        Amplitudes in m.
+    stiffness : array of shape (A,)
+        Equivalent stiffness in N/m.
+    stiffness_band : array of shape (A, 2)
+        Ends of its 95 % band; NaN where no interval can be trusted.
+    damping : array of shape (A,)
+        Equivalent damping in N s/m.
+    damping_band : array of shape (A, 2)
+        Ends of its 95 % band.
+
+    See Also
+    --------
+    equivalent : Compute it.
+    """
 
     amplitude: Floats
     stiffness: Floats
@@ -30,29 +49,63 @@ class Equivalent:
     damping_band: Floats
 
 
-def equivalent(found: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Equivalent:
-    """The equivalent spring and damper of an identified link at `amplitude` in m and `frequency` in Hz."""
+@deprecated_keyword("found", Deprecated("link", since="0.2.0", until="0.4.0"))
+def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Equivalent:
+    """Equivalent linear spring and damper of an identified link: its describing function.
+
+    Parameters
+    ----------
+    link : LinkEstimate
+        The link, from `Estimate.link`.
+    amplitude : array_like of shape (A,)
+        Amplitudes of the elongation in m.
+    frequency : float
+        Frequency in Hz.
+
+    Returns
+    -------
+    Equivalent
+        Stiffness and damping with their 95 % bands.
+
+    Notes
+    -----
+    For d = A sin(w t), k(A) = 1/(pi A) int_0^{2 pi} f sin and c(A) = 1/(pi A w) int_0^{2 pi} f cos over one cycle. The bands
+    follow by the delta method.
+
+    References
+    ----------
+    N. Krylov and N. Bogoliubov, Introduction to Non-linear Mechanics (1943).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> lw.equivalent(estimate.link("nes1"), [0.005, 0.01], 5.0).stiffness.round()
+    array([-81., -25.])
+    """
     a = np.atleast_1d(np.asarray(amplitude, dtype=float))
     omega = 2.0 * np.pi * frequency
     phase = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
     d, v = np.outer(a, np.sin(phase)), omega * np.outer(a, np.cos(phase))
-    partials = found.link.law.partials(d, v, found.link.values)
-    slopes = [np.broadcast_to(partials.by_coefficient[name], d.shape) for name in found.free]
-    answers = []
-    for shape, unit in ((np.sin(phase), a), (np.cos(phase), a * omega)):
-        weight = 2.0 * shape / _POINTS
+    partials = link.link.law.partials(d, v, link.link.values)
+    slopes = [np.broadcast_to(partials.by_coefficient[name], d.shape) for name in link.free]
+    results = []
+    for harmonic, unit in ((np.sin(phase), a), (np.cos(phase), a * omega)):
+        weight = 2.0 * harmonic / _POINTS
         value = partials.force @ weight / unit
         gradient = (
             np.stack([slope @ weight / unit for slope in slopes], axis=1) if slopes else np.zeros((len(a), 0))
         )
-        answers += [value, _band(value, gradient, found)]
-    return Equivalent(a, *answers)
+        results += [value, _band(value, gradient, link)]
+    return Equivalent(a, *results)
 
 
-def _band(value: Floats, gradient: Floats, found: LinkEstimate) -> Floats:
-    """(A, 2) ends of the 95 % band; the law is taken as linear in its coefficients over their errors."""
-    if found.covariance is None and found.free:
+def _band(value: Floats, gradient: Floats, link: LinkEstimate) -> Floats:
+    """(A, 2) ends of the 95 % band by the delta method."""
+    if link.covariance is None and link.free:
         return np.full((len(value), 2), np.nan)
-    covariance = np.zeros((0, 0)) if found.covariance is None else found.covariance
+    covariance = np.zeros((0, 0)) if link.covariance is None else link.covariance
     half = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", gradient, covariance, gradient), 0.0))
     return np.stack([value - half, value + half], axis=1)

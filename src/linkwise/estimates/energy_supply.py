@@ -1,4 +1,4 @@
-"""Links that give energy to the motion beyond doubt, as no spring or damper does."""
+"""Links that supply energy to the motion by more than their uncertainty, which no spring or damper does."""
 
 from __future__ import annotations
 
@@ -13,10 +13,25 @@ _SIGNIFICANT = 3.0  # standard errors of the mean power: by chance once in 740 l
 
 
 def supplied_power(link: Link, free: Sequence[str], covariance: Floats, d: Floats, v: Floats) -> float | None:
-    """Mean power in W that `link` gives to its ends on the way d (R,) m, v (R,) m/s; None where it may give none.
+    """Mean power that a link supplies to the motion, where that is significant.
 
-    `covariance` (q, q) is that of the coefficients named `free` (q,). The force at rest counts for nothing: a spring gives
-    back what it took.
+    The force at v = 0 is left out, since a spring returns the energy it stores.
+
+    Parameters
+    ----------
+    link : Link
+        The link, all coefficients numbers.
+    free : sequence of str
+        Names of its q unknown coefficients.
+    covariance : array of shape (q, q)
+        Their covariance.
+    d, v : array of shape (R,)
+        Elongations in m and rates in m/s.
+
+    Returns
+    -------
+    float or None
+        Mean power in W; None unless it is above three standard errors.
     """
     moving, resting = (link.law.partials(d, rate, link.values) for rate in (v, np.zeros_like(v)))
     power = float(np.nanmean((moving.force - resting.force) * v))

@@ -1,4 +1,4 @@
-"""The answer: what every estimator returns, and the table that tells whether it can be trusted."""
+"""The result of every estimator."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from scipy.sparse import csc_array
 from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StructureError
+from linkwise.estimates.document import coefficient_document, link_document
 from linkwise.estimates.energy_supply import supplied_power
 from linkwise.estimates.findings import link_findings
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.html import JudgedView
 from linkwise.model.parameters import Parameter
@@ -32,7 +33,17 @@ _ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the squar
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """Standard deviation of the noise in a channel, in its SI `unit`, and the signal-to-noise ratio in dB (METHODS 2)."""
+    """Noise of a channel.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation in the SI unit of the channel.
+    unit : str
+        The unit.
+    snr_db : float
+        Signal-to-noise ratio in dB, of the mean square of the motion to that of the noise.
+    """
 
     sigma: float
     unit: str
@@ -40,12 +51,42 @@ class NoiseEstimate:
 
     @classmethod
     def of(cls, record: Record, name: str, sigma: float) -> NoiseEstimate:
-        """For channel `name` of `record`, whose samples hold noise of `sigma`."""
-        return cls.beside(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
+        """Noise of a channel of a record.
+
+        Parameters
+        ----------
+        record : Record
+            The record.
+        name : str
+            Name of the channel.
+        sigma : float
+            Standard deviation of the noise in its SI unit.
+
+        Returns
+        -------
+        NoiseEstimate
+            The noise.
+        """
+        return cls.from_power(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
 
     @classmethod
-    def beside(cls, power: float, name: str, sigma: float) -> NoiseEstimate:
-        """For channel `name`, whose samples have the mean square `power` and hold noise of `sigma`."""
+    def from_power(cls, power: float, name: str, sigma: float) -> NoiseEstimate:
+        """Noise of a channel of known mean square.
+
+        Parameters
+        ----------
+        power : float
+            Mean square of the samples, noise included.
+        name : str
+            Name of the channel.
+        sigma : float
+            Standard deviation of the noise in its SI unit.
+
+        Returns
+        -------
+        NoiseEstimate
+            The noise.
+        """
         motion = power - sigma**2
         ratio = (
             10.0 * np.log10(motion / sigma**2)
@@ -57,15 +98,50 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Estimate(JudgedView):
-    """Values `values` (p,) of the unknowns `parameters` of `given_structure`, with their `covariance` (p, p), from `record`.
+    """The result of `identify`: coefficients with their uncertainty, noise, and what limits the trust in them.
 
-    `fit_verdicts` are what can be said of the fit as a whole, and `message` says what the first of them means here; without
-    convergence, or with residuals that noise does not explain (`chi_square_per_sample` far from 1), no interval is given.
-    `compute_motion` tells, when asked, how the identified links moved; `profile` gives, for a likelihood fit, the
-    profile-likelihood interval of a parameter, from its name, its standard error and a function that is told each value
-    tried. `free` (p,) is False where a parameter was stopped by its bound, which leaves it without an interval; `intervals`
-    is False for methods whose covariance tells no more than the size of the residuals. `notes` are those of the records: what
-    was assumed or changed before anything was estimated.
+    Attributes
+    ----------
+    method, message : str
+        Name of the method, and explanation of the first verdict on the fit.
+    fit_verdicts : tuple of Verdict
+        Verdicts on the fit as a whole.
+    given_structure : Structure
+        The structure with its unknowns.
+    parameters : tuple of Parameter
+        The p unknowns.
+    values, covariance : array of shape (p,); array or sparse array of shape (p, p)
+        Their values in SI units and their covariance.
+    free : array of bool, shape (p,)
+        False where a parameter is at its bound, which leaves it without an interval.
+    noise : mapping of str to NoiseEstimate
+        Noise of the channels.
+    chi_square_per_sample : float or None
+        Residual power relative to that expected from noise; None where the method does not test it.
+    seconds, samples : float, int
+        Computing time in s, and number of samples fitted.
+    compute_motion : callable
+        Computes the motion of the links, on first use of `motion`.
+    record : Record
+        The record.
+    intervals : bool
+        False for methods whose covariance gives no confidence intervals.
+    profile : callable or None
+        Profile-likelihood interval, for `profile_interval`; None without a likelihood.
+    remarks, notes : tuple of str
+        Findings of the method; notes of the records on what was assumed or changed when they were read.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> estimate.trusted, estimate.status
+    (True, 'converged')
+    >>> alpha = estimate.coefficient("nes1.alpha")
+    >>> f"{alpha.value:.1f} +- {alpha.standard_error:.1f} {alpha.unit}"
+    '-99.6 +- 0.4 N/m'
     """
 
     method: str
@@ -97,7 +173,7 @@ class Estimate(JudgedView):
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """What can be said of the answer as a whole: of the fit, and of the laws that it found."""
+        """Verdicts on the fit and on the identified laws."""
         laws = (
             (Verdict.COVARIANCE_NOT_POSITIVE, self._has_negative_variance),
             (Verdict.ENERGY_FED, bool(self.supplies)),
@@ -114,21 +190,21 @@ class Estimate(JudgedView):
 
     @cached_property
     def supplies(self) -> dict[str, float]:
-        """Mean power in W of the links that give energy to the motion beyond doubt; empty where intervals say nothing."""
+        """Mean power in W of links that supply energy to the motion, by name; empty without trusted intervals."""
         if not (self.intervals and is_trusted(self.fit_verdicts)):
             return {}
         powers = {
             link.name: supplied_power(
-                link, *self._freedom(index), self.motion.d[:, index], self.motion.v[:, index]
+                link, *self._free_coefficients(index), self.motion.d[:, index], self.motion.v[:, index]
             )
             for index, link in enumerate(self.structure.links)
-            if self._freedom(index)[0]
+            if self._free_coefficients(index)[0]
         }
         return {name: power for name, power in powers.items() if power is not None}
 
     @property
     def explanation(self) -> str:
-        """`message`, and the advice of verdicts on the laws found."""
+        """`message`, and the advice of verdicts on the identified laws."""
         return " ".join([self.message, *(v.value for v in self.verdicts if v not in self.fit_verdicts)])
 
     @property
@@ -138,7 +214,7 @@ class Estimate(JudgedView):
 
     @cached_property
     def motion(self) -> LinkMotion:
-        """How the identified links moved."""
+        """Motion of the identified links, computed on first use."""
         return self.compute_motion()
 
     @cached_property
@@ -148,12 +224,12 @@ class Estimate(JudgedView):
 
     @cached_property
     def links(self) -> tuple[LinkEstimate, ...]:
-        """What was found of every link, in the structure's order."""
+        """Estimates of all links, in the order of the structure."""
         return tuple(self._link(index) for index in range(len(self.structure.links)))
 
     @cached_property
     def masses(self) -> tuple[CoefficientEstimate, ...]:
-        """The masses, "m1.mass" and so on."""
+        """Estimates of all masses, with names such as "m1.mass"."""
         return tuple(
             self._coefficient(f"{mass.name}.mass", (-1 - index, "mass"), "kg", mass.mass.value or 0.0)
             for index, mass in enumerate(self.structure.masses)
@@ -174,25 +250,77 @@ class Estimate(JudgedView):
         return (*self.remarks, *bounds, *of_links)
 
     def coefficient(self, name: str) -> CoefficientEstimate:
-        """The coefficient "nes1.alpha" or the mass "m1.mass"; StructureError lists the names there are."""
-        return (
-            self._coefficients[name]
-            if name in self._coefficients
-            else self._unknown_name(name, self._coefficients)
-        )
+        """Estimate of a coefficient.
+
+        Parameters
+        ----------
+        name : str
+            Full name, such as "nes1.alpha" or "m1.mass".
+
+        Returns
+        -------
+        CoefficientEstimate
+            The coefficient with its interval.
+
+        Raises
+        ------
+        StructureError
+            If there is no such coefficient.
+        """
+        known = self._coefficients
+        return known[name] if name in known else self._unknown_name(name, known)
 
     def link(self, name: str) -> LinkEstimate:
-        """What was found of one link; StructureError lists the names there are."""
-        found = {each.link.name: each for each in self.links}
-        return found[name] if name in found else self._unknown_name(name, found)
+        """Estimate of a link.
+
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+
+        Returns
+        -------
+        LinkEstimate
+            The link with its coefficients.
+
+        Raises
+        ------
+        StructureError
+            If there is no such link.
+        """
+        by_name = {link.link.name: link for link in self.links}
+        return by_name[name] if name in by_name else self._unknown_name(name, by_name)
 
     def force_band(self, name: str, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Force at rest of link `name` at elongations `d` in m, and the lower and upper end of its 95 % band, in N."""
+        """Stiffness force of a link with its 95 % band.
+
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+        d : array_like
+            Elongations in m.
+
+        Returns
+        -------
+        force, lower, upper : array of the shape of `d`
+            Force at v = 0 and ends of the band in N, as `LinkEstimate.force_band`.
+
+        Raises
+        ------
+        StructureError
+            If there is no such link.
+        """
         return self.link(name).force_band(d)
 
     def to_dict(self) -> dict[str, Any]:
-        """What result.json holds."""
-        fit = {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples}
+        """The estimate as plain data.
+
+        Returns
+        -------
+        dict
+            The content of ``result.json``.
+        """
         return {
             "method": self.method,
             "status": self.status,
@@ -203,11 +331,11 @@ class Estimate(JudgedView):
             "noise": {
                 name: {"sigma": n.sigma, "unit": n.unit, "snr_db": n.snr_db} for name, n in self.noise.items()
             },
-            "fit": fit,
+            "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
             "findings": list(self.findings),
             "notes": list(self.notes),
-            "masses": {each.name.removesuffix(".mass"): _as_dict(each) for each in self.masses},
-            "links": [_link_dict(each) for each in self.links],
+            "masses": {mass.name.removesuffix(".mass"): coefficient_document(mass) for mass in self.masses},
+            "links": [link_document(link) for link in self.links],
         }
 
     def __str__(self) -> str:
@@ -216,17 +344,17 @@ class Estimate(JudgedView):
     @cached_property
     def _coefficients(self) -> dict[str, CoefficientEstimate]:
         return {
-            each.name: each for each in (*(c for link in self.links for c in link.coefficients), *self.masses)
+            one.name: one for one in (*(c for link in self.links for c in link.coefficients), *self.masses)
         }
 
     @cached_property
-    def _places(self) -> dict[tuple[int, str], int]:
+    def _parameter_index(self) -> dict[tuple[int, str], int]:
         return {
             member: number for number, parameter in enumerate(self.parameters) for member in parameter.members
         }
 
-    def _coefficient(self, name: str, place: tuple[int, str], unit: str, value: float) -> CoefficientEstimate:
-        number = self._places.get(place)
+    def _coefficient(self, name: str, slot: tuple[int, str], unit: str, value: float) -> CoefficientEstimate:
+        number = self._parameter_index.get(slot)
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
         if not self.trusted or not self.free[number]:
@@ -239,7 +367,7 @@ class Estimate(JudgedView):
 
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
-        free, covariance = self._freedom(index)
+        free, covariance = self._free_coefficients(index)
         masses = dict(zip(self.structure.mass_names, self.structure.mass_values, strict=True))
         return LinkEstimate(
             link=link,
@@ -250,58 +378,22 @@ class Estimate(JudgedView):
                 for name in link.coefficients
             ),
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),
-            v_range=_range(self.motion.v[:, index]),
+            v_range=(float(np.nanmin(self.motion.v[:, index])), float(np.nanmax(self.motion.v[:, index]))),
             free=free,
             covariance=covariance if self.trusted and self.intervals else None,
             moving_mass=1.0 / sum(1.0 / masses[end] for end in link.between if end in masses),
         )
 
-    def _freedom(self, index: int) -> tuple[tuple[str, ...], Floats]:
-        """The coefficients of a link that were found (q,), and their covariance (q, q)."""
+    def _free_coefficients(self, index: int) -> tuple[tuple[str, ...], Floats]:
+        """Unknown coefficients of a link (q,) and their covariance (q, q)."""
         numbers = {
-            name: self._places[index, name]
+            name: self._parameter_index[index, name]
             for name in self.given_structure.links[index].coefficients
-            if (index, name) in self._places
+            if (index, name) in self._parameter_index
         }
         which = np.array(list(numbers.values()), dtype=int)
         block = self.covariance[np.ix_(which, which)] if len(which) else np.zeros((0, 0))
         return tuple(numbers), np.asarray(block if isinstance(block, np.ndarray) else block.toarray())
 
-    def _unknown_name(self, name: str, there: Mapping[str, Any]) -> Any:
-        raise StructureError(f'"{name}" is not in the answer; there are {", ".join(there)}')
-
-
-def _range(values: Floats) -> tuple[float, float]:
-    return (float(np.nanmin(values)), float(np.nanmax(values)))
-
-
-def _as_dict(each: CoefficientEstimate) -> dict[str, Any]:
-    shown: dict[str, Any] = {"value": each.value, "unit": each.unit, "known": each.known}
-    if not each.known:
-        shown["standard_error"] = each.standard_error
-        shown["interval"] = None if each.interval is None else list(each.interval)
-    return shown
-
-
-def _derived(each: DerivedQuantity) -> dict[str, Any]:
-    return {
-        "value": each.value,
-        "unit": each.unit,
-        "interval": None if each.interval is None else list(each.interval),
-    }
-
-
-def _link_dict(each: LinkEstimate) -> dict[str, Any]:
-    shown: dict[str, Any] = {
-        "name": each.link.name,
-        "between": list(each.link.between),
-        "law": each.link.law.text,
-        "coefficients": {c.name.rpartition(".")[2]: _as_dict(c) for c in each.coefficients},
-        "range": {"d": list(each.d_range), "v": list(each.v_range)},
-    }
-    if each.wells:
-        shown["wells"] = [{"d": well.value, "interval": _derived(well)["interval"]} for well in each.wells]
-        shown["in_well_frequencies"] = [_derived(frequency) for frequency in each.frequencies]
-    if each.barrier is not None:
-        shown["barrier"] = _derived(each.barrier)
-    return shown
+    def _unknown_name(self, name: str, names: Mapping[str, Any]) -> Any:
+        raise StructureError(f'unknown name "{name}"; choose from {", ".join(names)}')

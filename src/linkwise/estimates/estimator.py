@@ -1,4 +1,4 @@
-"""What every method of identification is: frozen options, and the way from records to an estimate."""
+"""Estimators: methods of identification with their options."""
 
 from __future__ import annotations
 
@@ -16,7 +16,18 @@ from linkwise.records.record import Record
 class Estimator(ABC):
     """A method of identification with its options; `identify` takes one as `method`.
 
-    Concretes are frozen dataclasses: `MaximumLikelihood`, `WeakForm` and `PhysicsInformedSindy`.
+    Concrete classes are frozen dataclasses: `MaximumLikelihood`, `WeakForm` and `PhysicsInformedSindy`.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method, which `identify` also takes and estimates carry; set on the class.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> isinstance(lw.WeakForm(), lw.Estimator), lw.WeakForm.method
+    (True, 'weak')
     """
 
     method: ClassVar[str]
@@ -47,7 +58,23 @@ class Estimator(ABC):
         """
 
     def only_record(self, records: Sequence[Record]) -> Record:
-        """The one record; IdentificationError where there are several, for a method that takes one."""
+        """The record, for a method that takes a single one.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            The records given.
+
+        Returns
+        -------
+        Record
+            The only one.
+
+        Raises
+        ------
+        IdentificationError
+            If there are several.
+        """
         if len(records) > 1:
             raise IdentificationError(
                 f'several records are for method "ml", not for "{self.method}", which takes one; got {len(records)}'

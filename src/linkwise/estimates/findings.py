@@ -1,4 +1,4 @@
-"""What the record cannot tell, in sentences (METHODS section 7)."""
+"""Findings on identified links, in sentences: what the record does not determine (METHODS section 7)."""
 
 from __future__ import annotations
 
@@ -8,60 +8,77 @@ import numpy as np
 
 from linkwise.estimates.link_estimate import LinkEstimate
 
-_TOGETHER = 0.995  # correlation beyond which two coefficients are one piece of knowledge
+_COLLINEAR = 0.995  # correlation from which only a combination of two coefficients is reported as determined
 
 
-def link_findings(found: LinkEstimate, supply: float | None) -> Iterator[str]:
-    """Sentences on one identified link, which gives the mean power `supply` in W to the motion where that is beyond doubt."""
-    yield from _unvisited(found)
-    yield from _together(found)
-    yield from _nothing(found)
+def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
+    """Findings on one identified link.
+
+    Parameters
+    ----------
+    link : LinkEstimate
+        The link.
+    supply : float or None
+        Mean power in W that it supplies to the motion, where that is significant.
+
+    Yields
+    ------
+    str
+        A sentence.
+    """
+    yield from _extrapolated(link)
+    yield from _correlated(link)
+    yield from _insignificant(link)
     if supply is not None:
         yield (
-            f"{found.link.name} gives energy to the motion, {supply:.3g} W on average, as no damper does. A force that is not "
-            "in the record would look like that."
+            f"{link.link.name} gives energy to the motion, {supply:.3g} W on average, which no damper does. An applied force "
+            "that is not in the record has this effect."
         )
 
 
-def _unvisited(found: LinkEstimate) -> Iterator[str]:
-    if not found.wells or not found.free:
+def _extrapolated(link: LinkEstimate) -> Iterator[str]:
+    if not link.wells or not link.free:
         return
-    low, high = found.d_range
-    inside = [well.value for well in found.wells if low <= well.value <= high]
+    low, high = link.d_range
+    inside = [well.value for well in link.wells if low <= well.value <= high]
     if len(inside) == 1:
         yield (
-            f"{found.link.name} never left the well at {inside[0]:+.4g} m (d from {low:.4g} to {high:.4g} m): its barrier and "
-            "its other wells are extrapolated. Hit it harder."
+            f"{link.link.name} never left the well at {inside[0]:+.4g} m (d from {low:.4g} to {high:.4g} m): its barrier and "
+            "its other wells are extrapolated. Use a stronger excitation."
         )
-    elif 1 < len(inside) < len(found.wells):
-        missed = ", ".join(f"{well.value:+.4g} m" for well in found.wells if not low <= well.value <= high)
+    elif 1 < len(inside) < len(link.wells):
+        missed = ", ".join(f"{well.value:+.4g} m" for well in link.wells if not low <= well.value <= high)
         yield (
-            f"{found.link.name} never reached the well at {missed} (d from {low:.4g} to {high:.4g} m): what is said of it is "
+            f"{link.link.name} never reached the well at {missed} (d from {low:.4g} to {high:.4g} m), which is "
             "extrapolated."
         )
     elif not inside:
         yield (
-            f"{found.link.name} reached none of its wells (d from {low:.4g} to {high:.4g} m): they are extrapolated. Record "
+            f"{link.link.name} reached none of its wells (d from {low:.4g} to {high:.4g} m): they are extrapolated. Record "
             "until it comes to rest, or start it from a well."
         )
 
 
-def _together(found: LinkEstimate) -> Iterator[str]:
-    if found.covariance is None:
+def _correlated(link: LinkEstimate) -> Iterator[str]:
+    if link.covariance is None:
         return
-    scale = np.sqrt(np.maximum(found.covariance.diagonal(), np.finfo(float).tiny))
-    correlation = found.covariance / np.outer(scale, scale)
-    for i, one in enumerate(found.free):
-        for j, two in enumerate(found.free[:i]):
-            if abs(correlation[i, j]) > _TOGETHER:
+    scale = np.sqrt(np.maximum(link.covariance.diagonal(), np.finfo(float).tiny))
+    correlation = link.covariance / np.outer(scale, scale)
+    for i, first in enumerate(link.free):
+        for j, second in enumerate(link.free[:i]):
+            if abs(correlation[i, j]) > _COLLINEAR:
                 yield (
-                    f"{found.link.name}: {two} and {one} move together (correlation {correlation[i, j]:+.4f}); the "
-                    "record fixes a combination of them far better than each. A wider range of motion sets them apart."
+                    f"{link.link.name}: {second} and {first} are strongly correlated ({correlation[i, j]:+.4f}); the "
+                    "record determines a combination of them far better than each. A wider range of motion "
+                    "separates them."
                 )
 
 
-def _nothing(found: LinkEstimate) -> Iterator[str]:
-    for each in found.coefficients:
-        if each.interval is not None and each.interval[0] < 0.0 < each.interval[1]:
-            error = each.standard_error or 0.0
-            yield f"{each.name} cannot be told from zero: {each.value:.3g} within ±{error:.2g} {each.unit}."
+def _insignificant(link: LinkEstimate) -> Iterator[str]:
+    for coefficient in link.coefficients:
+        if coefficient.interval is not None and coefficient.interval[0] < 0.0 < coefficient.interval[1]:
+            error = coefficient.standard_error or 0.0
+            yield (
+                f"{coefficient.name} cannot be distinguished from zero: {coefficient.value:.3g} within ±{error:.2g} "
+                f"{coefficient.unit}."
+            )

@@ -1,4 +1,4 @@
-"""The elastic force of a link over its elongation: the identified curve, its band, and what the record shows of it."""
+"""The elastic force of a link over its elongation: the identified curve, its band, and samples of the record."""
 
 from __future__ import annotations
 
@@ -16,12 +16,28 @@ BEYOND = 0.08  # of the visited range, shown on both sides of it
 
 @dataclass(frozen=True, eq=False)
 class ForceCurve:
-    """The elastic force f(d, 0) of one link over its elongation d; SI units throughout.
+    """The elastic force f(d, 0) of one link over its elongation d.
 
-    `identified` tells whether anything of it was. `d` (G,) is the grid, `force`, `lower`, `upper` (G,) the curve and its 95 %
-    band (NaN where no interval can be trusted), `true` (G,) the true curve where it is known. `sample_d`, `sample_force` (P,)
-    are samples of the record: force less identified damping, measured or, where `samples_are_true`, simulated; empty where no
-    such force is known.
+    Attributes
+    ----------
+    link : Link
+        The identified link.
+    identified : bool
+        Whether one of its coefficients was unknown.
+    d : array of shape (G,)
+        Elongations in m, from below to above the visited range.
+    force, lower, upper : array of shape (G,)
+        Force in N and its 95 % band; NaN where no interval can be trusted.
+    visited : tuple of float
+        Range of the elongations in the record, in m.
+    wells : tuple of float
+        Stable equilibria in m.
+    true : array of shape (G,) or None
+        The true force in N, where known.
+    sample_d, sample_force : array of shape (P,)
+        Elongations in m and forces in N less the identified damping, at samples of the record; empty where no force is known.
+    samples_are_true : bool
+        Whether these forces are simulated rather than measured.
     """
 
     link: Link
@@ -39,25 +55,25 @@ class ForceCurve:
 
     @property
     def has_band(self) -> bool:
-        """Whether something was identified, with intervals that can be trusted."""
+        """Whether a coefficient was identified with a trusted interval."""
         return bool(np.isfinite(self.lower).all() and np.any(self.lower < self.upper))
 
     @property
     def frame(self) -> tuple[float, float]:
-        """The least and the greatest force of the curves, with a margin."""
+        """Smallest and largest force of the curves in N, with a margin."""
         curves = [self.force, self.lower, self.upper]
         return _frame(curves if self.true is None else [*curves, self.true])
 
     @property
     def outside(self) -> float:
-        """The part of the samples that lie beyond the frame."""
+        """Fraction of the samples outside the frame."""
         low, high = self.frame
         hidden = (self.sample_force < low) | (self.sample_force > high)
         return float(np.mean(hidden)) if len(hidden) else 0.0
 
     @property
     def between_wells(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
-        """Ranges of d and force that show the wells large; None where there are no two or the whole curve does."""
+        """Ranges of d in m and force in N around the wells; None with fewer than two, or where they fill the whole curve."""
         if len(self.wells) < 2:
             return None
         span = max(self.wells) - min(self.wells)
@@ -69,9 +85,29 @@ class ForceCurve:
 
 
 def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -> ForceCurve:
-    """The curve of link `name`; `truth` is the true structure where it is known (of a simulated record it is)."""
-    found = estimate.link(name)
-    low, high = found.d_range
+    """Elastic force of an identified link.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The estimate.
+    name : str
+        Name of the link.
+    truth : Structure, optional
+        The true structure; by default that of a simulated record.
+
+    Returns
+    -------
+    ForceCurve
+        The curve.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link.
+    """
+    link = estimate.link(name)
+    low, high = link.d_range
     margin = BEYOND * (high - low)
     d = np.linspace(low - margin, high + margin, GRID)
     force, lower, upper = estimate.force_band(name, d)
@@ -79,14 +115,14 @@ def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -
     known_truth = truth or (simulated.structure if simulated else None)
     sample_d, sample_force = _samples(estimate, name)
     return ForceCurve(
-        link=found.link,
-        identified=bool(found.free),
+        link=link.link,
+        identified=bool(link.free),
         d=d,
         force=force,
         lower=lower,
         upper=upper,
         visited=(low, high),
-        wells=tuple(well.value for well in found.wells),
+        wells=tuple(well.value for well in link.wells),
         true=None if known_truth is None else known_truth.link(name).force(d),
         sample_d=sample_d,
         sample_force=sample_force,
@@ -113,12 +149,12 @@ def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
         return np.empty(0), np.empty(0)
     link = estimate.link(name).link
     elastic = force - (link.force(d, v) - link.force(d))
-    there = np.isfinite(elastic) & np.isfinite(d)
-    return d[there], elastic[there]
+    finite = np.isfinite(elastic) & np.isfinite(d)
+    return d[finite], elastic[finite]
 
 
 def _frame(curves: list[Floats]) -> tuple[float, float]:
-    """The least and greatest force of the curves, and a margin."""
+    """Smallest and largest force of the curves, with a margin."""
     finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
     low, high = float(finite.min()), float(finite.max())
     margin = 0.12 * (high - low) or 1.0

@@ -1,4 +1,4 @@
-"""What was found of one link: its coefficients, and what follows from them for the wells of its law."""
+"""The estimate of one link: its coefficients, and the wells, barrier and frequencies that follow from them."""
 
 from __future__ import annotations
 
@@ -19,16 +19,29 @@ from linkwise.model.structure import Link
 
 T = TypeVar("T")
 
-NORMAL_95 = 1.959963984540054  # deviations that hold 95 % of a normal distribution
-_STEP = 1e-2  # of a standard error: small against the curvature of what is derived, large against rounding
-_BEYOND = 0.25  # of the visited range: wells farther outside are not looked for
+NORMAL_95 = 1.959963984540054  # standard deviations: 97.5 % quantile of the normal distribution
+_STEP = 1e-2  # of a standard error: small against the curvature of derived quantities, large against rounding
+_BEYOND = 0.25  # of the visited range: wells farther outside are not searched for
 
 
 @dataclass(frozen=True)
 class CoefficientEstimate:
-    """A coefficient "nes1.alpha" or a mass "m1.mass" in its SI `unit`; `known` ones were given, the others found.
+    """Estimate of a coefficient of a link or of a mass.
 
-    `standard_error` and the 95 % `interval` are None for what was given and where none can be trusted.
+    Attributes
+    ----------
+    name : str
+        Full name, such as "nes1.alpha" or "m1.mass".
+    value : float
+        Its value in the SI unit.
+    unit : str
+        The unit.
+    known : bool
+        True where it was given and not estimated.
+    standard_error : float or None
+        Standard error; None for known ones and where none can be trusted.
+    interval : tuple of float or None
+        Ends of the 95 % interval; None likewise.
     """
 
     name: str
@@ -41,7 +54,19 @@ class CoefficientEstimate:
 
 @dataclass(frozen=True)
 class DerivedQuantity:
-    """A quantity that follows from coefficients, with its 95 % interval by the delta method, or None without one."""
+    """A quantity that follows from coefficients.
+
+    Attributes
+    ----------
+    name : str
+        "well", "barrier" or "frequency".
+    value : float
+        Its value in the SI unit.
+    unit : str
+        The unit.
+    interval : tuple of float or None
+        Ends of the 95 % interval by the delta method; None where none can be trusted.
+    """
 
     name: str
     value: float
@@ -51,10 +76,22 @@ class DerivedQuantity:
 
 @dataclass(frozen=True, eq=False)
 class LinkEstimate:
-    """One identified link (`link`, all numbers), over the ranges of d in m and v in m/s that the record visited.
+    """Estimate of one link.
 
-    `covariance` (q, q) is that of the coefficients named `free` (q,), or None where no interval can be trusted.
-    `moving_mass` in kg is the reduced mass of its ends, with which it swings in a well.
+    Attributes
+    ----------
+    link : Link
+        The identified link, all coefficients numbers.
+    coefficients : tuple of CoefficientEstimate
+        Its coefficients.
+    d_range, v_range : tuple of float
+        Ranges of the elongation in m and its rate in m/s in the record.
+    free : tuple of str
+        Names of the q unknown coefficients.
+    covariance : array of shape (q, q) or None
+        Their covariance; None where no interval can be trusted.
+    moving_mass : float
+        Reduced mass of the two ends in kg, which sets the in-well frequencies.
     """
 
     link: Link
@@ -66,17 +103,26 @@ class LinkEstimate:
     moving_mass: float
 
     def force_band(self, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Force at rest (v = 0) in N at elongations `d` in m, and the ends of its 95 % band, each in the shape of `d`.
+        """Stiffness force (v = 0) with its 95 % band by the delta method.
 
-        Without a covariance both ends are NaN; for a link with nothing to identify they equal the force.
+        Parameters
+        ----------
+        d : array_like
+            Elongations in m.
+
+        Returns
+        -------
+        force, lower, upper : array of the shape of `d`
+            Force and ends of the band in N. Both ends are NaN without a covariance, and equal to the force where nothing is
+            unknown.
         """
         d = np.asarray(d, dtype=float)
         force = self.link.force(d)
         if not self.free:
             return force, force, force
         if self.covariance is None:
-            nothing = np.full(force.shape, np.nan)
-            return force, nothing, nothing
+            undefined = np.full(force.shape, np.nan)
+            return force, undefined, undefined
         slopes = self.link.law.partials(d, 0.0, self.link.values).by_coefficient
         gradient = np.stack([np.broadcast_to(slopes[name], d.shape) for name in self.free])
         variance = np.einsum("i...,ij,j...->...", gradient, self.covariance, gradient)
@@ -85,76 +131,80 @@ class LinkEstimate:
 
     @cached_property
     def kind(self) -> str:
-        """What its law does where the record saw it, in a word: "hardening", as `law_kind` says."""
+        """Kind of the law over the visited range, such as "hardening"."""
         return law_kind(self.link, self._reach[1])
 
     @cached_property
     def wells(self) -> tuple[DerivedQuantity, ...]:
-        """The stable elongations of a link with two wells or more; empty for others."""
-        places = self._found(wells)
-        if places is None or len(places) < 2:
+        """Stable equilibria in m of a law with two wells or more; empty for others."""
+        positions = self._searched(wells)
+        if positions is None or len(positions) < 2:
             return ()
-        return tuple(self._derived("well", "m", value, partial(_well_near, value)) for value in places)
+        return tuple(self._derived("well", "m", value, partial(_well_near, value)) for value in positions)
 
     @cached_property
     def barrier(self) -> DerivedQuantity | None:
-        """The energy that carries the link out of its deepest well, or None with fewer than two wells."""
-        way = self._found(lowest_escape)
-        if way is None:
+        """Energy in J to leave the deepest well; None with fewer than two wells."""
+        ends = self._searched(lowest_escape)
+        if ends is None:
             return None
-        return self._derived("barrier", "J", _climb(way, self.link), partial(_climb, way))
+        return self._derived(
+            "barrier", "J", _energy_difference(ends, self.link), partial(_energy_difference, ends)
+        )
 
     @cached_property
     def frequencies(self) -> tuple[DerivedQuantity, ...]:
-        """In-well frequencies in Hz: small free swings of its two ends against each other in each well."""
-        swings = [partial(_swing_near, well.value, self.moving_mass) for well in self.wells]
-        return tuple(self._derived("frequency", "Hz", swing(self.link), swing) for swing in swings)
+        """Natural frequencies in Hz of small oscillations of the two ends of the free link in each well."""
+        frequencies = [partial(_frequency_near, well.value, self.moving_mass) for well in self.wells]
+        return tuple(
+            self._derived("frequency", "Hz", frequency(self.link), frequency) for frequency in frequencies
+        )
 
     @property
     def _reach(self) -> tuple[float, float]:
-        """Where wells are looked for: what was visited, both sides of rest, and a little more."""
+        """Range in m in which wells are searched for: symmetric, a quarter wider than the visited range."""
         largest = max(abs(end) for end in self.d_range) * (1.0 + _BEYOND)
         return -largest, largest
 
-    def _found(self, search: Callable[[Link, float, float], T]) -> T | None:
-        """What a search finds within reach; None for a law that vanishes everywhere."""
+    def _searched(self, search: Callable[[Link, float, float], T]) -> T | None:
+        """Result of a search within `_reach`; None for a law that vanishes everywhere."""
         try:
             return search(self.link, *self._reach)
         except StructureError:
             return None
 
     def _derived(self, name: str, unit: str, value: float, of: Callable[[Link], float]) -> DerivedQuantity:
-        """The delta method: the gradient by central differences of a small part of each standard error."""
+        """A derived quantity by the delta method, with a gradient by central differences."""
         if self.covariance is None or not self.free:
             return DerivedQuantity(name, value, unit, None if self.free else (value, value))
         steps: Floats = _STEP * np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         gradient = np.zeros(len(self.free))
         for i, coefficient in enumerate(self.free):
             if steps[i] > 0.0:
-                sides = [of(self._moved(coefficient, sign * steps[i])) for sign in (1.0, -1.0)]
+                sides = [of(self._perturbed(coefficient, sign * steps[i])) for sign in (1.0, -1.0)]
                 gradient[i] = (sides[0] - sides[1]) / (2.0 * steps[i])
         variance = float(gradient @ self.covariance @ gradient)
         half = NORMAL_95 * float(np.sqrt(max(variance, 0.0)))
         return DerivedQuantity(name, value, unit, (value - half, value + half) if np.isfinite(half) else None)
 
-    def _moved(self, coefficient: str, step: float) -> Link:
-        moved = Coefficient.number(self.link.values[coefficient] + step)
-        return replace(self.link, coefficients={**self.link.coefficients, coefficient: moved})
+    def _perturbed(self, coefficient: str, step: float) -> Link:
+        perturbed = Coefficient.number(self.link.values[coefficient] + step)
+        return replace(self.link, coefficients={**self.link.coefficients, coefficient: perturbed})
 
 
-def _well_near(place: float, link: Link) -> float:
-    """The well of a link whose coefficients are a little aside of those that gave one at `place`: a step of Newton's."""
-    stiffness = float(link.stiffness(place))
-    return place - float(link.force(place)) / stiffness if stiffness > 0.0 else np.nan
+def _well_near(position: float, link: Link) -> float:
+    """The well near `position` after a small change of the coefficients: one Newton step."""
+    stiffness = float(link.stiffness(position))
+    return position - float(link.force(position)) / stiffness if stiffness > 0.0 else np.nan
 
 
-def _swing_near(place: float, mass: float, link: Link) -> float:
-    """Frequency in Hz of small swings of a mass in kg in that well."""
-    stiffness = float(link.stiffness(_well_near(place, link)))
+def _frequency_near(position: float, mass: float, link: Link) -> float:
+    """Frequency in Hz of small oscillations of a mass in kg in the well near `position`."""
+    stiffness = float(link.stiffness(_well_near(position, link)))
     return float(np.sqrt(stiffness / mass) / (2.0 * np.pi)) if stiffness > 0.0 else np.nan
 
 
-def _climb(way: tuple[float, float], link: Link) -> float:
-    """Energy in J from a well to a top; where both of them lie does not matter to the first order."""
-    low, high = link.potential(np.array(way))
+def _energy_difference(ends: tuple[float, float], link: Link) -> float:
+    """Energy in J from a well to a maximum; their displacement has no effect to first order."""
+    low, high = link.potential(np.array(ends))
     return float(high - low)

@@ -1,4 +1,4 @@
-"""How the links moved, as an estimator saw it: elongations, rates, and the force that was measured."""
+"""Motion of links as measured or estimated: elongations, rates and forces."""
 
 from __future__ import annotations
 
@@ -12,18 +12,26 @@ from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.model.structure import Structure
 
-_DENSE = 64  # masses up to which all link forces are solved for together
-_DETERMINED = 1e-9  # smallest singular value of the incidence, relative, that still tells forces apart
+_DENSE = 64  # masses up to which all link forces are solved for at once
+_DETERMINED = 1e-9  # relative singular value of the incidence below which link forces are not determined
 
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """`time` (R,) s, elongations `d` (R, L) m and rates `v` (R, L) m/s of the links of `structure`, identified.
+    """Motion of the L links of an identified structure at R times.
 
-    `d_range` (L, 2) m is the range of every elongation; it may be wider than that of a smoothed `d`.
-
-    `compute_residual` gives, when asked, what the identified laws leave of the equation of motion of every mass, m a + B f
-    - w, (R, n) in N; NaN where it is not seen, None where no mass is.
+    Attributes
+    ----------
+    structure : Structure
+        The identified structure.
+    time : array of shape (R,)
+        Times in s.
+    d, v : array of shape (R, L)
+        Elongations in m and rates in m/s.
+    d_range : array of shape (L, 2)
+        Smallest and largest elongation in m; may be wider than the range of a smoothed `d`.
+    compute_residual : callable
+        Computes the residuals M a + B f - w of the masses, shape (R, n), in N: NaN where not measured, None for no mass.
     """
 
     structure: Structure
@@ -38,10 +46,10 @@ class LinkMotion:
 
     @cached_property
     def force(self) -> Floats | None:
-        """(R, L) measured force of every link in N: the identified one and its share of the residuals.
+        """(R, L) measured forces of the links in N: the identified forces less their shares of the residuals.
 
-        What is seen of a force is smoothed; the residual is that of smoothed equations, so their sum is not bent by it. NaN
-        where masses do not tell a force, None where they tell none: links that close circles, masses without a sensor.
+        The residuals are those of smoothed equations, so smoothing does not bias the sum. NaN where the masses do not
+        determine a force; None where they determine none, as with closed loops of links or masses without a sensor.
         """
         residual = self.compute_residual()
         if residual is None:
@@ -51,14 +59,14 @@ class LinkMotion:
         if (
             self.structure.size <= _DENSE
             and not np.isnan(residual).any()
-            and _told_apart(incidence.toarray())
+            and _determines_forces(incidence.toarray())
         ):
             share = np.linalg.lstsq(incidence.toarray(), residual.T)[0].T
         else:
             rows = incidence.tocsr()
             for mass in np.flatnonzero(np.diff(rows.indptr) == 1):
-                place = rows.indptr[mass]
-                share[:, rows.indices[place]] = rows.data[place] * residual[:, mass]
+                entry = rows.indptr[mass]
+                share[:, rows.indices[entry]] = rows.data[entry] * residual[:, mass]
         if np.isnan(share).all():
             return None
         links = self.structure.links
@@ -67,13 +75,26 @@ class LinkMotion:
 
 
 def extremes(d: Floats, deviation: Floats | float = 0.0) -> Floats:
-    """(L, 2) smallest and largest of elongations (N, L), less two deviations (L,) of the noise that stretches them."""
+    """Ranges of elongations, corrected for noise.
+
+    Parameters
+    ----------
+    d : array of shape (N, L)
+        Elongations in m.
+    deviation : array of shape (L,) or float, optional
+        Standard deviations of their noise; the range is narrowed by two of them at both ends.
+
+    Returns
+    -------
+    array of shape (L, 2)
+        Smallest and largest elongation in m.
+    """
     low, high = np.nanmin(d, axis=0), np.nanmax(d, axis=0)
     inward = np.minimum(2.0 * np.asarray(deviation), 0.5 * (high - low))
     return np.stack([low + inward, high - inward], axis=1)
 
 
-def _told_apart(incidence: Floats) -> bool:
-    """Whether forces of the links follow from forces on the masses."""
+def _determines_forces(incidence: Floats) -> bool:
+    """Whether the forces of the links follow from those on the masses."""
     singular = np.linalg.svd(incidence, compute_uv=False)
     return bool(incidence.shape[1] <= incidence.shape[0] and singular[-1] > _DETERMINED * singular[0])

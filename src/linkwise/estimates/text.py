@@ -1,4 +1,4 @@
-"""The printed estimate: one plain table that tells whether to trust it, readable in a terminal, a log or a doctest."""
+"""The printed estimate: its trust, noise and coefficients as plain text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,18 @@ _HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 @as_text.register
 def text_table(estimate: Estimate) -> str:
-    """The whole answer as text."""
+    """The whole estimate as text.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The estimate.
+
+    Returns
+    -------
+    str
+        Trust, noise, coefficients and findings, for `print`.
+    """
     blocks = [_verdict(estimate), _noise(estimate)]
     unknown = [mass for mass in estimate.masses if not mass.known]
     if unknown:
@@ -25,10 +36,10 @@ def text_table(estimate: Estimate) -> str:
     shown = [link for link in estimate.links if link.free]
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:
-        blocks.append(f"... and {len(shown) - _MANY} more links; every one stands in the result folder")
+        blocks.append(f"... and {len(shown) - _MANY} more links; the result folder lists all of them")
     if estimate.findings:
         blocks.append(
-            "\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in estimate.findings)
+            "\n".join(fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in estimate.findings)
         )
     return "\n\n".join(blocks)
 
@@ -39,63 +50,63 @@ def _verdict(estimate: Estimate) -> str:
         "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
     )
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
-    told = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
-    return f"{head}\n{fill(told, _WIDTH)}"
+    summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
+    return f"{head}\n{fill(summary, _WIDTH)}"
 
 
 def _noise(estimate: Estimate) -> str:
-    found = list(estimate.noise.items())
+    channels = list(estimate.noise.items())
     rows = [
         (
             name,
-            f"{each.sigma:.3g} {each.unit}",
-            f"{each.snr_db:.1f} dB" if isfinite(each.snr_db) else "no noise",
+            f"{noise.sigma:.3g} {noise.unit}",
+            f"{noise.snr_db:.1f} dB" if isfinite(noise.snr_db) else "no noise",
         )
-        for name, each in found[:_MANY]
+        for name, noise in channels[:_MANY]
     ]
     lines = align_columns([("noise", "deviation", "signal/noise"), *rows])
-    if len(found) > _MANY:
-        lines.append(f"... and {len(found) - _MANY} more channels")
+    if len(channels) > _MANY:
+        lines.append(f"... and {len(channels) - _MANY} more channels")
     return "\n".join(lines)
 
 
 def _link(link: LinkEstimate) -> str:
-    rows = [_row(each, each.name.rpartition(".")[2]) for each in link.coefficients]
-    rows += [_derived(each, f"well {i}") for i, each in enumerate(link.wells, start=1)]
+    rows = [_row(coefficient, coefficient.name.rpartition(".")[2]) for coefficient in link.coefficients]
+    rows += [_derived(well, f"well {i}") for i, well in enumerate(link.wells, start=1)]
     if link.barrier is not None:
         rows.append(_derived(link.barrier, "barrier"))
-    rows += [_derived(each, f"frequency {i}") for i, each in enumerate(link.frequencies, start=1)]
+    rows += [_derived(frequency, f"frequency {i}") for i, frequency in enumerate(link.frequencies, start=1)]
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
     seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
     return "\n".join([head, *align_columns([_HEAD, *rows]), f"  {seen}"])
 
 
-def _row(each: CoefficientEstimate, label: str) -> tuple[str, ...]:
-    if each.known:
-        return label, format_value(each.value), "given", "", each.unit
-    if each.standard_error is None:
-        return label, format_value(each.value), "none", "", each.unit
-    if each.interval is None:
+def _row(coefficient: CoefficientEstimate, label: str) -> tuple[str, ...]:
+    if coefficient.known:
+        return label, format_value(coefficient.value), "given", "", coefficient.unit
+    if coefficient.standard_error is None:
+        return label, format_value(coefficient.value), "none", "", coefficient.unit
+    if coefficient.interval is None:
         return (
             label,
-            format_value(each.value, each.standard_error),
-            format_error(each.standard_error),
+            format_value(coefficient.value, coefficient.standard_error),
+            format_error(coefficient.standard_error),
             "none",
-            each.unit,
+            coefficient.unit,
         )
-    low, high = (format_value(end, each.standard_error) for end in each.interval)
+    low, high = (format_value(end, coefficient.standard_error) for end in coefficient.interval)
     return (
         label,
-        format_value(each.value, each.standard_error),
-        format_error(each.standard_error),
+        format_value(coefficient.value, coefficient.standard_error),
+        format_error(coefficient.standard_error),
         f"{low} to {high}",
-        each.unit,
+        coefficient.unit,
     )
 
 
-def _derived(each: DerivedQuantity, label: str) -> tuple[str, ...]:
-    if each.interval is None:
-        return label, format_value(each.value), "", "", each.unit
-    error = 0.25 * (each.interval[1] - each.interval[0])
-    low, high = (format_value(end, error) for end in each.interval)
-    return label, format_value(each.value, error), "", f"{low} to {high}", each.unit
+def _derived(quantity: DerivedQuantity, label: str) -> tuple[str, ...]:
+    if quantity.interval is None:
+        return label, format_value(quantity.value), "", "", quantity.unit
+    error = 0.25 * (quantity.interval[1] - quantity.interval[0])
+    low, high = (format_value(end, error) for end in quantity.interval)
+    return label, format_value(quantity.value, error), "", f"{low} to {high}", quantity.unit

@@ -1,4 +1,4 @@
-"""An identified structure and how well it is known: what draws of it are made from, in memory and in a result folder."""
+"""Uncertainty of an identified structure: a normal distribution of its coefficients, in memory and in a result folder."""
 
 from __future__ import annotations
 
@@ -20,14 +20,40 @@ from linkwise.text import csv_cell, from_csv_cell
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
-_TRIES = 200  # draws for one that bounds allow
+_TRIES = 200  # draws at most for each that is within the bounds
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """A `structure` of numbers, of which those named `names` (p,) are uncertain with `covariance` (p, p).
+    """An identified structure with a normal distribution of its p unknown coefficients.
 
-    Coefficients that are one unknown are named each, and vary together. `lower`, `upper` (p,) bound them.
+    A coefficient shared by several links is listed under each name, with full correlation.
+
+    Attributes
+    ----------
+    structure : Structure
+        The identified structure, all coefficients numbers.
+    names : tuple of str
+        Full names of the p uncertain coefficients.
+    covariance : array of shape (p, p)
+        Their covariance.
+    lower, upper : array of shape (p,)
+        Their bounds.
+
+    See Also
+    --------
+    read_posterior : Read one from a result folder.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> posterior = lw.Posterior.of(lw.identify(record, chain.unknown("nes"), method="weak"))
+    >>> posterior.names
+    ('nes1.alpha', 'nes1.beta', 'nes1.c')
+    >>> posterior.draws(100, seed=1).shape
+    (100, 3)
     """
 
     structure: Structure
@@ -38,20 +64,36 @@ class Posterior:
 
     @classmethod
     def of(cls, estimate: Estimate) -> Posterior:
-        """What an estimate knows. Raises IdentificationError for one whose intervals are not to be trusted."""
+        """Distribution of the coefficients of an estimate.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            A trusted estimate with intervals.
+
+        Returns
+        -------
+        Posterior
+            The distribution; parameters at a bound are taken as known.
+
+        Raises
+        ------
+        IdentificationError
+            If the estimate is not trusted or its method gives no intervals.
+        """
         if not (estimate.trusted and estimate.intervals):
-            why = estimate.status if not estimate.trusted else f"{estimate.method} tells no intervals"
+            why = estimate.status if not estimate.trusted else f"{estimate.method} gives no intervals"
             raise IdentificationError(
-                f"this answer has no covariance to draw from ({why}); identify again until the answer can be trusted, or take "
-                "its structure as it is"
+                f"this estimate has no covariance to draw from ({why}); identify again until the estimate can be trusted, or "
+                "use its structure without uncertainty"
             )
         dense = estimate.covariance
         covariance = dense if isinstance(dense, np.ndarray) else dense.toarray()
         members = [
-            (number, _name(estimate.structure, place))
+            (number, _name(estimate.structure, slot))
             for number, (parameter, free) in enumerate(zip(estimate.parameters, estimate.free, strict=True))
             if free
-            for place in parameter.members
+            for slot in parameter.members
         ]
         which = np.array([number for number, _ in members], dtype=int)
         return cls(
@@ -64,45 +106,100 @@ class Posterior:
 
     @property
     def values(self) -> Floats:
-        """(p,) the identified numbers."""
+        """(p,) the identified values in SI units."""
         return np.array([self.structure.coefficient(name).value for name in self.names], dtype=float)
 
     def draws(self, count: int, seed: int) -> Floats:
-        """(count, p) normal draws within the bounds. Raises IdentificationError where bounds leave hardly any."""
+        """Draw coefficients.
+
+        Parameters
+        ----------
+        count : int
+            Number of draws.
+        seed : int
+            Seed of the random numbers.
+
+        Returns
+        -------
+        array of shape (count, p)
+            Normal draws within the bounds, in SI units.
+
+        Raises
+        ------
+        IdentificationError
+            If fewer than one draw in 200 is within the bounds.
+        """
         scale = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         unit = np.where(scale > 0.0, scale, 1.0)
         values, vectors = np.linalg.eigh(self.covariance / np.outer(unit, unit))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rng = np.random.default_rng(seed)
-        drawn, kept = np.empty((0, len(self.names))), 0
+        accepted, kept = np.empty((0, len(self.names))), 0
         for _ in range(_TRIES):
-            tried = self.values + (rng.standard_normal((count, len(self.names))) @ root.T) * unit
-            drawn = np.vstack([drawn, tried[np.all((tried >= self.lower) & (tried <= self.upper), axis=1)]])
-            kept = len(drawn)
+            proposed = self.values + (rng.standard_normal((count, len(self.names))) @ root.T) * unit
+            accepted = np.vstack(
+                [accepted, proposed[np.all((proposed >= self.lower) & (proposed <= self.upper), axis=1)]]
+            )
+            kept = len(accepted)
             if kept >= count:
-                return drawn[:count]
+                return accepted[:count]
         raise IdentificationError(
-            f"of {_TRIES * count} draws only {kept} lie within the bounds of the coefficients: the answer is too uncertain to "
-            "tell what follows from it; measure longer, or with less noise"
+            f"of {_TRIES * count} draws only {kept} lie within the bounds of the coefficients: the estimate is too uncertain "
+            "for draws; use a longer record, or one with less noise"
         )
 
 
-def write_covariance(knowledge: Posterior, path: Path) -> None:
-    """The covariance as a CSV file of its upper triangle, zeros left out: two names and a number in each line."""
-    first, second = np.nonzero(np.triu(knowledge.covariance))
+def write_covariance(posterior: Posterior, path: Path) -> None:
+    """Write the covariance as CSV: the upper triangle without zeros, two names and a number in each line.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        The distribution.
+    path : Path
+        The file.
+    """
+    first, second = np.nonzero(np.triu(posterior.covariance))
     with path.open("w", encoding="utf-8", newline="") as file:
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow(_HEADER)
         for i, j in zip(first.tolist(), second.tolist(), strict=True):
-            names = (csv_cell(knowledge.names[k]) for k in (i, j))
-            lines.writerow((*names, repr(float(knowledge.covariance[i, j]))))
+            names = (csv_cell(posterior.names[k]) for k in (i, j))
+            lines.writerow((*names, repr(float(posterior.covariance[i, j]))))
 
 
 def read_posterior(folder: str | Path) -> Posterior:
-    """What a result folder of `identify` knows.
+    """Read the distribution of the coefficients from a result folder of `identify`.
 
-    Raises StructureError for a structure that cannot be read, RecordError for a folder without a covariance or with one that
-    does not fit, naming file and line.
+    Parameters
+    ----------
+    folder : str or Path
+        The folder, as written by `write_result`.
+
+    Returns
+    -------
+    Posterior
+        The distribution; folders store no bounds, so all but masses are unbounded.
+
+    Raises
+    ------
+    StructureError
+        If the structure cannot be read or lacks a coefficient.
+    RecordError
+        If there is no covariance, or it is damaged; the message names file and line.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = lw.write_result(estimate, f"{folder}/answer")
+    ...     posterior = lw.read_posterior(f"{folder}/answer")
+    >>> posterior.names
+    ('nes1.alpha', 'nes1.beta', 'nes1.c')
     """
     folder = Path(folder)
     structure = read_structure(folder / "structure.toml")
@@ -126,7 +223,7 @@ def read_posterior(folder: str | Path) -> Posterior:
 
 
 def _bounds(names: Sequence[str]) -> tuple[Floats, Floats]:
-    """A folder tells no bounds but those of nature: masses are positive."""
+    """Bounds, which folders do not store: masses are positive, others unbounded."""
     lower = np.array([np.finfo(float).tiny if name.endswith(".mass") else -np.inf for name in names])
     return lower, np.full(len(names), np.inf)
 
@@ -149,18 +246,18 @@ def _missing(folder: Path) -> str:
         result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         status = str(result["status"])
     except (OSError, ValueError, KeyError, TypeError):
-        return "there is no such file, and no answer of identify either; give a structure file or a folder that identify wrote"
+        return "there is no such file, and no result of identify either; give a structure file or a folder that identify wrote"
     if status != "converged":
         return (
-            f"there is no covariance, since the answer is not to be trusted ({status}); identify again, or give its "
+            f"there is no covariance, since the estimate is not to be trusted ({status}); identify again, or give its "
             "structure.toml"
         )
     return (
-        "there is no covariance in this answer; identify again with this version, or give its structure.toml"
+        "there is no covariance in this folder; identify again with this version, or give its structure.toml"
     )
 
 
-def _name(structure: Structure, place: tuple[int, str]) -> str:
-    index, key = place
+def _name(structure: Structure, slot: tuple[int, str]) -> str:
+    index, key = slot
     owner = structure.links[index] if index >= 0 else structure.masses[-1 - index]
     return f"{owner.name}.{key}"

@@ -265,7 +265,7 @@ def _noise(structure: Structure, motion: MeasuredDisplacements) -> dict[str, Noi
     names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
     measured = np.flatnonzero([*motion.measured, motion.base is not None]).tolist()
     return {
-        names[i]: NoiseEstimate.beside(
+        names[i]: NoiseEstimate.from_power(
             float(motion.power[i]), names[i], float(np.sqrt(motion.noise_variance[i]))
         )
         for i in measured
