@@ -313,7 +313,9 @@ def test_a_mass_without_a_sensor_and_a_record_that_is_too_short(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(arguments(files, "--mass", "m3=1")) == 1
-    assert "no channel measures the motion of m3" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "no channel measures the motion of m3" in err
+    assert err.endswith("On the command line: --channel NAME=COLUMN.\n")
     assert (
         run(arguments(files, "--to", "0.035", "--terms", "quintic, friction(1), quadratic-damping, gap(0.1)"))
         == 1

@@ -131,7 +131,8 @@ def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
         if unseen:
             raise IdentificationError(
                 f"no channel measures the motion of {_enumerate(unseen)}, and links to a mass that is not measured cannot be "
-                f"discovered; add a channel x:{unseen[0]}, or identify a structure of known links"
+                f"discovered; add a channel x:{unseen[0]}, or identify a structure of known links",
+                arguments=("channels",),
             )
 
 
