@@ -58,8 +58,8 @@ if TYPE_CHECKING:
     from linkwise.identification.force_error import nmse
     from linkwise.identification.identify import identify
     from linkwise.identification.law_path import LawStep, law_path
-    from linkwise.identification.limit import limit
-    from linkwise.identification.limit_result import Limit, LinkLimit
+    from linkwise.identification.limit.limit import limit
+    from linkwise.identification.limit.result import Limit, LinkLimit
     from linkwise.identification.validation import FreeRun, free_run
     from linkwise.likelihood.anneal import AnnealingStep
     from linkwise.likelihood.estimate import MaximumLikelihood

@@ -227,8 +227,8 @@ def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure
     ("changes", "message"),
     [
         ({"noise": {"x:m1": 1e-4}}, "x:m2 is missing"),
-        ({"noise": {"x:m1": 1e-4, "x:m2": 1e-4, "x:m3": 1.0}}, "x:m3 is no sensor of this test"),
-        ({"noise": {"x:m1": 1e-4, "x:m2": 0.0}}, "the noise of x:m2 is 0.0; it is a number above 0"),
+        ({"noise": {"x:m1": 1e-4, "x:m2": 1e-4, "x:m3": 1.0}}, "x:m3 is not a sensor of this test"),
+        ({"noise": {"x:m1": 1e-4, "x:m2": 0.0}}, "the noise of x:m2 is 0.0; it must be a positive number"),
         ({"noise": float("nan")}, "must be within 1000 dB of zero, got nan dB"),
         ({"release": {"v:m1": 0.0}}, "x:m1 does not move in this test"),
         ({"segment": 0.002}, "no more than the 4 states at its start"),
@@ -250,10 +250,10 @@ def test_needs_numbers_to_plan_around(chain: lw.Structure) -> None:
 def test_asks_for_a_name_that_is_there(chain: lw.Structure) -> None:
     found = lw.limit(chain, noise=20.0, unknown=("nes1.alpha",), **SHORT)
     with pytest.raises(
-        lw.IdentificationError, match=r'"nes1\.gamma" is no unknown of this test; they are nes1\.alpha'
+        lw.IdentificationError, match=r'"nes1\.gamma" is not an unknown of this test; choose from nes1\.alpha'
     ):
         found.coefficient("nes1.gamma")
     with pytest.raises(
-        lw.IdentificationError, match='nothing is unknown in a link "spring1" of this test; there are nes1'
+        lw.IdentificationError, match='nothing is unknown in a link "spring1" of this test; choose from nes1'
     ):
         found.link("spring1")

@@ -13,7 +13,7 @@ import pytest
 from present import present
 
 import linkwise as lw
-from linkwise.identification.limit import limit
+from linkwise.identification.limit.limit import limit
 
 FIRST = 1000  # seed
 

@@ -1,4 +1,4 @@
-"""What a planned test can tell at best: the segment Cramer-Rao bound, before anybody measures."""
+"""The precision that a planned test allows: the segment Cramer-Rao bound, before anybody measures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.identification.limit_result import Limit
+from linkwise.identification.limit.result import Limit
 from linkwise.likelihood.fisher_information import Precision, fisher_information
 from linkwise.likelihood.segmentation import cut_segments
 from linkwise.likelihood.segments import Iterate, Scales
@@ -23,10 +23,10 @@ from linkwise.records.synthetic_noise import LARGEST_RATIO
 from linkwise.simulation.simulate import ExcitationKeywords, simulate
 
 SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
-_TURN = 0.25  # radians of the fastest motion in one step of the tangents
-_FINEST = 64  # steps a sample at most
-_SHORTEST = 8  # steps of a piece between two impulses that is worth a look
-_STATE = 1e-6  # of the fastest mass's motion: the unit of a state that never moves
+_LARGEST_PHASE = 0.25  # rad of the fastest motion in one step of the sensitivities
+_MOST_STEPS = 64  # of the sensitivities between two samples
+_SHORTEST = 8  # steps of a piece between two impulses that is used
+_STATE = 1e-6  # of the motion of the fastest mass: the unit of a state at rest
 
 
 def limit(
@@ -41,65 +41,101 @@ def limit(
     progress: Progress = silent,
     **excitation: Unpack[ExcitationKeywords],
 ) -> Limit:
-    """The smallest standard errors that a planned test of `structure`, whose numbers are those expected, can reach.
+    """Compute the smallest standard errors that a planned test of a structure can reach.
 
-    The test is that of `simulate`: `duration` in s at `rate` in Hz, seen by `sensors`, driven by `release`, `impulses`,
-    `forces`, `base`. `noise` is a signal-to-noise ratio in dB for every channel (METHODS section 2) or standard deviations in
-    SI units by channel. `unknown` is what `Structure.unknown` takes ("all", "nes", "nes1.alpha", "mass:m2"); without it the
-    unknowns of the structure, at their starts, or every coefficient of its links. `progress` is told the part that is done.
+    Parameters
+    ----------
+    structure : Structure
+        The structure with the numbers that are expected, or starts.
+    duration, rate : float
+        Length of the test in s and samples per second in Hz.
+    noise : float or mapping of str to float
+        A signal-to-noise ratio in dB for every channel (METHODS section 2), or standard deviations by channel, in SI units.
+    unknown : sequence of str
+        What is to be identified, as `Structure.unknown` takes it: "all", "nes", "nes1.alpha", "mass:m2". By default the
+        unknowns of the structure, or every coefficient of its links if there are none.
+    sensors : iterable of str
+        What is measured: kinds ("x", "v", "a") or channels ("x:m1").
+    segment : float
+        Length in s of the segments, each with a free start, that the bound is computed for.
+    progress : Progress
+        Called with a `ProgressReport` at every step.
+    **excitation
+        `release`, `impulses`, `forces` and `base`, as in `simulate`.
 
-    Raises IdentificationError for unknowns without a number, for noise that does not fit the sensors, and for a test or
-    segments too short to tell anything; SimulationError as `simulate` does.
+    Returns
+    -------
+    Limit
+        The smallest standard errors of the unknowns, the forces and the wells, and what the sensors do not determine.
+
+    Raises
+    ------
+    IdentificationError
+        If an unknown has no number, the noise does not fit the sensors, or the test or its segments are too short.
+    SimulationError
+        As `simulate`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> planned = lw.limit(chain, duration=0.5, rate=1000.0, noise=40.0, unknown=["nes"], release={"v:m1": 1.0})
+    >>> alpha = planned.coefficient("nes1.alpha")
+    >>> alpha.value, bool(alpha.standard_error < 1.0)
+    (-100.0, True)
     """
-    true, asked = _planned(structure, tuple(unknown))
+    true, unknown_structure = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     record = simulate(
         true, duration=duration, rate=rate, sensors=sensors, progress=part(progress, 0.0, 0.2), **excitation
     )
     sigma = _noise(record, noise)
-    samples = _samples(segment, record)
-    states = 2 * true.size
-    if samples * len(record.responses) <= states:
-        whole = samples == len(record)
-        piece = f"a test of {record.duration:g} s" if whole else f"a segment of {segment:g} s"
-        raise IdentificationError(
-            f"{piece} is too short: it holds {samples * len(record.responses)} values of {len(record.responses)} channels, "
-            f"no more than the {states} states at its start, and nothing would be left for the laws; sample faster or take "
-            f"{'a longer test' if whole else 'longer segments'}"
-        )
-    fineness = _fineness(record, true)
+    samples = _segment_samples(segment, record)
+    _require_values(record, samples, segment, 2 * true.size)
+    refinement = _refinement(record, true)
     fine = record
-    if fineness > 1:
+    if refinement > 1:
         fine = simulate(
             true,
             duration=record.duration,
-            rate=rate * fineness,
+            rate=rate * refinement,
             sensors=sensors,
             progress=part(progress, 0.2, 0.5),
             **excitation,
         )
-    values = np.array([true.coefficient(parameter.name).value for parameter in asked.parameters], dtype=float)
-    pieces = _pieces(_thinned(fine, fineness), excitation.get("impulses", ()))
+    values = np.array(
+        [true.coefficient(parameter.name).value for parameter in unknown_structure.parameters], dtype=float
+    )
+    pieces = _pieces(_on_samples(fine, refinement), excitation.get("impulses", ()))
     if not pieces:
         raise IdentificationError(
             f"a test of {record.duration:g} s is too short: between two impulses, and from its start to its end, it needs "
-            f"{_SHORTEST / (rate * fineness):.2g} s at {rate:g} Hz"
+            f"{_SHORTEST / (rate * refinement):.2g} s at {rate:g} Hz"
         )
     progress(ProgressReport(0.5, "sensitivities"))
-    told = fisher_information(
-        cut_segments(pieces, asked, System.of(asked), samples=samples * fineness, refine=1, offsets=()),
-        Iterate(_nodes(pieces, samples * fineness), values, np.zeros(0)),
+    information = fisher_information(
+        cut_segments(
+            pieces,
+            unknown_structure,
+            System.of(unknown_structure),
+            samples=samples * refinement,
+            refine=1,
+            offsets=(),
+        ),
+        Iterate(_nodes(pieces, samples * refinement), values, np.zeros(0)),
         Scales(np.array(list(sigma.values())), _units(record), np.where(values == 0.0, 1.0, np.abs(values))),
     )
-    return Limit(true, asked.parameters, values, Precision.of(told), sigma, record, segment)
+    return Limit(
+        true, unknown_structure.parameters, values, Precision.of(information), sigma, record, segment
+    )
 
 
 def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
-    """The structure with all its numbers, and the same as whoever identifies it will see it."""
-    nameless = [parameter.name for parameter in structure.parameters if parameter.start is None]
-    if nameless:
+    """The structure with all its numbers, and the same with its unknowns."""
+    without_number = [parameter.name for parameter in structure.parameters if parameter.start is None]
+    if without_number:
         raise IdentificationError(
-            f"a test can be planned only around numbers that are expected, and {', '.join(nameless)} has none: write a "
+            f"a test can be planned only around numbers that are expected, and {', '.join(without_number)} has none: write a "
             "number, or { start = ... } for an unknown one"
         )
     true = structure.with_values({p.name: p.start for p in structure.parameters if p.start is not None})
@@ -111,17 +147,17 @@ def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure,
 def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, float]:
     """Standard deviation by response channel."""
     if isinstance(noise, Mapping):
-        lost = [name for name in record.responses if name not in noise]
+        missing = [name for name in record.responses if name not in noise]
         extra = [name for name in noise if name not in record.responses]
         wrong = [name for name, sigma in noise.items() if not (np.isfinite(sigma) and sigma > 0.0)]
-        if lost or extra:
+        if missing or extra:
             raise IdentificationError(
-                f"noise must be given for every sensor and no other; {', '.join(lost or extra)} is "
-                f"{'missing' if lost else 'no sensor of this test'} ({', '.join(record.responses)})"
+                f"noise must be given for every sensor and no other; {', '.join(missing or extra)} is "
+                f"{'missing' if missing else 'not a sensor of this test'} ({', '.join(record.responses)})"
             )
         if wrong:
             raise IdentificationError(
-                f"the noise of {wrong[0]} is {noise[wrong[0]]!r}; it is a number above 0, in SI units"
+                f"the noise of {wrong[0]} is {noise[wrong[0]]!r}; it must be a positive number, in SI units"
             )
         return {name: float(noise[name]) for name in record.responses}
     if not abs(noise) <= LARGEST_RATIO:
@@ -132,8 +168,8 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
     for name, square in zip(record.responses, power, strict=True):
         if square == 0.0:
             raise IdentificationError(
-                f"{name} does not move in this test, so no noise in dB can be had of it: drive the structure, or give the "
-                "noise in SI units by channel"
+                f"{name} does not move in this test, so a noise level in dB is not defined for it: drive the structure, or "
+                "give the noise in SI units by channel"
             )
     ratio = 10.0 ** (-float(noise) / 20.0)
     return {
@@ -141,8 +177,22 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
     }
 
 
-def _fineness(record: Record, structure: Structure) -> int:
-    """Steps a sample, so that the stiffest link turns little in one step of the tangents."""
+def _require_values(record: Record, samples: int, segment: float, states: int) -> None:
+    """Raise IdentificationError if a segment (s) of so many samples holds no more values than there are states at its start."""
+    channels = len(record.responses)
+    if samples * channels > states:
+        return
+    whole = samples == len(record)
+    piece = f"a test of {record.duration:g} s" if whole else f"a segment of {segment:g} s"
+    raise IdentificationError(
+        f"{piece} is too short: it holds {samples * channels} values of {channels} channels, no more than the {states} states "
+        f"at its start, and nothing would be left for the laws; sample faster or take "
+        f"{'a longer test' if whole else 'longer segments'}"
+    )
+
+
+def _refinement(record: Record, structure: Structure) -> int:
+    """Steps per sample, so that the phase of the fastest motion grows little in one step of the sensitivities."""
     truth = record.simulated
     assert truth is not None
     d = structure.elongations(truth.displacement, truth.base)
@@ -152,22 +202,22 @@ def _fineness(record: Record, structure: Structure) -> int:
     fastest = 0.0
     for index, link in enumerate(structure.links):
         by_d, by_v = link.tangent(d[:, index], v[:, index])
-        yielding = sum(1.0 / masses[end] for end in link.between if end in masses)
-        stiffness, damping = (float(np.nanmax(np.abs(slope))) * yielding for slope in (by_d, by_v))
+        mobility = sum(1.0 / masses[end] for end in link.between if end in masses)
+        stiffness, damping = (float(np.nanmax(np.abs(slope))) * mobility for slope in (by_d, by_v))
         fastest = max(fastest, np.sqrt(stiffness), damping)
-    return int(np.clip(np.ceil(fastest * record.step / _TURN), 1, _FINEST))
+    return int(np.clip(np.ceil(fastest * record.step / _LARGEST_PHASE), 1, _MOST_STEPS))
 
 
-def _thinned(record: Record, fineness: int) -> Record:
-    """The record with the samples that the sensors do not take missing."""
+def _on_samples(record: Record, refinement: int) -> Record:
+    """A refined record with values only at the samples that the sensors take."""
     values = record.values.copy()
     responses = [record.channels.index(name) for name in record.responses]
-    lost = np.arange(len(record)) % fineness != 0
-    values[np.ix_(lost, responses)] = np.nan
+    between = np.arange(len(record)) % refinement != 0
+    values[np.ix_(between, responses)] = np.nan
     return Record(record.start, record.rate, record.channels, values, simulated=record.simulated)
 
 
-def _samples(segment: float, record: Record) -> int:
+def _segment_samples(segment: float, record: Record) -> int:
     """Samples in a segment, no more than the record has."""
     if not segment > 0.0:
         raise IdentificationError(f"the length of a segment must be positive, got {segment:g} s")
@@ -175,7 +225,7 @@ def _samples(segment: float, record: Record) -> int:
 
 
 def _pieces(record: Record, impulses: Iterable[Impulse]) -> list[Record]:
-    """The record cut after each impulse, across which no flow goes."""
+    """The record cut after each impulse, where velocities jump."""
     times = [impulse.time for impulse in impulses]
     after = {int(np.floor(time * record.rate * (1.0 + 1e-12) + 1e-9)) + 1 for time in times}
     edges = [0, *sorted(after), len(record)]

@@ -1,0 +1,3 @@
+"""The precision that a planned test allows, before anybody measures."""
+
+from linkwise.identification.limit import text as text

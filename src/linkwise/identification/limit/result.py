@@ -1,0 +1,282 @@
+"""The result of `limit`: the smallest errors of coefficients, forces and wells that a planned test allows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
+from linkwise.html import NotebookView
+from linkwise.likelihood.fisher_information import Precision
+from linkwise.model.parameters import Parameter
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.text import as_text
+
+DETECTION = (
+    3.605  # standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkLimit:
+    """The precision that a planned test allows for one link.
+
+    Attributes
+    ----------
+    name : str
+        The name of the link.
+    nmse : float
+        The expected NMSE of its force in %.
+    force_error : float
+        Root mean square, over the motion, of the standard deviation of its force at rest, in N.
+    estimate : LinkEstimate
+        Coefficients, wells, barrier and in-well frequencies with the intervals that an estimate at the bound would have.
+
+    References
+    ----------
+    The paper, Eq. 8, for the NMSE.
+    """
+
+    name: str
+    nmse: float
+    force_error: float
+    estimate: LinkEstimate
+
+    @property
+    def detectable(self) -> float:
+        """The smallest force in N that 95 of 100 such tests would tell from zero."""
+        return DETECTION * self.force_error
+
+
+@dataclass(frozen=True, eq=False)
+class Limit(NotebookView):
+    """The smallest standard errors that a planned test allows, of p unknowns; printed, a table.
+
+    The bound holds for estimates that look at segments of the record, each with a free start and all with the same laws; a
+    fit that links segments may come out somewhat below.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure with its expected numbers.
+    parameters : tuple of Parameter
+        The p unknowns.
+    values : (p,) ndarray
+        Their expected values in SI units.
+    precision : Precision
+        Their covariance at the bound, and the combinations of them that leave no trace in the sensors.
+    noise : mapping of str to float
+        Standard deviation of the noise in each channel, in its SI unit.
+    record : Record
+        The record of the test without noise.
+    segment : float
+        Length of the segments in s.
+
+    See Also
+    --------
+    limit : Plan a test.
+    """
+
+    structure: Structure
+    parameters: tuple[Parameter, ...]
+    values: Floats
+    precision: Precision
+    noise: Mapping[str, float]
+    record: Record
+    segment: float
+
+    @cached_property
+    def standard_errors(self) -> Floats:
+        """The standard errors (p,) in SI units; infinite for what the sensors do not determine."""
+        return np.asarray(np.sqrt(self.precision.variance(np.eye(len(self.values)))))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """The covariance (p, p) in SI units; rows and columns of what the sensors do not determine are infinite."""
+        covariance = self.precision.root @ self.precision.root.T
+        undetermined = np.isinf(self.standard_errors)
+        covariance[undetermined, :] = covariance[:, undetermined] = np.inf
+        return np.asarray(covariance)
+
+    @property
+    def coefficients(self) -> tuple[CoefficientEstimate, ...]:
+        """The unknowns with their expected values and, where they are identifiable, the intervals at the bound."""
+        return tuple(
+            _coefficient(parameter.name, parameter.unit, float(value), float(error))
+            for parameter, value, error in zip(
+                self.parameters, self.values, self.standard_errors, strict=True
+            )
+        )
+
+    def coefficient(self, name: str) -> CoefficientEstimate:
+        """The unknown called `name`, such as "nes1.alpha" or "m1.mass".
+
+        Raises
+        ------
+        IdentificationError
+            If there is no such unknown; the message lists them.
+        """
+        coefficients = {coefficient.name: coefficient for coefficient in self.coefficients}
+        if name not in coefficients:
+            raise IdentificationError(
+                f'"{name}" is not an unknown of this test; choose from {", ".join(coefficients)}'
+            )
+        return coefficients[name]
+
+    def force_deviation(self, name: str, d: ArrayLike) -> Floats:
+        """The standard deviation of the force of a link at rest (v = 0).
+
+        Parameters
+        ----------
+        name : str
+            The name of the link.
+        d : array_like
+            Elongations in m.
+
+        Returns
+        -------
+        ndarray
+            The standard deviation in N, in the shape of `d`; infinite where the sensors do not determine the force.
+
+        Raises
+        ------
+        StructureError
+            If there is no such link.
+        """
+        d = np.asarray(d, dtype=float)
+        link = self.structure.link(name)
+        slopes = link.law.partials(d, 0.0, link.values).by_coefficient
+        gradient = np.zeros((*d.shape, len(self.values)))
+        index = self.structure.links.index(link)
+        for column, parameter in enumerate(self.parameters):
+            for member, key in parameter.members:
+                if member == index:
+                    gradient[..., column] += slopes[key]
+        return np.asarray(np.sqrt(self.precision.variance(gradient)))
+
+    @cached_property
+    def links(self) -> tuple[LinkLimit, ...]:
+        """The precision for each link that has an unknown coefficient."""
+        unknown = {index for parameter in self.parameters for index, _ in parameter.members}
+        return tuple(self._link(index) for index in sorted(unknown) if index >= 0)
+
+    def link(self, name: str) -> LinkLimit:
+        """The precision for the link called `name`.
+
+        Raises
+        ------
+        IdentificationError
+            If no such link has an unknown coefficient; the message lists those that have.
+        """
+        links = {link.name: link for link in self.links}
+        if name not in links:
+            raise IdentificationError(
+                f'nothing is unknown in a link "{name}" of this test; choose from {", ".join(links)}'
+            )
+        return links[name]
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences on what the sensors do not determine; empty where they determine everything."""
+        sentences = []
+        for group in self.precision.confounded:
+            names = [self.parameters[i].name for i in group]
+            sentences.append(
+                f"{names[0]} leaves no trace in these sensors: this test cannot tell it at all."
+                if len(names) == 1
+                else f"{', '.join(names[:-1])} and {names[-1]} are seen only together: these sensors cannot tell one from the "
+                "other. Give one of them as known, or add a sensor or a force that moves them differently."
+            )
+        return tuple(sentences)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data."""
+        return {
+            "segment": self.segment,
+            "samples": len(self.record) * len(self.record.responses),
+            "noise": dict(self.noise),
+            "coefficients": {coefficient.name: _as_dict(coefficient) for coefficient in self.coefficients},
+            "links": {
+                link.name: {
+                    "nmse_percent": link.nmse,
+                    "force_error": link.force_error,
+                    "detectable": link.detectable,
+                    "wells": [list(well.interval or (well.value,) * 2) for well in link.estimate.wells],
+                    "barrier": None
+                    if link.estimate.barrier is None
+                    else list(link.estimate.barrier.interval or ()),
+                }
+                for link in self.links
+            },
+            "findings": list(self.findings),
+        }
+
+    def __str__(self) -> str:
+        return as_text(self)
+
+    def _link(self, index: int) -> LinkLimit:
+        link = self.structure.links[index]
+        truth = self.record.simulated
+        assert truth is not None
+        d = self.structure.elongations(truth.displacement, truth.base)[:, index]
+        force, deviation = link.force(d), self.force_deviation(link.name, d)
+        power, mean = float(np.var(force)), float(np.mean(deviation**2))
+        with np.errstate(divide="ignore"):
+            nmse = float(100.0 * np.divide(mean, power)) if mean > 0.0 else 0.0
+        return LinkLimit(link.name, nmse, float(np.sqrt(mean)), self._estimate(index, d))
+
+    def _estimate(self, index: int, d: Floats) -> LinkEstimate:
+        link, truth = self.structure.links[index], self.record.simulated
+        assert truth is not None
+        rate = np.gradient(d, self.record.step)
+        columns = {
+            key: column
+            for column, parameter in enumerate(self.parameters)
+            for member, key in parameter.members
+            if member == index
+        }
+        free = tuple(key for key in link.coefficients if key in columns)
+        selected = [columns[key] for key in free]
+        covariance = self.covariance[np.ix_(selected, selected)]
+        errors = self.standard_errors
+        masses = dict(zip(self.structure.mass_names, self.structure.mass_values, strict=True))
+        return LinkEstimate(
+            link=link,
+            coefficients=tuple(
+                _coefficient(
+                    f"{link.name}.{key}", link.law.units[key], link.values[key], float(errors[columns[key]])
+                )
+                for key in free
+            ),
+            d_range=(float(d.min()), float(d.max())),
+            v_range=(float(rate.min()), float(rate.max())),
+            free=free,
+            covariance=covariance if np.isfinite(covariance).all() else None,
+            moving_mass=1.0 / sum(1.0 / masses[end] for end in link.between if end in masses),
+        )
+
+
+def _coefficient(name: str, unit: str, value: float, error: float) -> CoefficientEstimate:
+    half = NORMAL_95 * error
+    interval = (value - half, value + half) if np.isfinite(error) else None
+    return CoefficientEstimate(name, value, unit, False, error, interval)
+
+
+def _as_dict(coefficient: CoefficientEstimate) -> dict[str, Any]:
+    error = coefficient.standard_error
+    assert error is not None
+    return {
+        "value": coefficient.value,
+        "unit": coefficient.unit,
+        "standard_error": error,
+        "relative_percent": 100.0 * error / abs(coefficient.value) if coefficient.value else None,
+        "detectable": DETECTION * error,
+    }
