@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.integrate import cumulative_simpson
 
 from linkwise.arrays import Floats
 from linkwise.records.channel import Channel
@@ -35,8 +34,25 @@ def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats
 
 
 def integral(values: Floats, step: float) -> Floats:
-    """Integral (N,) of samples (N,) at intervals of `step` s from the first sample on, by Simpson's rule."""
-    return np.asarray(cumulative_simpson(values, dx=step, initial=0.0))
+    """Integral (N,) of samples (N,) at intervals of `step` s from the first sample on, by Simpson's rule.
+
+    As `scipy.integrate.cumulative_simpson`, to the last digit; importing that takes longer than a fit. Each interval belongs to
+    the parabola through its ends and the sample after, or the one before; with two samples it is the trapezoidal rule.
+    """
+    result = np.zeros(len(values))
+    if len(values) < 3:
+        result[1:] = np.cumsum(step * (values[1:] + values[:-1]) / 2.0)
+        return result
+    result[1:-1:2] = _first_interval(values, step)[::2]
+    result[2:-1:2] = _first_interval(values[::-1], step)[::-1][:-1:2]
+    result[-1] = _first_interval(values[::-1], step)[0]
+    return np.cumsum(result)
+
+
+def _first_interval(values: Floats, step: float) -> Floats:
+    """Integrals (N - 2,) of the parabolas through three samples in a row, from the first to the second of them."""
+    first, second, third = values[:-2], values[1:-1], values[2:]
+    return np.asarray(step / 3 * (5 * first / 4 + 2 * second - third / 4))
 
 
 def highpass(values: Floats, rate: float, cutoff: float) -> Floats:

@@ -1,0 +1,24 @@
+"""Integration of samples over time, against SciPy and against its declared order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_simpson
+
+from linkwise.signals.integrate import integral
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 100, 101])
+def test_the_integral_is_that_of_scipy(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    expected = cumulative_simpson(values, dx=0.01, initial=0.0)
+    np.testing.assert_allclose(integral(values, 0.01), expected, rtol=1e-12, atol=1e-15)  # the same formula
+
+
+def test_the_integral_has_its_order() -> None:
+    errors = []
+    for count in (101, 201):
+        time = np.linspace(0.0, 2.0, count)
+        errors.append(np.abs(integral(np.cos(3.0 * time), time[1]) - np.sin(3.0 * time) / 3.0).max())
+    assert errors[0] / errors[1] == pytest.approx(2.0**4, rel=0.05)  # order four, as of parabolas
