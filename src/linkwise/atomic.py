@@ -21,6 +21,7 @@ from linkwise.errors import LinkwiseError
 RESULT = (
     "result.json"  # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 )
+ABSORPTION = "absorption.json"  # the same of a folder that `absorb` wrote
 
 
 if sys.platform != "win32":

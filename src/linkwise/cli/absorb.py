@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
-from linkwise.cli.console import deliver, exit_code, progress
+from linkwise.atomic import ABSORPTION, to_json
+from linkwise.cli.console import deliver, drawing_beside, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FOLDER, POSITIVE, grouped, keyword_group, number, pairs
@@ -180,27 +180,20 @@ def absorb(
         --sweep nes1.alpha=-200:-20:100 --sweep nes1.beta=1e5:2e6:100:log
     """
     repetition.check(structure.is_dir())
-    if output is not None:
-        folders.ABSORPTION_FOLDER.check(output)  # before the work, so that nobody waits for a refusal
+    kind = "MAP_FOLDER" if repetition.sweep else "ABSORPTION_FOLDER"
+    process = drawing_beside(output, f"linkwise.report.absorption_folder:{kind}", ABSORPTION)
     keywords = {**asked, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         found = _answer(structure, repetition, {**keywords, "progress": step})
+    if process is not None:
+        process.draw(found)
     deliver(
         to_json(lw.absorption_of(found)) if as_json else str(found),
         output,
-        lambda folder, step: _write(found, folder, step),
+        lambda folder, step: getattr(folders, kind).write(found, folder, progress=step, process=process),
         quiet=as_json,
     )
     return exit_code(found.verdicts)
-
-
-def _write(
-    found: lw.Absorption | lw.AbsorptionIntervals | lw.AbsorptionMap, folder: Path, step: lw.Progress
-) -> None:
-    if isinstance(found, lw.AbsorptionMap):
-        lw.write_absorption_map(found, folder, progress=step)
-    else:
-        lw.write_absorption(found, folder, progress=step)
 
 
 def _answer(

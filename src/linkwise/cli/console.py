@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from linkwise.atomic import RESULT, check_result_folder
 from linkwise.lazy import lazy_module
 from linkwise.progress import Progress, silent
+from linkwise.report.drawing_process import DrawingProcess, drawing_process
 from linkwise.text import shortened
 from linkwise.verdict import Verdict, is_trusted
 
@@ -61,6 +63,17 @@ def deliver(
             tell(f"written to {folder}; open {folder / 'report.html'}")
     if unheard is not None:
         raise unheard
+
+
+def drawing_beside(folder: Path | None, kind: str, mark: str = RESULT) -> DrawingProcess | None:
+    """A process that gets ready to draw for `folder`, of the kind "module:name", until the command ends; None without one.
+
+    Raises OutputError where the folder cannot be written: before the work, so that nobody waits for a refusal.
+    """
+    if folder is None:
+        return None
+    check_result_folder(folder, mark)
+    return click.get_current_context().with_resource(drawing_process(kind))
 
 
 def progress(title: str) -> AbstractContextManager[Progress]:

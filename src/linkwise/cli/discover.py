@@ -12,7 +12,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.cli.console import deliver, exit_code, progress, tell
+from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, pairs, record_options
 from linkwise.lazy import lazy_module
 
@@ -146,9 +146,8 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
       linkwise discover run.csv --structure known.toml --with run2.csv --json
     """
-    if output is not None:
-        folders.DISCOVERY_FOLDER.check(output)  # before the work, so that nobody waits for a refusal
     masses, asked = prior.masses(), prior.keywords()
+    process = drawing_beside(output, "linkwise.report.discovery_folder:DISCOVERY_FOLDER")
     names = tuple(masses) if isinstance(masses, dict) else tuple(mass.name for mass in masses.masses)
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
@@ -158,10 +157,14 @@ def discover(
             tell(f"note: {remark}")
         found = lw.discover(records, masses, progress=step, **asked)
     result = lw.discovery_of(found, true)
+    if process is not None:
+        process.draw(found, true)
     deliver(
         to_json(result) if as_json else "\n".join([str(found), *_comparison_lines(result)]),
         output,
-        lambda folder, step: lw.write_discovery(found, folder, truth=true, progress=step),
+        lambda folder, step: folders.DISCOVERY_FOLDER.write(
+            found, folder, truth=true, progress=step, process=process
+        ),
         quiet=as_json,
     )
     return exit_code(found.verdicts)

@@ -10,7 +10,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.cli.console import deliver, exit_code, progress, tell
+from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.options import (
     FILE,
     FOLDER,
@@ -147,8 +147,7 @@ def identify(
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
     estimator = _estimator(chosen, ml, sindy)
-    if output is not None:
-        folders.ESTIMATE_FOLDER.check(output)  # before the work, so that nobody waits for a refusal
+    process = drawing_beside(output, "linkwise.report.estimate_folder:ESTIMATE_FOLDER")
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
     with progress("reading") as step:
@@ -164,11 +163,15 @@ def identify(
     result = lw.result_of(estimate, true)
     if chosen.profile:
         result["profile_intervals"] = {name: list(ends) for name, ends in profiles.items()}
+    if process is not None:
+        process.draw(estimate, true)
     lines = [str(estimate), *_profile_lines(estimate, profiles), *_comparison_lines(result)]
     deliver(
         to_json(result) if as_json else "\n".join(lines),
         output,
-        lambda folder, step: lw.write_result(estimate, folder, truth=true, progress=step),
+        lambda folder, step: folders.ESTIMATE_FOLDER.write(
+            estimate, folder, truth=true, progress=step, process=process
+        ),
         quiet=as_json,
     )
     return exit_code(estimate.verdicts)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -143,13 +144,28 @@ def place_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str
         figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
 
 
+def encoded(figure: Figure) -> tuple[bytes, bytes]:
+    """The figure as the contents of a PNG and of an SVG file."""
+    png, svg = BytesIO(), BytesIO()
+    with rc_context(_STYLE), _laid_out(figure):
+        figure.savefig(png, format="png", metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3})
+        figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "linkwise"})
+    return png.getvalue(), svg.getvalue()
+
+
 def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Write `stem`.png and `stem`.svg and return both paths."""
     png, svg = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.svg")
-    with rc_context(_STYLE), _laid_out(figure):
-        figure.savefig(png, metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3})
-        figure.savefig(svg, metadata={"Date": None, "Creator": "linkwise"})
+    for path, content in zip((png, svg), encoded(figure), strict=True):
+        path.write_bytes(content)
     return png, svg
+
+
+def warm_up() -> None:
+    """Load what the first figure of a process loads: backends and fonts."""
+    with sheet(width=1.0, height=1.0) as (figure, [axes]):
+        axes.set_title("t")
+    encoded(figure)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import numpy as np
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.arrays import Floats
+from linkwise.atomic import ABSORPTION
 from linkwise.model.toml_file import write_structure
 from linkwise.progress import Progress, silent
 from linkwise.report.absorption_json import absorption_of
@@ -130,7 +131,7 @@ def _write_histories(answer: Answer, folder: Path) -> None:
 
 
 ABSORPTION_FOLDER: ResultFolder[Answer] = ResultFolder(
-    mark="absorption.json",
+    mark=ABSORPTION,
     document=lambda answer, _: absorption_of(answer),
     data=_write_data,
     figures=lambda reported: sections_of(SECTIONS, reported),
@@ -139,7 +140,7 @@ ABSORPTION_FOLDER: ResultFolder[Answer] = ResultFolder(
 """What `absorb` hands over of a comparison."""
 
 MAP_FOLDER: ResultFolder[AbsorptionMap] = ResultFolder(
-    mark="absorption.json",
+    mark=ABSORPTION,
     document=lambda swept, _: absorption_of(swept),
     data=_write_map,
     figures=lambda reported: sections_of(MAP_SECTIONS, reported),

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth
-from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.report.discovery_json import discovery_of
@@ -55,8 +54,7 @@ def write_discovery(
     StructureError
         If `truth` has other masses.
     """
-    named = replace(found, estimate=_by_names_found(found.estimate))
-    return DISCOVERY_FOLDER.write(named, folder, truth=truth, progress=progress)
+    return DISCOVERY_FOLDER.write(found, folder, truth=truth, progress=progress)
 
 
 def _write_data(reported: Reported[Discovery], folder: Path) -> None:
@@ -65,13 +63,14 @@ def _write_data(reported: Reported[Discovery], folder: Path) -> None:
     write_numbers(reported.result.estimate, folder)
 
 
-def _by_names_found(estimate: Estimate) -> Estimate:
-    """The estimate with the truth of a simulated record under the names of the links found, for figures to show beside."""
+def _by_names_found(found: Discovery) -> Discovery:
+    """The discovery with the truth of a simulated record under the names of the links found, for figures to show beside."""
+    estimate = found.estimate
     simulated = estimate.record.simulated
     if simulated is None:
-        return estimate
+        return found
     beside = replace(simulated, structure=align_truth(estimate.structure, simulated.structure))
-    return replace(estimate, record=replace(estimate.record, simulated=beside))
+    return replace(found, estimate=replace(estimate, record=replace(estimate.record, simulated=beside)))
 
 
 def _write_terms(found: Discovery, path: Path) -> None:
@@ -96,6 +95,10 @@ def _cell(value: object) -> str:
 
 
 DISCOVERY_FOLDER: ResultFolder[Discovery] = ResultFolder(
-    document=discovery_of, data=_write_data, figures=discovery_figures, page=discovery_page
+    document=discovery_of,
+    data=_write_data,
+    figures=discovery_figures,
+    page=discovery_page,
+    shown=_by_names_found,
 )
 """What `discover` hands over."""

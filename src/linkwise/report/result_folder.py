@@ -12,7 +12,8 @@ from markupsafe import Markup
 from linkwise.atomic import RESULT, atomic_folder, check_result_folder, to_json
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.report.section import Reported, Section, write_figures
+from linkwise.report.drawing_process import DrawingProcess, Picture
+from linkwise.report.section import Reported, Section, drawings, write_figures
 
 R = TypeVar("R")
 
@@ -34,6 +35,8 @@ class ResultFolder(Generic[R]):
         The page as text, from the figures as `write_figures` returns them.
     mark
         The name of the JSON file, which marks the folder as one of this kind.
+    shown
+        What is written of a result; by default the result as it is.
     """
 
     document: Callable[[R, Structure | None], dict[str, Any]]
@@ -41,27 +44,44 @@ class ResultFolder(Generic[R]):
     figures: Callable[[Reported[R]], Mapping[str, Section]]
     page: Callable[[Reported[R], Mapping[str, Markup]], str]
     mark: str = RESULT
+    shown: Callable[[R], R] = lambda result: result
 
     def check(self, folder: str | Path) -> None:
         """Raise OutputError where `write` would, before the work that leads to a result."""
         check_result_folder(Path(folder), self.mark)
 
     def write(
-        self, result: R, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
+        self,
+        result: R,
+        folder: str | Path,
+        *,
+        truth: Structure | None = None,
+        progress: Progress = silent,
+        process: DrawingProcess | None = None,
     ) -> Path:
         """Write everything or nothing; returns the folder.
 
-        An earlier result of this kind is replaced when the new one is complete. Raises OutputError for a folder that holds
-        something else.
+        An earlier result of this kind is replaced when the new one is complete. A `process` that draws the same result takes
+        its part of the figures. Raises OutputError for a folder that holds something else.
         """
-        document = self.document(result, truth)
-        reported = Reported(result, truth, document.get("nmse_percent", {}))
+        document, reported = self._reported(result, truth)
         with atomic_folder(Path(folder), self.mark) as partial:
             self.data(reported, partial)
-            pictures = write_figures(self.figures(reported), partial, part(progress, 0.0, 0.9))
+            sections = self.figures(reported)
+            pictures = write_figures(sections, partial, part(progress, 0.0, 0.9), process)
             progress(ProgressReport(0.9, "page"))
             (partial / "report.html").write_text(self.page(reported, pictures), encoding="utf-8")
             files = sorted(path.name for path in partial.iterdir())
             text = to_json({**document, "files": files}, indent=1) + "\n"
             (partial / self.mark).write_text(text, encoding="utf-8")
         return Path(folder)
+
+    def drawings(self, result: R, truth: Structure | None = None) -> dict[str, Callable[[], Picture]]:
+        """What draws the figures of a result, by the name of their files."""
+        return drawings(self.figures(self._reported(result, truth)[1]))
+
+    def _reported(self, result: R, truth: Structure | None) -> tuple[dict[str, Any], Reported[R]]:
+        """The document, and what figures and pages are made of."""
+        shown = self.shown(result)
+        document = self.document(shown, truth)
+        return document, Reported(shown, truth, document.get("nmse_percent", {}))

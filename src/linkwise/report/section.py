@@ -20,9 +20,10 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from linkwise.model.structure import Structure
-from linkwise.plot import save
 from linkwise.plot.interactive import interactive_html
+from linkwise.plot.style import encoded
 from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.report.drawing_process import DrawingProcess, Picture
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -72,29 +73,55 @@ def sections_of(builders: Mapping[str, Build[R]], reported: Reported[R]) -> dict
 
 
 def write_figures(
-    sections: Mapping[str, Section], folder: Path, progress: Progress = silent
+    sections: Mapping[str, Section],
+    folder: Path,
+    progress: Progress = silent,
+    process: DrawingProcess | None = None,
 ) -> dict[str, Markup]:
     """Draw the figures of the sections and save each as NAME.png and NAME.svg in `folder`.
 
-    Returns what a page shows of each, by the name of its section. `progress` is told the fraction done.
+    Returns what a page shows of each, by the name of its section. `progress` is told the fraction done. Where a `process`
+    draws the same figures from the first one on, this one draws from the last one on, and what is left over.
     """
-    drawn = {name: section for name, section in sections.items() if section.figure is not None}
-    shown = {}
-    for number, (name, section) in enumerate(drawn.items()):
-        progress(ProgressReport(number / len(drawn), f"figure {name}"))
-        shown[name] = _write_figure(name, section, folder)
-    return shown
+    draws = drawings(sections)
+    pictures: dict[str, Picture] = {}
+
+    def draw(name: str) -> None:
+        progress(ProgressReport(len(pictures) / len(draws), f"figure {name}"))
+        pictures[name] = draws[name]()
+
+    if process is not None:
+        for name in reversed(draws):
+            if process.claim(name):
+                draw(name)
+        pictures |= {name: picture for name, picture in process.pictures().items() if name in draws}
+    for name in draws:
+        if name not in pictures:
+            draw(name)
+        (folder / f"{name}.png").write_bytes(pictures[name].png)
+        (folder / f"{name}.svg").write_bytes(pictures[name].svg)
+    return {name: Markup(pictures[name].html) for name in draws}
 
 
-def _write_figure(name: str, section: Section, folder: Path) -> Markup:
+def drawings(sections: Mapping[str, Section]) -> dict[str, Callable[[], Picture]]:
+    """What draws the figures of the sections, by name; nothing is drawn yet."""
+    return {
+        name: partial(_picture, name, section)
+        for name, section in sections.items()
+        if section.figure is not None
+    }
+
+
+def _picture(name: str, section: Section) -> Picture:
     assert section.figure is not None
     figure = section.figure()
-    _, svg = save(figure, folder / name)
+    png, svg = encoded(figure)
     if section.interactive:
-        return Markup(interactive_html(figure, name))
-    return Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
+        return Picture(png, svg, interactive_html(figure, name))
+    image = Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
+    return Picture(png, svg, str(image))
 
 
-def embedded(svg: Path) -> str:
-    """An SVG file as an address that holds it, for a page that needs nothing else."""
-    return f"data:image/svg+xml;base64,{b64encode(svg.read_bytes()).decode('ascii')}"
+def embedded(svg: bytes) -> str:
+    """The content of an SVG file as an address that holds it, for a page that needs nothing else."""
+    return f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}"

@@ -53,7 +53,7 @@ def _keep(figure: Figure, folder: Path, name: str) -> str:
     scratch.mkdir(parents=True)
     try:
         png, svg = save(figure, scratch / name)
-        address = embedded(svg)
+        address = embedded(svg.read_bytes())
         for path in (png, svg):
             path.replace(folder / path.name)
     finally:

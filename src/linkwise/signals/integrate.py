@@ -36,8 +36,8 @@ def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats
 def integral(values: Floats, step: float) -> Floats:
     """Integral (N,) of samples (N,) at intervals of `step` s from the first sample on, by Simpson's rule.
 
-    As `scipy.integrate.cumulative_simpson`, to the last digit; importing that takes longer than a fit. Each interval belongs to
-    the parabola through its ends and the sample after, or the one before; with two samples it is the trapezoidal rule.
+    As `scipy.integrate.cumulative_simpson`, to the last digit; importing that takes longer than a fit. Each interval
+    belongs to the parabola through its ends and the sample after, or before; two samples give the trapezoidal rule.
     """
     result = np.zeros(len(values))
     if len(values) < 3:
