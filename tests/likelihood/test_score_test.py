@@ -93,6 +93,7 @@ def really_there(
     optimum, sensing = fit.optimum, SensorModel.of(records, options.offsets, options.gains)
     p, f = len(structure.parameters), len(missing)
     segments = sensing.segments(records, asked, System.of(asked), optimum.segments.refine)
+    segments = replace(segments, tangent_refine=optimum.segments.tangent_refine)
     theta = np.concatenate([optimum.point.theta, np.zeros(f)])
     scale = np.concatenate([optimum.scales.theta[:p], np.full(f, 3.0), optimum.scales.theta[p:]])
     return local_quadratic(

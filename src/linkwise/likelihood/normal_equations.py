@@ -129,7 +129,7 @@ def _chunk(
     pushes: CandidateForces | None,
 ) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
-    sensors, step = segments.sensors, segments.step[part] * segments.refine
+    sensors, step = segments.sensors, segments.step[part] * segments.flow_steps_per_tangent
     M, C, K = segments.samples[..., part].shape
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
     added = 0 if pushes is None else len(pushes.first)
@@ -144,11 +144,12 @@ def _chunk(
         whiten /= segments.relative_noise[:, part].astype(np.float32)
     chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A)]
     rates = (1.0, 1.0 / step, 1.0 / step**2)
-    orbit = misfit.trajectories.part(part).thinned(segments.refine)
-    for sample, (state, acceleration) in enumerate(
+    orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
+    for number, (state, acceleration) in enumerate(
         tangents(mechanics, orbit, step, scales.state, scales.theta[:p], pushes and pushes.part(part))
     ):
-        if acceleration is None:
+        sample, between = divmod(number, segments.tangent_refine)
+        if acceleration is None or between:
             continue
         for kind, motion in ((X, state[0]), (V, state[1]), (A, acceleration)):
             if len(chosen[kind]):

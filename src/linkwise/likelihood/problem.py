@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.likelihood.flow import tangents
 from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.residuals import evaluate
+from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.likelihood.sensors import SAMPLES, SensorModel
 from linkwise.likelihood.starts.states import segment_nodes, start_states
@@ -18,6 +20,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
 _FLOW_ERROR = 1e-3  # of a noise deviation: an error of the steps is systematic over thousands of segments
+_TANGENT_ERROR = 0.002  # of a sensitivity over a segment
 _MAX_REFINEMENT = 8  # steps per sample
 _TESTED_SEGMENTS = 150  # whose residuals decide how fine the steps must be
 
@@ -58,43 +61,74 @@ def shooting_problem(
         np.zeros(len(sensing.offsets)),
         np.ones(len(sensing.gains)),
     )
-    segments = _refined_segments(records, structure, system, point, scales, sensing)
+    segments = _fine_segments(partial(sensing.segments, records, structure, system), point, scales)
     return ShootingProblem(segments, point, scales)
 
 
-def _refined_segments(
-    records: Sequence[Record],
-    structure: Structure,
-    system: System,
-    point: Iterate,
-    scales: Scales,
-    sensing: SensorModel,
-) -> Segments:
-    """Segments whose flow is exact to a small part of the noise: the steps are halved until the residuals stay the same."""
+def _fine_segments(segments_of: Callable[[int], Segments], point: Iterate, scales: Scales) -> Segments:
+    """The segments in steps that are fine enough, for the flow and for its tangents.
+
+    `segments_of` makes the segments with a number of steps of the flow a sample.
+    """
+    tests = cache(lambda refine: _TestedFlow.of(segments_of(refine), point, scales))
     refine = 1
-    segments = sensing.segments(records, structure, system, refine)
-    every = max(1, segments.count // _TESTED_SEGMENTS)
-    residuals = _predicted(segments, point, scales, every)
-    while refine < _MAX_REFINEMENT:
-        finer = sensing.segments(records, structure, system, 2 * refine)
-        exact = _predicted(finer, point, scales, every)
-        change = exact - residuals
-        if np.isfinite(exact).all() and np.sqrt(np.mean(change[np.isfinite(change)] ** 2)) < _FLOW_ERROR:
-            return segments
-        refine, segments, residuals = 2 * refine, finer, exact
-    return segments
+    while refine < _MAX_REFINEMENT and not _same_residuals(tests(refine), tests(2 * refine)):
+        refine *= 2
+    steps = 1
+    while steps < _MAX_REFINEMENT and not _same_tangents(tests(max(refine, 2 * steps)), steps):
+        steps *= 2
+    return replace(segments_of(max(refine, steps)), tangent_refine=steps)
 
 
-def _predicted(segments: Segments, point: Iterate, scales: Scales, every: int) -> Floats:
-    """The residuals of some of the segments."""
-    which = slice(None, None, every)
-    some = replace(
-        segments,
-        samples=segments.samples[..., which],
-        observed=segments.observed[..., which],
-        step=segments.step[which],
-        linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
-        inputs=segments.inputs.part(which),
-        relative_noise=None if segments.relative_noise is None else segments.relative_noise[:, which],
-    )
-    return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian()).residuals
+@dataclass(frozen=True, eq=False)
+class _TestedFlow:
+    """The flow in some of the `segments`, which decide how fine the steps must be."""
+
+    segments: Segments
+    scales: Scales
+    misfit: Misfit
+
+    @classmethod
+    def of(cls, segments: Segments, point: Iterate, scales: Scales) -> _TestedFlow:
+        """The flow from the nodes of `point`."""
+        which = slice(None, None, max(1, segments.count // _TESTED_SEGMENTS))
+        some = replace(
+            segments,
+            samples=segments.samples[..., which],
+            observed=segments.observed[..., which],
+            step=segments.step[which],
+            linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
+            inputs=segments.inputs.part(which),
+            relative_noise=None if segments.relative_noise is None else segments.relative_noise[:, which],
+        )
+        misfit = evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian())
+        return cls(some, scales, misfit)
+
+    def end_sensitivities(self, steps: int) -> Floats:
+        """(2, n, P, k) of the states at the segments' ends, by tangents in `steps` steps a sample."""
+        segments, theta = self.segments, self.misfit.point.theta
+        thinned = segments.refine // steps
+        orbit, step = self.misfit.trajectories.thinned(thinned), segments.step * thinned
+        units = self.scales.state, self.scales.theta[: len(theta)]
+        for state, _ in tangents(segments.system.at(theta), orbit, step, *units):
+            ends = state
+        rates = np.stack([np.ones_like(step), 1.0 / step])[:, None, None]
+        return np.asarray(ends * rates / self.scales.state.reshape(2, -1, 1, 1))
+
+
+def _same_residuals(coarse: _TestedFlow, fine: _TestedFlow) -> bool:
+    """Whether steps half as long change the residuals by no more than a small part of the noise."""
+    change = fine.misfit.residuals - coarse.misfit.residuals
+    size = np.sqrt(np.mean(change[np.isfinite(change)] ** 2))
+    return bool(np.isfinite(fine.misfit.residuals).all() and size < _FLOW_ERROR)
+
+
+def _same_tangents(tested: _TestedFlow, steps: int) -> bool:
+    """Whether twice as many steps than `steps` a sample change no column of the sensitivities by more than a small part.
+
+    Segments are tied to each other by them: where they are wrong the search creeps, and ends beside the optimum.
+    """
+    fine = tested.end_sensitivities(2 * steps)
+    change = fine - tested.end_sensitivities(steps)
+    power, error = np.sum(fine**2, axis=(0, 1, 3)), np.sum(change**2, axis=(0, 1, 3))
+    return not bool((error > _TANGENT_ERROR**2 * power).any())

@@ -79,7 +79,7 @@ def _candidate_forces(
 ) -> tuple[CandidateForces, Floats]:
     """The forces along the orbit, and the size of each that is one unit: the reciprocal of its root mean square."""
     segments = optimum.segments
-    ends, middles = _states(orbit, segments.refine, segments.step, segments.inputs)
+    ends, middles = _states(orbit, segments.flow_steps_per_tangent, segments.step, segments.inputs)
     first = np.array([force.first for force in forces], dtype=int)
     second = np.array([force.second for force in forces], dtype=int)
     starts = np.empty((len(ends), len(forces), segments.count))

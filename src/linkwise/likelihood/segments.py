@@ -42,7 +42,9 @@ class Sensors:
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """M samples a segment, `refine` (1 or even) steps of the flow a sample.
+    """M samples a segment, `refine` (1 or even) steps of the flow a sample and `tangent_refine` steps of its tangents.
+
+    `refine` over `tangent_refine` is 1 or even.
 
     samples (M, C, K) with 0 where missing; seen (M, C, K) bool; step (K,) s; linked (K - 1,) bool; loudness (C, K) the
     noise of a channel there over `Scales.sigma`, None where it is the same in all records.
@@ -56,6 +58,7 @@ class Segments:
     linked: Bools
     inputs: Inputs
     refine: int = 1
+    tangent_refine: int = 1
     relative_noise: Floats | None = None
 
     @property
@@ -65,6 +68,11 @@ class Segments:
     @property
     def steps(self) -> int:
         return len(self.samples) * self.refine
+
+    @property
+    def flow_steps_per_tangent(self) -> int:
+        """Steps of the flow in one step of its tangents."""
+        return self.refine // self.tangent_refine
 
     @property
     def parameters(self) -> int:
