@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from linkwise.analysis.modes import Modes, modes
     from linkwise.analysis.wells import barrier, wells
     from linkwise.discovery.discover import check_discovery, discover
+    from linkwise.discovery.options import DiscoveryOptions
     from linkwise.discovery.result import Discovery, PathPoint, RunnerUp, TermEvidence
     from linkwise.discovery.scoring import TermScore, align_truth, term_score
     from linkwise.discovery.terms import Term, parse_terms
@@ -142,6 +143,7 @@ __all__ = [
     "DenseSystem",
     "DerivedQuantity",
     "Discovery",
+    "DiscoveryOptions",
     "EnergyBalance",
     "Equilibria",
     "Equilibrium",

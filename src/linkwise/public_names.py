@@ -15,6 +15,7 @@ HOMES = {
     "analysis.modes": ("Modes", "modes"),
     "analysis.wells": ("barrier", "wells"),
     "discovery.discover": ("check_discovery", "discover"),
+    "discovery.options": ("DiscoveryOptions",),
     "discovery.result": ("Discovery", "PathPoint", "RunnerUp", "TermEvidence"),
     "discovery.scoring": ("TermScore", "align_truth", "term_score"),
     "discovery.terms": ("Term", "parse_terms"),

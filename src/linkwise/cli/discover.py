@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,15 +47,14 @@ class PriorOptions:
             )
         return {name: _kilograms(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()}
 
-    def keywords(self) -> Mapping[str, str]:
-        """Keyword arguments of `linkwise.discover` and `linkwise.check_discovery`; UsageError for invalid terms."""
+    def options(self) -> lw.DiscoveryOptions:
+        """The options of `linkwise.discover`; UsageError for invalid terms."""
         if self.terms is None:
-            return {}
+            return lw.DiscoveryOptions()
         try:
-            lw.parse_terms(self.terms)
+            return lw.DiscoveryOptions(terms=self.terms)
         except lw.IdentificationError as error:
             raise click.UsageError(f"--terms: {error}") from error
-        return {"terms": self.terms}
 
 
 def _kilograms(name: str, text: str) -> float:
@@ -146,16 +144,16 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
       linkwise discover run.csv --structure known.toml --with run2.csv --json
     """
-    masses, asked = prior.masses(), prior.keywords()
+    masses, options = prior.masses(), prior.options()
     process = drawing_beside(output, "linkwise.report.discovery_folder:DISCOVERY_FOLDER")
     names = tuple(masses) if isinstance(masses, dict) else tuple(mass.name for mass in masses.masses)
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
         step(lw.ProgressReport(0.0, "looking at the record"))
-        for remark in lw.check_discovery(records, masses, **asked):
+        for remark in lw.check_discovery(records, masses, options):
             tell(f"note: {remark}")
-        found = lw.discover(records, masses, progress=step, **asked)
+        found = lw.discover(records, masses, options, progress=step)
     result = lw.discovery_of(found, true)
     if process is not None:
         process.draw(found, true)

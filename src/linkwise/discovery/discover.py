@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
+from typing import Unpack
 
 import numpy as np
 
@@ -14,11 +15,12 @@ from linkwise.discovery.candidates import Candidates, all_candidates
 from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
 from linkwise.discovery.displacements import with_displacements
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
+from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.selection import Selection, select_structure
 from linkwise.discovery.spanning_tree import most_significant_tree
-from linkwise.discovery.terms import DEFAULT, parse_terms
+from linkwise.discovery.terms import parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
@@ -54,9 +56,10 @@ _UNSETTLED = "The search for the structure did not settle: this is the best stru
 def discover(
     record: Record | Sequence[Record],
     masses: Mapping[str, float | str] | Structure | PartialStructure,
+    options: DiscoveryOptions | None = None,
     *,
-    terms: str | Sequence[str] = DEFAULT,
     progress: Progress = silent,
+    **keywords: Unpack[DiscoveryKeywords],
 ) -> Discovery:
     """Discover which masses are linked, and by which law, from records and the masses alone.
 
@@ -71,10 +74,12 @@ def discover(
     masses : mapping of str to float or str, Structure or PartialStructure
         The masses by name, in kg or with a unit ("10 g"). A structure also states links: those links and terms
         are part of the answer, except links whose law is 0 and terms whose coefficient is 0, which are known to be absent.
-    terms : str or sequence of str
-        The candidate terms, as `parse_terms` reads them.
+    options : DiscoveryOptions, optional
+        The candidate terms.
     progress : Progress
         Called with a `ProgressReport` at every step of the search.
+    **keywords
+        In place of `options`: its field `terms`.
 
     Returns
     -------
@@ -110,6 +115,7 @@ def discover(
     True
     """
     started = perf_counter()
+    terms = DiscoveryOptions.given(options, keywords).terms
     records = [record] if isinstance(record, Record) else list(record)
     candidates = candidates_for(records, masses, terms)
     checks = check_data(records, candidates)
@@ -135,8 +141,8 @@ def discover(
 def check_discovery(
     record: Record | Sequence[Record],
     masses: Mapping[str, float | str] | Structure | PartialStructure,
-    *,
-    terms: str | Sequence[str] = DEFAULT,
+    options: DiscoveryOptions | None = None,
+    **keywords: Unpack[DiscoveryKeywords],
 ) -> tuple[str, ...]:
     """Check whether records suffice to discover a structure, before any time is spent.
 
@@ -146,7 +152,9 @@ def check_discovery(
         As in `discover`.
     masses : mapping of str to float or str, Structure or PartialStructure
         As in `discover`, in kg.
-    terms : str or sequence of str
+    options : DiscoveryOptions, optional
+        As in `discover`.
+    **keywords
         As in `discover`.
 
     Returns
@@ -167,6 +175,7 @@ def check_discovery(
     >>> lw.check_discovery(record, {"m1": 1.0, "m2": 0.01})
     ('102 samples for 12 candidates are few: weak terms will be missed; record for longer.',)
     """
+    terms = DiscoveryOptions.given(options, keywords).terms
     records = [record] if isinstance(record, Record) else list(record)
     return check_data(records, candidates_for(records, masses, terms)).remarks
 

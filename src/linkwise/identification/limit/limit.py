@@ -178,7 +178,7 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
 
 
 def _require_values(record: Record, samples: int, segment: float, states: int) -> None:
-    """Raise IdentificationError if a segment (s) of so many samples holds no more values than there are states at its start."""
+    """Raise IdentificationError if a segment (s) of so many samples holds no more values than states at its start."""
     channels = len(record.responses)
     if samples * channels > states:
         return

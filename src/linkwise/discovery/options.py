@@ -1,0 +1,65 @@
+"""The options of a discovery: one frozen object, and the keywords that it is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypedDict, Unpack, final
+
+from linkwise.discovery.terms import DEFAULT, parse_terms
+
+
+class DiscoveryKeywords(TypedDict, total=False):
+    """The keywords of `DiscoveryOptions.of`: its fields."""
+
+    terms: str | Sequence[str]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class DiscoveryOptions:
+    """The options of `discover` and `check_discovery`.
+
+    Those functions take the same as keywords; an object serves for several records.
+
+    Parameters
+    ----------
+    terms : str or sequence of str
+        The candidate terms of every link, as `parse_terms` reads them.
+
+    Raises
+    ------
+    IdentificationError
+        If the terms are not a list of candidates, as `parse_terms` raises it.
+    LawError
+        If a term is not a valid expression.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> options = lw.DiscoveryOptions(terms="linear, d**3")
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01}, options)
+    >>> [link.law.text for link in found.structure.links]
+    ['k*d + c*v', 'k*d + k3*d**3 + c*v']
+    """
+
+    terms: str | Sequence[str] = DEFAULT
+
+    def __post_init__(self) -> None:
+        terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)
+        object.__setattr__(self, "terms", terms)
+        parse_terms(terms)  # raises what is wrong with them
+
+    @classmethod
+    def of(cls, **keywords: Unpack[DiscoveryKeywords]) -> DiscoveryOptions:
+        """The options from keywords; TypeError for an unknown one."""
+        return cls(**keywords)
+
+    @classmethod
+    def given(cls, options: DiscoveryOptions | None, keywords: DiscoveryKeywords) -> DiscoveryOptions:
+        """The options of a call that takes either an object or keywords; TypeError for both."""
+        if options is not None and keywords:
+            raise TypeError(f"got options and also {', '.join(keywords)}; give one of the two")
+        return cls.of(**keywords) if options is None else options

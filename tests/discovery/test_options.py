@@ -1,0 +1,54 @@
+"""Options of discover: one frozen object, or the same as keywords."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, fields
+
+import pytest
+
+import linkwise as lw
+from linkwise.discovery.options import DiscoveryKeywords
+
+MASSES = {"m1": 1.0, "m2": 0.01}
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    """A record of two masses."""
+    clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    return clean.with_noise(40.0, seed=1)
+
+
+def test_every_field_has_its_keyword() -> None:
+    assert {field.name for field in fields(lw.DiscoveryOptions)} == set(DiscoveryKeywords.__annotations__)
+
+
+def test_an_object_asks_what_keywords_ask(record: lw.Record) -> None:
+    options = lw.DiscoveryOptions(terms=["v", "d"])
+    short = record[:51]  # few samples for the candidates: 2 terms on m1-m2, m1-ground and m2-ground
+    remarks = lw.check_discovery(short, MASSES, options)
+    assert "102 samples for 6 candidates" in remarks[0]
+    assert lw.check_discovery(short, MASSES, terms="v, d") == remarks
+    assert lw.check_discovery(short, MASSES) == lw.check_discovery(short, MASSES, lw.DiscoveryOptions())
+    discovery = lw.discover(record, MASSES, options).to_dict()
+    by_keyword = lw.discover(record, MASSES, terms=["v", "d"]).to_dict()
+    assert {**discovery, "seconds": 0.0} == {**by_keyword, "seconds": 0.0}
+
+
+def test_options_are_frozen_and_keep_a_copy_of_the_terms() -> None:
+    terms = ["v", "d"]
+    options = lw.DiscoveryOptions(terms=terms)
+    terms.append("d**3")
+    assert options.terms == ("v", "d") and hash(options) == hash(lw.DiscoveryOptions(terms=("v", "d")))
+    with pytest.raises(FrozenInstanceError):
+        options.terms = "d"  # type: ignore[misc]  # the point of the test
+
+
+def test_both_at_once_invalid_terms_and_unknown_keywords_are_refused(record: lw.Record) -> None:
+    options = lw.DiscoveryOptions()
+    with pytest.raises(TypeError, match="got options and also terms; give one of the two"):
+        lw.discover(record, MASSES, options, terms="v, d")
+    with pytest.raises(TypeError, match="term"):
+        lw.check_discovery(record, MASSES, term="v, d")  # type: ignore[call-arg]  # the point of the test
+    with pytest.raises(lw.IdentificationError, match="the list of terms is empty"):
+        lw.DiscoveryOptions(terms=[])
