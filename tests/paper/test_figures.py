@@ -12,7 +12,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from paper_rows import BEST, paper_rows, paper_study
-from present import present
+from present import present, some
 from problems import chain_record
 
 import linkwise as lw
@@ -79,7 +79,7 @@ def test_past_the_horizon_a_curve_is_marked_as_one_of_many() -> None:
     horizon = present(record.simulated).horizon
     assert len(figure.axes) == 8 and "one of many" in figure.get_suptitle()
     assert f"{horizon:.2f} s" in figure.get_suptitle()
-    for axes in figure.axes:
+    for axes in some(figure.axes):
         labels = axes.get_legend_handles_labels()[1]
         assert {"past the horizon", "range of neighbouring orbits"} <= set(labels)
         edge = next(line for line in axes.lines if line.get_linestyle() == "--")
@@ -181,7 +181,7 @@ def test_figure_9_has_the_paper_beside_ours(told: StudyReport) -> None:
     np.testing.assert_array_equal(values(errors, "paper, physics-informed"), [0.5] * 5)
     np.testing.assert_array_equal(values(errors, "physics-informed"), [0.4] * 5)
     np.testing.assert_array_equal(values(times, "paper, physics-informed"), [*INFORMED_SECONDS.values()])
-    assert not any(str(line.get_label()).startswith("classical") for line in errors.lines)
+    assert not any(str(line.get_label()).startswith("classical") for line in some(errors.lines))
 
 
 @pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from present import some
 
 import linkwise as lw
 from linkwise.plot import crossings_figure, decay_figure, energy_figure
@@ -43,7 +44,7 @@ def test_bands_are_drawn_where_there_are_any(eight: lw.Absorption) -> None:
 def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.Absorption) -> None:
     figure = energy_figure(eight)
     panels = []
-    for axes in figure.axes:
+    for axes in some(figure.axes):
         bands = {band.get_label(): band for band in axes.collections}
         paths = [path for band in bands.values() for path in band.get_paths()]
         top = max(float(np.asarray(path.vertices)[:, 1].max()) for path in paths)
@@ -58,7 +59,7 @@ def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.A
 
 def test_crossings_are_marked_above_each_sink(eight: lw.Absorption) -> None:
     figure = crossings_figure(eight)
-    for axes, work in zip(figure.axes, eight.sinks, strict=True):
+    for axes, work in zip(some(figure.axes), eight.sinks, strict=True):
         marks = next(line for line in axes.get_lines() if line.get_label() == "crossing")
         np.testing.assert_array_equal(marks.get_xdata(), work.crossings)
         assert axes.get_title("left") == f"{work.sink.link}: {len(work.crossings)} crossings"

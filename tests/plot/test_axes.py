@@ -16,6 +16,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from present import some
 
 import linkwise as lw
 
@@ -109,7 +110,7 @@ def test_the_style_of_the_caller_stays(drawings: dict[str, Draw]) -> None:
         axes = Figure().subplots()
         drawings["force"](ax=axes)
         assert axes.spines["top"].get_visible() and axes.xaxis.label.get_fontsize() == 17.0
-        assert not any(line.get_visible() for line in axes.get_xgridlines())
+        assert not any(line.get_visible() for line in some(axes.get_xgridlines()))
         assert not drawings["force"]().spines["top"].get_visible()
         assert rcParams["font.size"] == 17.0
 
@@ -183,7 +184,7 @@ def test_names_with_dollar_signs_are_printed_as_they_are(fitted: lw.Estimate) ->
     for figure in (lw.plot.force_figure(odd, ODD), lw.plot.histories_figure(odd.record)):
         texts = [text for text in figure.findobj(Text) if "$" in text.get_text()]
         assert texts
-        assert all(text.get_text().count("$") == text.get_text().count(r"\$") for text in texts)
+        assert all(text.get_text().count("$") == text.get_text().count(r"\$") for text in some(texts))
 
 
 def test_a_method_that_begins_with_an_underscore_has_its_entry() -> None:

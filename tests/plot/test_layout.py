@@ -9,6 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
+from present import some
 
 import linkwise as lw
 from linkwise.plot.style import legend_below, log_scale, sheet
@@ -21,7 +22,7 @@ def boxes(figure: Figure) -> Iterator[tuple[str, Bbox]]:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-    for number, axes in enumerate(figure.axes):
+    for number, axes in some(enumerate(figure.axes)):
         if axes.get_visible():
             covered = axes.get_tightbbox(renderer)
             assert covered is not None

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from paper_rows import BEST, error, paper_rows, paper_study, stored
+from present import some
 
 import linkwise as lw
 from linkwise.cli import run
@@ -141,7 +142,9 @@ def test_explanations_say_what_else_would_fit() -> None:
             rows[place] = replace(one, links={**one.links, "nes1": TABLE_2[8, 20.0]})
     comparison, _ = judged(rows)
     told = {cell.where: explanation(cell, BEST, comparison.classical) for cell in comparison.cells}
-    assert all(text.startswith("10 times above the paper; 100 % of single cycles") for text in told.values())
+    assert all(
+        text.startswith("10 times above the paper; 100 % of single cycles") for text in some(told.values())
+    )
     assert "would be classical, states (0.472 %)" in told["6 masses, 30 dB"]
     assert "would be the first sink alone (30.3 %), the best sink (30.3 %)" in told["8 masses, 20 dB"]
     assert "no mean, no other choice of sink and no other convention comes within" in told["2 masses, 40 dB"]
@@ -154,7 +157,7 @@ def test_figures_and_table_are_written(complete: Path) -> None:
     with (complete / "table_2.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert [(float(line["snr_db"]), int(line["masses"])) for line in lines] == [(d, m) for m, d in TABLE_2]
-    for line in lines:
+    for line in some(lines):
         paper = TABLE_2[int(line["masses"]), float(line["snr_db"])]
         assert float(line["paper: percent"]) == paper
         assert float(line[f"{BEST}: ratio"]) == pytest.approx(1.1, rel=1e-5)  # six printed digits
@@ -250,7 +253,9 @@ def test_the_command_ends_with_the_report(tmp_path: Path, capsys: pytest.Capture
     file.write_text(MINE, encoding="utf-8")
     assert run(["study", str(file), "--workers", "1", "--json", "-o", str(tmp_path / "mine")]) == 0
     files = json.loads(capsys.readouterr().out)["files"]
-    assert files[-1] == str(tmp_path / "mine" / "report.html") and all(Path(name).is_file() for name in files)
+    assert files[-1] == str(tmp_path / "mine" / "report.html") and all(
+        Path(name).is_file() for name in some(files)
+    )
     assert "The study is complete." in body(Path(files[-1]).read_text(encoding="utf-8"))
 
 

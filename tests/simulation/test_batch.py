@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from present import some
 
 import linkwise as lw
 from linkwise.absorption.crossings import crossings, distinct
@@ -62,7 +63,7 @@ def test_blows_samples_and_functions_of_time_do_work() -> None:
     )
     fleet = schedules([1e6, 7e5], excitation)
     batch = run_batch(fleet, tops(2))
-    for run, schedule in enumerate(fleet):
+    for run, schedule in some(enumerate(fleet)):
         motion = SimulatedMotion.of(schedule)
         put_in = motion.energy.supplied
         np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * put_in.max())

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from present import some
 from small_study import DIVERGING, small
 
 import linkwise as lw
@@ -37,7 +38,7 @@ def test_rows_are_written_in_the_order_of_the_study(folder: Path) -> None:
     assert [path.name for path in written] == ["rows.csv", "summary.csv", "rows.parquet"]
     rows, table = lw.read_rows(folder), read(folder / "rows.csv")
     assert len(table) == len(rows) == 18
-    for row, line in zip(rows, table, strict=True):
+    for row, line in zip(some(rows), table, strict=True):
         assert (line["structure"], line["method"], int(line["seed"])) == (row.structure, row.method, row.seed)
         assert float(line["snr_db"]) == row.snr_db and int(line["masses"]) == row.masses
         assert float(line["seconds"]) == row.seconds and line["reason"] == row.reason
@@ -67,7 +68,7 @@ def test_the_summary_is_that_of_the_rows(folder: Path) -> None:
     lw.export_study(folder)
     rows, table = lw.read_rows(folder), read(folder / "summary.csv")
     assert len(table) == 3 * 2 * 3
-    for line in table:
+    for line in some(table):
         key = line["structure"], float(line["snr_db"]), line["method"]
         mine = [row for row in rows if (row.structure, row.snr_db, row.method) == key]
         assert (int(line["cases"]), int(line["done"])) == (2, len(mine) or 1)

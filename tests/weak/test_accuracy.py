@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from present import present
+from present import present, some
 
 import linkwise as lw
 
@@ -99,7 +99,7 @@ def test_without_noise_the_answer_is_exact_and_trusted() -> None:
     chain = lw.bnes_chain(4)
     fit = lw.identify(clean(4), chain.unknown("all"), method="weak")
     assert fit.trusted
-    for name, value in _values(chain).items():
+    for name, value in some(_values(chain).items()):
         assert fit.coefficient(name).value == pytest.approx(value, rel=1e-5)
 
 
