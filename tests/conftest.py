@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from judged import masses
+from problems import chain_record
 
 import linkwise as lw
 
@@ -43,5 +45,11 @@ def chain() -> lw.Structure:
 @pytest.fixture(scope="session")
 def fitted(chain: lw.Structure) -> lw.Estimate:
     """The sink of that chain, identified from three simulated seconds at 30 dB."""
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     return lw.identify(record, chain.unknown("nes"), method="weak")
+
+
+@pytest.fixture(scope="session")
+def discovered() -> lw.Discovery:
+    """The paper's two-mass chain, discovered from three simulated seconds at 30 dB."""
+    return lw.discover(chain_record(2, duration=3.0).with_noise(30.0, seed=1001), masses(lw.bnes_chain(2)))

@@ -47,10 +47,15 @@ def paper_speed(masses: int) -> float:
 
 @cache
 def chain_record(
-    masses: int, *, duration: float = 6.0, rate: float = 1000.0, sensors: tuple[str, ...] = ("x",)
+    masses: int,
+    *,
+    duration: float = 6.0,
+    rate: float = 1000.0,
+    sensors: tuple[str, ...] = ("x",),
+    speed: float | None = None,
 ) -> lw.Record:
-    """The exact motion of the paper's chain, released as there."""
-    release = {"v:m1": paper_speed(masses)}
+    """The exact motion of the paper's chain, its first mass released at `speed` in m/s, as in the paper unless given."""
+    release = {"v:m1": paper_speed(masses) if speed is None else speed}
     return lw.simulate(lw.bnes_chain(masses), release=release, duration=duration, rate=rate, sensors=sensors)
 
 

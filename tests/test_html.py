@@ -21,11 +21,12 @@ def test_an_estimate_shows_its_trust_first(fitted: lw.Estimate) -> None:
     assert heading(bad).endswith("NOT to be trusted") and "#b42318" in bad
 
 
-def test_a_discovery_a_limit_and_an_absorption_show_their_text(chain: lw.Structure) -> None:
-    found = lw.discover(chain_record(2).with_noise(30.0, seed=1), {"m1": 1.0, "m2": 0.01})
+def test_a_discovery_a_limit_and_an_absorption_show_their_text(
+    chain: lw.Structure, discovered: lw.Discovery
+) -> None:
     planned = lw.limit(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0, noise=20.0)
     absorbed = lw.absorb(chain, duration=1.0, release={"v:m1": 1.0})
-    for result in (found, planned, absorbed):
+    for result in (discovered, planned, absorbed):
         markup = result._repr_html_()
         assert heading(markup) == str(result).splitlines()[0] and "<pre" in markup
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import COMMANDS, linkwise, run
@@ -187,7 +188,7 @@ def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> Non
     assert (places.files, places.lines) == (1, 1)
 
     chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    record = chain_record(2, duration=2.0, sensors=("x", "v", "a"))
     asked = chain.unknown("all")
     ridge = lw.identify(record, asked, method=lw.PhysicsInformedSindy(regressor="ridge"))
     plain = lw.identify(record, asked, method=lw.PhysicsInformedSindy(regressor="least-squares"))
@@ -273,7 +274,7 @@ def test_a_file_format_is_a_file_and_a_line(places: Places, tmp_path: Path) -> N
     places.line(FORMATS, ".jsonl", Format("extra_jsonl", writable=True))
     assert (places.files, places.lines) == (1, 1)
 
-    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
+    record = chain_record(2, duration=0.1)
     lw.write_record(record, tmp_path / "run.jsonl")
     again = lw.read_record(tmp_path / "run.jsonl")
     assert again.channels == record.channels and np.array_equal(again.values, record.values)
@@ -288,6 +289,7 @@ ENERGY_FOLDER = '''
 """What `energy` hands over."""
 
 import numpy as np
+from problems import chain_record
 
 from linkwise.records.record import Record
 from linkwise.report.result_folder import ResultFolder

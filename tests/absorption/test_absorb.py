@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.absorption.decay import Decay
@@ -75,7 +76,7 @@ def test_crossings_are_those_of_the_paper(paper: lw.Absorption) -> None:
     assert sink.last == pytest.approx(2.38, abs=5e-3) and sink.before_horizon == len(sink.crossings)
     assert paper.with_sinks.x[-1, 1] == pytest.approx(0.0099, abs=5e-5)
     assert len(sink.crossings) % 2 == 1  # it leaves the top downwards without passing it, and ends up
-    record = lw.simulate(lw.bnes_chain(2), release=RELEASE, duration=6.0, rate=20000.0)
+    record = chain_record(2, rate=20000.0)
     d = record.channel("x:m2") - record.channel("x:m1")
     after = np.flatnonzero(np.diff(np.sign(d[1:]))) + 1
     seen = record.time[after] - d[after] * record.step / (d[after + 1] - d[after])

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import some
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
@@ -29,9 +30,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure) -> Path
     folder = tmp_path_factory.mktemp("discover")
     lw.write_structure(chain, folder / "chain.toml")
     for name, hit, seed in (("run", 1.0, 1011), ("run2", 0.7, 1012)):
-        record = lw.simulate(chain, release={"v:m1": hit}, duration=2.0, rate=1000.0).with_noise(
-            30.0, seed=seed
-        )
+        record = chain_record(2, duration=2.0, speed=hit).with_noise(30.0, seed=seed)
         lw.write_record(record, folder / f"{name}.csv")
     return folder
 

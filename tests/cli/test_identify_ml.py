@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
@@ -31,7 +32,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure) -> Path
     lw.write_structure(chain, folder / "chain.toml")
     lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
     for name, speed, seed in (("run", 1.0, 1), ("run2", 0.7, 2)):
-        clean = lw.simulate(chain, release={"v:m1": speed}, duration=1.0, rate=1000.0)
+        clean = chain_record(2, duration=1.0, speed=speed)
         lw.write_record(clean.with_noise(30.0, seed=seed), folder / f"{name}.csv")
     record = lw.read_record(folder / "run.csv")
     lw.write_record(replace(record, values=record.values + np.array([OFFSET, 0.0])), folder / "offset.csv")
@@ -120,7 +121,7 @@ def test_known_noise_reaches_the_fit(
     files: Path, chain: lw.Structure, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The true noise is believed; noise stated a hundred times too small cannot explain what is left."""
-    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    clean = chain_record(2, duration=1.0)
     noise = present(clean.with_noise(30.0, seed=1).simulated).noise
     known = [f"--noise-of={name}={sigma}" for name, sigma in noise.items()]
     chi_square = answer(files, *known)["fit"]["chi_square_per_sample"]

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judged import masses
+from problems import chain_record
 
 import linkwise as lw
 
@@ -19,9 +20,9 @@ def chain() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def clean(chain: lw.Structure) -> lw.Record:
+def clean() -> lw.Record:
     """Displacements of all four masses, six seconds at 1 kHz."""
-    return lw.simulate(chain, release={"v:m1": 3.0}, duration=6.0, rate=1000.0)
+    return chain_record(4)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def test_a_mass_without_a_sensor_is_refused_by_name(record: lw.Record, chain: lw
 
 
 def test_any_kind_of_sensor_shows_a_mass(chain: lw.Structure) -> None:
-    every = lw.simulate(chain, release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
+    every = chain_record(4, sensors=("x", "v", "a"))
     mixed = every.with_noise(20.0, seed=1000).select(("x:m1", "v:m2", "a:m3", "x:m4"))
     assert lw.check_discovery(mixed, masses(chain)) == ()
 
@@ -150,8 +151,7 @@ def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure)
 
 def test_what_was_foreseen_stands_with_the_answer(chain: lw.Structure) -> None:
     two = lw.bnes_chain(2)
-    clean = lw.simulate(two, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
-    record = clean.with_noise(5.0, seed=1000)
+    record = chain_record(2).with_noise(5.0, seed=1000)
     told = lw.check_discovery(record, masses(two))
     assert told
     assert set(told) <= set(lw.discover(record, masses(two)).remarks)

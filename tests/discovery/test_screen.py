@@ -86,9 +86,7 @@ def test_measured_displacements_stay_as_they_are() -> None:
 def test_displacements_are_summed_up_where_none_was_measured(kind: str) -> None:
     """What swings is found to a few parts in a hundred; where the mass stands is not."""
     chain = lw.bnes_chain(2)
-    whole = lw.simulate(
-        chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
-    ).with_noise(40.0, seed=1000)
+    whole = chain_record(2, sensors=("x", "v", "a")).with_noise(40.0, seed=1000)
     seen = whole.select(("x:m2", f"{kind}:m1"))
     found = with_displacements(seen, chain.masses)
     assert found.channels == ("x:m2", f"{kind}:m1", "x:m1")

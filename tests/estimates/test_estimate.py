@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.atomic import to_json
@@ -39,8 +40,8 @@ def chain() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def record(chain: lw.Structure) -> lw.Record:
-    return lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+def record() -> lw.Record:
+    return chain_record(2, duration=3.0).with_noise(30.0, seed=1)
 
 
 @pytest.fixture(scope="module")

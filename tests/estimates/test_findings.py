@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.estimates.energy_supply import supplied_power
@@ -115,7 +116,7 @@ def test_an_answer_without_intervals_claims_nothing_about_coefficients() -> None
 def test_a_record_says_what_its_sink_did() -> None:
     """From the record on: after the second in which it crosses, the sink of the paper's chain stays in one well."""
     chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    record = chain_record(2).with_noise(30.0, seed=1)
     early = lw.identify(record.between(0.0, 3.0), chain.unknown("nes"), method="weak")
     late = lw.identify(record.between(3.0, 6.0), chain.unknown("nes"), method="weak")
     assert early.findings == ()

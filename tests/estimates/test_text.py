@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.estimates.estimate import NoiseEstimate
@@ -118,7 +119,7 @@ def test_an_answer_that_cannot() -> None:
 def test_long_chains_are_cut() -> None:
     """Of 28 channels and 14 sinks twelve are shown, and the table says so."""
     chain = lw.bnes_chain(28)
-    record = lw.simulate(chain, release={"v:m1": 3.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
+    record = chain_record(28, duration=0.4).with_noise(40.0, seed=1)
     printed = str(lw.identify(record, chain.unknown("nes"), method="weak"))
     assert "... and 16 more channels" in printed
     assert "... and 2 more links; the result folder lists all of them" in printed

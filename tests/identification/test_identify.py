@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.identification.methods import METHODS
@@ -52,8 +53,8 @@ def chain() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def record(chain: lw.Structure) -> lw.Record:
-    return lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+def record() -> lw.Record:
+    return chain_record(2).with_noise(30.0, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -259,7 +260,7 @@ def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Str
 
 @pytest.mark.parametrize("regressor", ["stlsq", "l1", "least-squares"])
 def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure, regressor: str) -> None:
-    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=2000.0)
+    clean = chain_record(2, duration=3.0, rate=2000.0)
     fit = lw.identify(clean, chain.unknown("all"), method=lw.PhysicsInformedSindy(regressor=regressor))
     assert fit.trusted and fit.chi_square_per_sample is None
     for each in some(chain.links):
@@ -289,7 +290,7 @@ def test_a_term_that_adds_nothing_is_dropped_and_named(chain: lw.Structure) -> N
     wide = link(
         "nes1", ("m2", "m1"), "alpha*d + beta*d**3 + c*v + q*d**2", alpha=-100.0, beta=1e6, c=0.02, q=0.0
     )
-    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=2000.0, sensors=("x", "v", "a"))
+    clean = chain_record(2, duration=3.0, rate=2000.0, sensors=("x", "v", "a"))
     fit = lw.identify(clean, replace(chain, links=(chain.links[0], wide)).unknown("nes"), method="sindy")
     assert fit.findings[0] == "nes1.q was dropped: its term adds less than the threshold."
     assert fit.coefficient("nes1.q").value == 0.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 
@@ -120,7 +121,7 @@ def test_two_masses_and_a_hidden_one() -> None:
 
 def test_a_chaotic_run_tells_its_horizon() -> None:
     chain = lw.bnes_chain(10)
-    record = lw.simulate(chain, release={"v:m1": 3.0}, duration=1.5, rate=1000.0)
+    record = chain_record(10, duration=1.5)
     run = lw.free_run(chain, record, settling=60)
     assert 0.5 < present(run.horizon) < 1.5
     early = run.residual.between(0.06, 0.3)

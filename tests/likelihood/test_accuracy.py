@@ -6,11 +6,11 @@ The table of all masses and twenty seeds is printed by benchmarks/bench_likeliho
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import pytest
 from present import present, some
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.identification.limit.limit import limit
@@ -35,28 +35,18 @@ class Runs:
         return scaled
 
 
-@lru_cache
-def clean(n: int, sensors: str) -> lw.Record:
-    start = 1.0 if n == 2 else 3.0
-    return lw.simulate(
-        lw.bnes_chain(n), release={"v:m1": start}, duration=6.0, rate=1000.0, sensors=(sensors,)
-    )
-
-
 def identified(n: int, decibel: float, seeds: int, sensors: str = "x") -> Runs:
     chain = lw.bnes_chain(n)
-    asked = chain.unknown("all")
+    clean, asked = chain_record(n, sensors=(sensors,)), chain.unknown("all")
     fits = []
     nmse = []
     for seed in range(FIRST, FIRST + seeds):
-        record = clean(n, sensors).with_noise(decibel, seed=seed)
+        record = clean.with_noise(decibel, seed=seed)
         fit = lw.identify(record, asked)
         assert fit.status == "converged", f"n = {n}, {decibel} dB, seed {seed}: {fit.message}"
         fits.append(fit)
         sinks = [f"nes{i}" for i in range(1, n // 2 + 1)]
-        nmse.append(
-            np.mean([lw.nmse(chain.link(s), fit.structure.link(s), clean(n, sensors)) for s in sinks])
-        )
+        nmse.append(np.mean([lw.nmse(chain.link(s), fit.structure.link(s), clean) for s in sinks]))
     names = tuple(p.name for p in asked.parameters)
     true = np.array([chain.coefficient(name).value for name in names])
     return Runs(names, true, tuple(fits), np.array(nmse))
@@ -134,7 +124,7 @@ def test_errors_are_as_small_as_information_allows(many: Runs) -> None:
 def test_a_wrong_noise_model_is_caught_each_time() -> None:
     asked = lw.bnes_chain(2).unknown("all")
     for seed in range(FIRST, FIRST + 5):
-        record = clean(2, "x").with_noise(20.0, seed=seed)
+        record = chain_record(2).with_noise(20.0, seed=seed)
         half = {name: 0.5 * sigma for name, sigma in present(record.simulated).noise.items()}
         fit = lw.identify(lw.Record(0.0, 1000.0, record.channels, record.values, half), asked)
         assert fit.status == "chi-square off"

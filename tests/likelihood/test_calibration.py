@@ -92,8 +92,8 @@ def test_a_gain_of_no_channel_is_refused(quiet: lw.Record) -> None:
 def test_the_order_of_the_records_does_not_matter() -> None:
     chain = lw.bnes_chain(2)
     asked = chain.unknown("nes")
-    weak_hit = lw.simulate(chain, release={"v:m1": 0.02}, duration=1.0, rate=1000.0).with_noise(30.0, seed=4)
-    strong_hit = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=5)
+    weak_hit = chain_record(2, duration=1.0, speed=0.02).with_noise(30.0, seed=4)
+    strong_hit = chain_record(2, duration=2.0).with_noise(30.0, seed=5)
     one, other = lw.identify([weak_hit, strong_hit], asked), lw.identify([strong_hit, weak_hit], asked)
     assert one.trusted and other.trusted
     np.testing.assert_allclose(one.values, other.values, rtol=1e-3)  # both within their errors of one optimum

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.likelihood.loss import Huber, Student
@@ -91,10 +92,8 @@ def chain() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def clean(chain: lw.Structure) -> lw.Record:
-    return lw.simulate(
-        chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a")
-    )  # one second of jumps between the wells
+def clean() -> lw.Record:
+    return chain_record(2, duration=2.0, sensors=("x", "v", "a"))  # one second of jumps between the wells
 
 
 # --- laws ------------------------------------------------------------------------------------------------------------
@@ -123,7 +122,7 @@ def test_a_shared_coefficient_is_one_unknown() -> None:
     first, second = 'alpha = "unknown"', 'alpha = "=nes1.alpha"'
     place = text.rindex(first)
     shared = lw.parse_structure(text[:place] + second + text[place + len(first) :])
-    record = lw.simulate(true, release={"v:m1": 3.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=3)
+    record = chain_record(4, duration=2.0).with_noise(30.0, seed=3)
     fit, apart = lw.identify(record, shared), lw.identify(record, true.unknown("nes"))
     assert len(fit.parameters) == 5
     assert np.abs(errors(fit, true)).max() < WITHIN
@@ -191,7 +190,7 @@ def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.R
 
 
 def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
-    first = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.5, rate=1000.0).with_noise(30.0, seed=8)
+    first = chain_record(2, duration=1.5).with_noise(30.0, seed=8)
     second = lw.simulate(chain, release={"v:m2": -3.0}, duration=0.8, rate=1500.0).with_noise(30.0, seed=9)
     asked = chain.unknown("all")
     both = lw.identify([first, second], asked)

@@ -9,15 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 
 FIRST = 1000  # seed
-
-
-def decay(n: int, *sensors: str) -> lw.Record:
-    start = 1.0 if n == 2 else 3.0
-    return lw.simulate(lw.bnes_chain(n), release={"v:m1": start}, duration=6.0, rate=1000.0, sensors=sensors)
 
 
 def off(structure: lw.Structure, seed: int, factor: float) -> dict[str, float]:
@@ -38,7 +34,7 @@ def sinks(n: int, fit: lw.Estimate, record: lw.Record) -> float:
 
 
 def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
-    chain, clean = lw.bnes_chain(4), decay(4, "x")
+    chain, clean = lw.bnes_chain(4), chain_record(4)
     for seed in range(FIRST, FIRST + 10):
         fit = lw.identify(
             clean.with_noise(20.0, seed=seed), chain.unknown("all"), starts=off(chain, seed, 2.0)
@@ -48,7 +44,7 @@ def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
 
 
 def test_a_hidden_primary_is_found_through_its_sink() -> None:
-    chain, clean = lw.bnes_chain(2), decay(2, "x:m2")
+    chain, clean = lw.bnes_chain(2), chain_record(2, sensors=("x:m2",))
     good = 0
     for seed in range(FIRST, FIRST + 10):
         record = clean.with_noise(30.0, seed=seed)
@@ -65,7 +61,7 @@ def test_a_hidden_primary_is_found_through_its_sink() -> None:
     "sensors", [("x:m1", "v:m2"), ("v:m1", "x:m2"), ("x:m1", "a:m2"), ("x:m1", "x:m2", "a:m2")]
 )
 def test_mixed_sensors_need_no_start(sensors: tuple[str, ...]) -> None:
-    clean = decay(2, *sensors)
+    clean = chain_record(2, sensors=sensors)
     fit = lw.identify(clean.with_noise(30.0, seed=FIRST), lw.bnes_chain(2).unknown("all"))
     assert fit.trusted
     assert sinks(2, fit, clean) < 1e-3

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present, some
-from problems import THREE, truth
+from problems import THREE, chain_record, truth
 
 import linkwise as lw
 from linkwise.likelihood import normal_equations as module
@@ -233,9 +233,7 @@ def test_sums_do_not_depend_on_chunks_and_threads(
 
 
 def test_nodes_start_where_the_sensors_say(three: lw.Structure) -> None:
-    record = lw.simulate(
-        lw.bnes_chain(2), duration=2.0, rate=1000.0, release={"v:m1": 1.0}, sensors=("x",)
-    ).with_noise(40.0, seed=1)
+    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     sigma = dict(present(record.simulated).noise)
     found = start_states(record, lw.bnes_chain(2), sigma, 5)
     at = segment_nodes([found], 5)

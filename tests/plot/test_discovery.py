@@ -21,33 +21,26 @@ from linkwise.plot.graph_layout import crossings, node_positions
 from linkwise.plot.palette import MEASURED
 
 
-@pytest.fixture(scope="module")
-def found(chain: lw.Structure) -> lw.Discovery:
-    """The paper's two-mass chain, from three seconds at 30 dB."""
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1001)
-    return lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
-
-
 def in_doubt(found: lw.Discovery, name: str, **changes: Any) -> lw.Discovery:
     """The same with one decision that is hardly one."""
     terms = tuple(replace(t, margin=1.5, **changes) if t.name == name else t for t in found.terms)
     return replace(found, terms=terms)
 
 
-def test_verdict_comes_first_then_links_by_certainty(found: lw.Discovery) -> None:
-    lines = str(found).splitlines()
+def test_verdict_comes_first_then_links_by_certainty(discovered: lw.Discovery) -> None:
+    lines = str(discovered).splitlines()
     assert lines[0] == "2 masses, 2 links with 5 terms: can be trusted"
     first, second = (
         lines.index("m1-ground, linear: k*d + c*v"),
         lines.index("m2-m1, bistable: k*d + k3*d**3 + c*v"),
     )
-    assert found.certainty("m1-ground") > found.certainty("m2-m1") and first < second
-    stiffness = found.estimate.coefficient("m1-ground.k")
+    assert discovered.certainty("m1-ground") > discovered.certainty("m2-m1") and first < second
+    stiffness = discovered.estimate.coefficient("m1-ground.k")
     assert f"{stiffness.value:.1f}" in lines[first + 1] and lines[first + 1].endswith("N/m")
 
 
-def test_one_doubt_is_marked_and_the_others_are_not(found: lw.Discovery) -> None:
-    sure = replace(found, terms=tuple(term for term in found.terms if term.certain))
+def test_one_doubt_is_marked_and_the_others_are_not(discovered: lw.Discovery) -> None:
+    sure = replace(discovered, terms=tuple(term for term in discovered.terms if term.certain))
     assert "Every decision is certain." in str(sure) and "in doubt" not in str(sure)
     text = str(in_doubt(sure, "m2-m1.k3"))
     assert "In doubt: 1 of the terms kept." in text and "N/m^3  in doubt" in text
@@ -55,62 +48,64 @@ def test_one_doubt_is_marked_and_the_others_are_not(found: lw.Discovery) -> None
     assert "(in doubt)" in str(in_doubt(in_doubt(sure, "m1-ground.k"), "m1-ground.c"))
 
 
-def test_z_is_that_of_the_numbers_beside_it(found: lw.Discovery) -> None:
+def test_z_is_that_of_the_numbers_beside_it(discovered: lw.Discovery) -> None:
     """A model error widens the standard errors after the terms were judged."""
-    sink = next(each for each in found.estimate.links if each.link.name == "m2-m1")
+    sink = next(each for each in discovered.estimate.links if each.link.name == "m2-m1")
     wide = replace(
         sink, coefficients=tuple(replace(each, standard_error=abs(each.value)) for each in sink.coefficients)
     )
-    assert {row[3] for row in term_rows(found, wide)} == {
+    assert {row[3] for row in term_rows(discovered, wide)} == {
         "1",
         "-1",
     }  # the stiffness of a bistable law is negative
     blind = replace(
         sink, coefficients=tuple(replace(each, standard_error=None) for each in sink.coefficients)
     )
-    assert {row[2:4] for row in term_rows(found, blind)} == {("none", "")}
+    assert {row[2:4] for row in term_rows(discovered, blind)} == {("none", "")}
 
 
-def test_what_cannot_be_told_says_so(found: lw.Discovery) -> None:
-    name = next(term.name for term in found.terms if not term.kept)
-    text = str(in_doubt(found, name, identifiable=False))
+def test_what_cannot_be_told_says_so(discovered: lw.Discovery) -> None:
+    name = next(term.name for term in discovered.terms if not term.kept)
+    text = str(in_doubt(discovered, name, identifiable=False))
     assert "not identifiable" in text
 
 
-def test_a_search_that_did_not_settle_is_not_to_be_trusted(found: lw.Discovery) -> None:
-    assert found.trusted
+def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discovery) -> None:
+    assert discovered.trusted
     lost = replace(
-        found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED), remarks=("m2 hardly moved.",)
+        discovered,
+        verdicts=(*discovered.verdicts, lw.Verdict.SEARCH_UNSETTLED),
+        remarks=("m2 hardly moved.",),
     )
     text = str(lost)
     assert not lost.trusted and text.splitlines()[0].endswith("NOT to be trusted")
     assert lw.Verdict.SEARCH_UNSETTLED.value in " ".join(text.split()) and "! m2 hardly moved." in text
 
 
-def test_penalty_is_what_stands_between_evidence_and_margin(found: lw.Discovery) -> None:
+def test_penalty_is_what_stands_between_evidence_and_margin(discovered: lw.Discovery) -> None:
     """Within a link a term costs the same whether it is in or out; to begin a link costs more."""
-    penalties = {term.name: term.penalty for term in found.terms}
+    penalties = {term.name: term.penalty for term in discovered.terms}
     assert penalties["m2-m1.k2"] == pytest.approx(penalties["m1-ground.k3"], rel=1e-8)  # same numerics
-    assert penalties["m2-m1.k3"] == pytest.approx(penalties["m2-m1.k2"], abs=1e-8 * found.kept[0].z ** 2)
+    assert penalties["m2-m1.k3"] == pytest.approx(penalties["m2-m1.k2"], abs=1e-8 * discovered.kept[0].z ** 2)
     assert penalties["m2-ground.k"] > penalties["m2-m1.k2"]
 
 
-def test_stated_links_are_certain(chain: lw.Structure, found: lw.Discovery) -> None:
+def test_stated_links_are_certain(chain: lw.Structure, discovered: lw.Discovery) -> None:
     stated = lw.Structure(
         chain.name, chain.masses, (chain.link("spring1"), chain.unknown("nes").link("nes1"))
     )
-    known = lw.discover(found.estimate.record, stated)
+    known = lw.discover(discovered.estimate.record, stated)
     assert known.certainty("spring1") == known.certainty("nes1") == float("inf")
     assert "stated" in str(known) and "given" in str(known)
 
 
 def test_a_stated_link_with_a_doubtful_term_is_certain_everywhere(
-    chain: lw.Structure, found: lw.Discovery
+    chain: lw.Structure, discovered: lw.Discovery
 ) -> None:
     """It is there because it was stated, whatever is thought of one of its terms."""
     spring = lw.Link("spring1", ("m1", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(30000.0)})
     known = lw.discover(
-        found.estimate.record, replace(chain, links=(spring, chain.unknown("nes").link("nes1")))
+        discovered.estimate.record, replace(chain, links=(spring, chain.unknown("nes").link("nes1")))
     )
     assert "spring1.c" in [term.name for term in known.kept]
     doubted = in_doubt(known, "spring1.c")
@@ -133,23 +128,23 @@ def line_styles(figure: Figure) -> list[str]:
     return [str(line.get_linestyle()) for line in figure.axes[0].lines]
 
 
-def test_graph_shows_masses_kinds_and_kilograms(found: lw.Discovery) -> None:
-    assert words(graph_figure(found)) == {"m1", "m2", "1 kg", "10 g", "linear", "bistable"}
-    assert set(line_styles(graph_figure(found))) == {"-", "None"}  # lines and the circles of the masses
+def test_graph_shows_masses_kinds_and_kilograms(discovered: lw.Discovery) -> None:
+    assert words(graph_figure(discovered)) == {"m1", "m2", "1 kg", "10 g", "linear", "bistable"}
+    assert set(line_styles(graph_figure(discovered))) == {"-", "None"}  # lines and the circles of the masses
 
 
-def test_graph_draws_doubt(found: lw.Discovery) -> None:
-    doubted = in_doubt(found, "m2-m1.k3")
+def test_graph_draws_doubt(discovered: lw.Discovery) -> None:
+    doubted = in_doubt(discovered, "m2-m1.k3")
     assert "bistable?" in words(graph_figure(doubted)) and "--" not in line_styles(graph_figure(doubted))
     gone = in_doubt(in_doubt(doubted, "m2-m1.k"), "m2-m1.c")
     assert line_styles(graph_figure(gone)).count("--") == 1
-    dropped = in_doubt(found, "m2-ground.k3")
+    dropped = in_doubt(discovered, "m2-ground.k3")
     faint = [line for line in graph_figure(dropped).axes[0].lines if line.get_linestyle() == ":"]
     assert [to_hex(line.get_color()).upper() for line in faint] == [MEASURED]
 
 
-def test_stiffer_links_are_wider(found: lw.Discovery) -> None:
-    spring, sink = graph_figure(found).axes[0].lines[:2]
+def test_stiffer_links_are_wider(discovered: lw.Discovery) -> None:
+    spring, sink = graph_figure(discovered).axes[0].lines[:2]
     assert spring.get_linewidth() > sink.get_linewidth()
 
 
@@ -175,37 +170,37 @@ def test_parts_that_nothing_joins_stand_apart() -> None:
     assert heights[0].max() < heights[1].min() and heights[1].max() < heights[2].min()
 
 
-def test_path_marks_the_chosen_point(found: lw.Discovery) -> None:
-    path, runners = path_figure(found).axes
+def test_path_marks_the_chosen_point(discovered: lw.Discovery) -> None:
+    path, runners = path_figure(discovered).axes
     [chosen] = [line for line in path.lines if line.get_label() == "chosen"]
     assert np.asarray(chosen.get_xydata()).tolist() == [[5, 0.0]]
     criterion = next(line for line in path.lines if str(line.get_label()).startswith("criterion"))
     heights = np.asarray(criterion.get_ydata())
-    assert heights.min() == 0.0 and len(heights) == len(found.path)
+    assert heights.min() == 0.0 and len(heights) == len(discovered.path)
     assert [label.get_text() for label in runners.get_yticklabels()] == [
-        each.change for each in found.runners_up
+        each.change for each in discovered.runners_up
     ]
 
 
-def test_evidence_stands_above_the_price_where_a_term_was_kept(found: lw.Discovery) -> None:
-    [axes] = evidence_figure(found).axes
+def test_evidence_stands_above_the_price_where_a_term_was_kept(discovered: lw.Discovery) -> None:
+    [axes] = evidence_figure(discovered).axes
     [prices] = [line.get_xdata() for line in axes.lines if line.get_label() == "penalty of the term"]
     bars = np.array([bar.get_width() for bars in axes.containers for bar in bars])
-    assert len(bars) == len(found.terms)
-    np.testing.assert_array_equal(bars > prices, [term.kept for term in found.terms])
+    assert len(bars) == len(discovered.terms)
+    np.testing.assert_array_equal(bars > prices, [term.kept for term in discovered.terms])
 
 
-def test_figures_can_do_without_a_path_or_anything_dropped(found: lw.Discovery, tmp_path: Path) -> None:
-    bare = replace(found, runners_up=(), path=(), terms=found.kept)
+def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discovery, tmp_path: Path) -> None:
+    bare = replace(discovered, runners_up=(), path=(), terms=discovered.kept)
     for name, draw in {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}.items():
         png, svg = save(draw(bare), tmp_path / name)
         assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
 
 
 @pytest.fixture(scope="module")
-def folder(found: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result folder as `discover --truth` writes it."""
-    return lw.write_discovery(found, tmp_path_factory.mktemp("results") / "answer", truth=chain)
+    return lw.write_discovery(discovered, tmp_path_factory.mktemp("results") / "answer", truth=chain)
 
 
 def test_folder_is_that_of_identify_and_more(folder: Path) -> None:
@@ -217,32 +212,34 @@ def test_folder_is_that_of_identify_and_more(folder: Path) -> None:
     assert json.loads((folder / "result.json").read_text())["files"] == sorted(files)
 
 
-def test_result_json_holds_the_discovery(folder: Path, found: lw.Discovery, chain: lw.Structure) -> None:
+def test_result_json_holds_the_discovery(folder: Path, discovered: lw.Discovery, chain: lw.Structure) -> None:
     result = json.loads((folder / "result.json").read_text())
     assert (
         result["status"] == "converged" and result["settled"] is True and result["version"] == lw.__version__
     )
-    assert [term["name"] for term in result["terms"]] == [term.name for term in found.terms]
+    assert [term["name"] for term in result["terms"]] == [term.name for term in discovered.terms]
     assert {"path", "runners_up", "remarks", "links", "noise", "fit"} <= set(result)
     assert result["truth"]["missing"] == result["truth"]["extra"] == [] and len(result["truth"]["right"]) == 5
     assert set(result["nmse_percent"]) == {"m1-ground", "m2-m1"}
-    alone = lw.discovery_of(found)
+    alone = lw.discovery_of(discovered)
     assert "truth" not in alone and "nmse_percent" not in alone
     with pytest.raises(lw.StructureError, match="the true structure does not have the mass m2"):
-        lw.discovery_of(found, replace(chain, masses=chain.masses[:1], links=chain.links[:1]))
+        lw.discovery_of(discovered, replace(chain, masses=chain.masses[:1], links=chain.links[:1]))
 
 
-def test_terms_csv_has_every_candidate_that_was_tested(folder: Path, found: lw.Discovery) -> None:
+def test_terms_csv_has_every_candidate_that_was_tested(folder: Path, discovered: lw.Discovery) -> None:
     rows = list(csv.DictReader((folder / "terms.csv").read_text().splitlines()))
-    assert [row["name"] for row in rows] == [term.name for term in found.terms]
-    assert [row["kept"] == "true" for row in rows] == [term.kept for term in found.terms]
+    assert [row["name"] for row in rows] == [term.name for term in discovered.terms]
+    assert [row["kept"] == "true" for row in rows] == [term.kept for term in discovered.terms]
     margins = [float(row["margin"]) for row in rows]
-    assert margins == pytest.approx([term.margin for term in found.terms], rel=1e-9)  # ten printed digits
+    assert margins == pytest.approx(
+        [term.margin for term in discovered.terms], rel=1e-9
+    )  # ten printed digits
 
 
-def test_structure_is_the_discovered_one(folder: Path, found: lw.Discovery) -> None:
+def test_structure_is_the_discovered_one(folder: Path, discovered: lw.Discovery) -> None:
     written = lw.read_structure(folder / "structure.toml")
-    assert written.parameters == () and written == found.structure
+    assert written.parameters == () and written == discovered.structure
 
 
 def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: Path) -> None:
@@ -254,9 +251,11 @@ def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: P
     assert re.findall(r'<(?:script|link|img|iframe)[^>]*\b(?:src|href)="(?!data:)', page) == []
 
 
-def test_page_of_a_bad_answer_says_so(found: lw.Discovery, tmp_path: Path) -> None:
+def test_page_of_a_bad_answer_says_so(discovered: lw.Discovery, tmp_path: Path) -> None:
     bad = replace(
-        found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED), remarks=("m2 <b>hardly</b> moved.",)
+        discovered,
+        verdicts=(*discovered.verdicts, lw.Verdict.SEARCH_UNSETTLED),
+        remarks=("m2 <b>hardly</b> moved.",),
     )
     page = (lw.write_discovery(bad, tmp_path / "bad") / "report.html").read_text()
     assert 'class="verdict untrusted"' in page and 'class="verdict trusted"' not in page
@@ -265,14 +264,16 @@ def test_page_of_a_bad_answer_says_so(found: lw.Discovery, tmp_path: Path) -> No
 
 
 def test_nothing_is_left_where_writing_fails(
-    found: lw.Discovery, chain: lw.Structure, tmp_path: Path
+    discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
 ) -> None:
     with pytest.raises(lw.StructureError):
         lw.write_discovery(
-            found, tmp_path / "answer", truth=replace(chain, masses=chain.masses[:1], links=chain.links[:1])
+            discovered,
+            tmp_path / "answer",
+            truth=replace(chain, masses=chain.masses[:1], links=chain.links[:1]),
         )
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     with pytest.raises(lw.LinkwiseError, match="is not a result of linkwise"):
-        lw.write_discovery(found, tmp_path / "thesis")
+        lw.write_discovery(discovered, tmp_path / "thesis")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis"]

@@ -49,18 +49,13 @@ def faults(figure: Figure) -> list[str]:
     return cut + on
 
 
-@pytest.fixture(scope="module")
-def found(chain: lw.Structure) -> lw.Discovery:
-    """The paper's two-mass chain, discovered."""
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1001)
-    return lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
-
-
-def test_figures_of_identify_and_discover_have_no_faults(found: lw.Discovery, fitted: lw.Estimate) -> None:
+def test_figures_of_identify_and_discover_have_no_faults(
+    discovered: lw.Discovery, fitted: lw.Estimate
+) -> None:
     figures = {
-        "graph": lw.plot.graph_figure(found),
-        "path": lw.plot.path_figure(found),
-        "evidence": lw.plot.evidence_figure(found),
+        "graph": lw.plot.graph_figure(discovered),
+        "path": lw.plot.path_figure(discovered),
+        "evidence": lw.plot.evidence_figure(discovered),
         "histories": lw.plot.histories_figure(fitted.record),
         "two panels": lw.plot.force_figure(fitted, "nes1"),
         "one panel": lw.plot.force_figure(fitted, "spring1"),

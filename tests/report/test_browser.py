@@ -65,10 +65,9 @@ def test_absorption_page_renders_with_its_figures(
 
 
 def test_discovery_page_renders_with_its_figures(
-    fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
+    discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    found = lw.discover(fitted.record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
-    folder = lw.write_discovery(found, tmp_path_factory.mktemp("discovered") / "answer", truth=chain)
+    folder = lw.write_discovery(discovered, tmp_path_factory.mktemp("discovered") / "answer", truth=chain)
     shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
     assert shown.console == () and shown.shades > 50
     assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400

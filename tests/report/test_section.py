@@ -41,13 +41,6 @@ def section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Build[A
     del sys.modules["temporary_spectrum"]
 
 
-@pytest.fixture(scope="module")
-def found(chain: lw.Structure) -> lw.Discovery:
-    """The paper's two-mass chain, discovered."""
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1001)
-    return lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in chain.masses})
-
-
 def check(
     sections: Registry[Build[Any]],
     section: Build[Any],
@@ -80,12 +73,12 @@ def test_a_figure_of_an_estimate_is_a_function_and_a_line(
 
 
 def test_a_figure_of_a_discovery_is_a_function_and_a_line(
-    section: Build[Any], found: lw.Discovery, tmp_path: Path
+    section: Build[Any], discovered: lw.Discovery, tmp_path: Path
 ) -> None:
     check(
         discovery_page.SECTIONS,
         section,
-        lambda folder: lw.write_discovery(found, folder),
+        lambda folder: lw.write_discovery(discovered, folder),
         tmp_path,
         "Discovery",
     )

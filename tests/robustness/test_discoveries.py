@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.discovery.evidence import _larger
@@ -45,7 +46,7 @@ def attempt(record: lw.Record, masses: dict[str, float]) -> None:
 @pytest.mark.parametrize("duration", [3.0, 6.0])
 def test_the_chain_at_a_rate_that_is_too_low(seed: int, duration: float) -> None:
     """100 Hz and 20 dB: four samples for a period of the sink."""
-    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=duration, rate=100.0)
+    record = chain_record(2, duration=duration, rate=100.0)
     attempt(record.with_noise(20.0, seed=seed), {"m1": 1.0, "m2": 0.01})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 
@@ -51,9 +52,7 @@ def test_modes_of_coefficients_near_the_largest_number_are_refused(k: float, c: 
 
 
 def test_samples_that_nothing_can_have_are_refused() -> None:
-    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=500.0).with_noise(
-        30.0, seed=1
-    )
+    record = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
     values = {name: record.channel(name).copy() for name in record.channels}
     values["x:m2"][40] = 1e300
     with pytest.raises(lw.RecordError, match=r"the value is 1e\+300, more than 1e\+100 \(sample 40\)"):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
@@ -21,7 +22,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     chain = lw.bnes_chain(2)
     lw.write_structure(chain, folder / "chain.toml")
     lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+    record = chain_record(2, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
     lw.write_record(record, folder / "run.csv")
     return folder
 

@@ -11,6 +11,7 @@ from errno import EACCES, EBUSY, ENOSPC
 from pathlib import Path
 
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.atomic import FullDiskError, OutputError, atomic_file, atomic_folder, check_result_folder
@@ -241,7 +242,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     folder = tmp_path_factory.mktemp("files")
     chain = lw.bnes_chain(2)
     lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+    record = chain_record(2, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
     lw.write_record(record, folder / "run.csv")
     return ["identify", str(folder / "run.csv"), str(folder / "unknown.toml"), "--method", "weak"]
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 from linkwise.errors import RecordError
-from linkwise.model.chains import bnes_chain
 from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth, noise_sigma
-from linkwise.simulation.simulate import simulate
 
 RATE = 1000.0
 TIME = np.arange(6001) / RATE
@@ -45,14 +44,7 @@ def test_the_noise_is_found_within_five_per_cent(decibel: float) -> None:
 @pytest.fixture(scope="module", params=[2, 6])
 def chain(request: pytest.FixtureRequest) -> Record:
     """The paper's chain: 6 s at 1 kHz, displacements only."""
-    size = request.param
-    return simulate(
-        bnes_chain(size),
-        release={"v:m1": 1.0 if size == 2 else 3.0},
-        duration=6.0,
-        rate=1000.0,
-        sensors=("x",),
-    )
+    return chain_record(request.param)
 
 
 @pytest.mark.parametrize(("decibel", "limit"), [(10.0, 0.05), (20.0, 0.05), (40.0, 0.05), (60.0, 0.1)])

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self, final
 
 import pytest
+from problems import chain_record
 from small_study import DIVERGING, small
 
 import linkwise as lw
@@ -94,7 +95,7 @@ def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
         row for row in lw.read_rows(folder) if row.case == Case("bnes2", 40.0, "classical, states", 1001)
     )
     chain = lw.bnes_chain(2)
-    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0, sensors=("x", "v", "a"))
+    clean = chain_record(2, duration=0.5, sensors=("x", "v", "a"))
     states = lw.noisy_states(clean, "states", 40.0, seed=1001)
     fit = lw.LeastSquares().fit(lw.monomial_equations(states, order=3))
     assert row.links == pytest.approx({"nes1": lw.monomial_nmse(fit, chain, "nes1", clean)}, rel=1e-6)

@@ -5,23 +5,15 @@ Seeds 1000 to 1019, which nothing was tuned on.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from present import present, some
+from problems import chain_record
 
 import linkwise as lw
 
 SEEDS = range(1000, 1020)
 LEVELS = {10.0: 1.0, 20.0: 0.03, 40.0: 2e-4}  # dB: largest median NMSE of the sink forces in %
-
-
-@cache
-def clean(n: int) -> lw.Record:
-    """The paper's run of n masses, 6 s at 1 kHz, noise-free."""
-    speed = 1.0 if n == 2 else 3.0
-    return lw.simulate(lw.bnes_chain(n), release={"v:m1": speed}, duration=6.0, rate=1000.0)
 
 
 @pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
@@ -32,7 +24,7 @@ def test_sinks_and_standard_errors(n: int, decibel: float) -> None:
     truth = _values(chain)
     errors, z = [], []
     for seed in SEEDS:
-        record = clean(n).with_noise(decibel, seed=seed)
+        record = chain_record(n).with_noise(decibel, seed=seed)
         fit = lw.identify(record, chain.unknown("all"), method="weak")
         assert fit.trusted, fit.message
         sinks = [link for link in fit.structure.links if link.name.startswith("nes")]
@@ -52,7 +44,7 @@ def test_intervals_and_bands_cover() -> None:
     at five elongations, of a well, the barrier and the frequency.
     """
     chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
+    record = chain_record(2, duration=3.0)
     truth, d = _values(chain), np.array([-0.03, -0.01, 0.004, 0.012, 0.028])
     force = chain.link("nes1").force(d)
     frequency = np.sqrt(200.0 / (1.0 / (1.0 / 0.01 + 1.0))) / (
@@ -80,7 +72,7 @@ def test_short_records_say_how_little_they_tell(duration: float) -> None:
     """A few dozen windows: z keeps its size over 60 seeds, and the 95 % intervals still cover 90 % or more."""
     chain = lw.bnes_chain(2)
     truth = _values(chain)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=duration, rate=1000.0)
+    record = chain_record(2, duration=duration)
     z = []
     for seed in range(60):
         fit = lw.identify(record.with_noise(30.0, seed=seed), chain.unknown("all"), method="weak")
@@ -97,7 +89,7 @@ def test_short_records_say_how_little_they_tell(duration: float) -> None:
 def test_without_noise_the_answer_is_exact_and_trusted() -> None:
     """To the alias of the window, 1e-5 of a coefficient."""
     chain = lw.bnes_chain(4)
-    fit = lw.identify(clean(4), chain.unknown("all"), method="weak")
+    fit = lw.identify(chain_record(4), chain.unknown("all"), method="weak")
     assert fit.trusted
     for name, value in some(_values(chain).items()):
         assert fit.coefficient(name).value == pytest.approx(value, rel=1e-5)
@@ -106,6 +98,6 @@ def test_without_noise_the_answer_is_exact_and_trusted() -> None:
 def test_two_ways_agree_on_a_record_without_noise() -> None:
     """The weak form against columns over measured velocities and accelerations: no step in common but the laws."""
     chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0, sensors=("x", "v", "a"))
+    record = chain_record(2, duration=3.0, sensors=("x", "v", "a"))
     weak, columns = (lw.identify(record, chain.unknown("all"), method=method) for method in ("weak", "sindy"))
     assert weak.values == pytest.approx(columns.values, rel=1e-5)

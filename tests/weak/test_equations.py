@@ -94,7 +94,7 @@ def test_windows_see_elongations_and_rates() -> None:
 
 def test_windows_that_miss_a_sample_are_left_out() -> None:
     chain = lw.bnes_chain(2)
-    whole = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=RATE).with_noise(40.0, seed=1)
+    whole = chain_record(2, duration=1.0).with_noise(40.0, seed=1)
     values = whole.values.copy()
     values[500:520, 1] = np.nan
     broken = replace(whole, values=values, noise=present(whole.simulated).noise)
@@ -129,7 +129,7 @@ def test_where_a_rate_is_not_known_nothing_is_asked() -> None:
 def test_a_mass_is_asked_where_its_neighbours_were_seen() -> None:
     """Of the 6-chain m1 - m3 - m5 with sinks m2, m4, m6: without x:m4 neither m3 nor m4 can be asked."""
     chain = lw.bnes_chain(6)
-    record = lw.simulate(chain, release={"v:m1": 3.0}, duration=1.0, rate=RATE)
+    record = chain_record(6, duration=1.0)
     found = equations(record.select([f"x:m{i}" for i in (1, 2, 3, 5, 6)]), chain)
     assert sorted(mass for patch in found.patches for mass in patch.masses.tolist()) == [0, 1, 4, 5]
 
@@ -158,7 +158,7 @@ def test_a_record_that_is_too_broken_says_so() -> None:
 def test_single_missing_samples_everywhere_leave_a_band() -> None:
     """No stretch of 256 samples is whole, yet the window is chosen as for the whole record."""
     chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1)
+    record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     values = record.values.copy()
     values[100::150] = np.nan
     whole, broken = (read_displacements(each, chain) for each in (record, replace(record, values=values)))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.weak import fit as weakfit
@@ -38,8 +39,8 @@ def chain() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def clean(chain: lw.Structure) -> lw.Record:
-    return lw.simulate(chain, release={"v:m1": 3.0}, duration=3.0, rate=1000.0)
+def clean() -> lw.Record:
+    return chain_record(4, duration=3.0)
 
 
 @pytest.mark.parametrize("decibel", [20.0, 40.0])

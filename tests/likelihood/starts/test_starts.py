@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.likelihood.starts.coefficients import law_start
@@ -20,14 +19,8 @@ from linkwise.likelihood.starts.inverse_dynamics import (
 from linkwise.signals.channel_noise import channel_noise
 
 
-@lru_cache
-def clean(n: int, kind: str) -> lw.Record:
-    speed = 1.0 if n == 2 else 3.0
-    return lw.simulate(lw.bnes_chain(n), release={"v:m1": speed}, duration=6.0, rate=1000.0, sensors=(kind,))
-
-
 def noisy(n: int, kind: str, seed: int) -> lw.Record:
-    return clean(n, kind).with_noise(30.0, seed=seed)
+    return chain_record(n, sensors=(kind,)).with_noise(30.0, seed=seed)
 
 
 def deviations(found: lw.Estimate, true: lw.Structure) -> np.ndarray:
@@ -92,7 +85,7 @@ def test_a_nonlinear_coefficient_needs_a_start() -> None:
 
 def test_masses_follow_from_elongations() -> None:
     true = lw.bnes_chain(4)
-    record = clean(4, "v")
+    record = chain_record(4, sensors=("v",))
     moved = present(record.simulated)
     x, v = masses_from_links(
         record, true, true.elongations(moved.displacement).T, true.elongations(moved.velocity).T
@@ -108,7 +101,7 @@ def test_what_tells_links() -> None:
     assert needs_integration(record, chain)
     assert not determines_links(record.select(["v:m1"]), chain)
     assert not determines_links(record, chain.unknown("mass:m2"))
-    displaced = clean(2, "x")
+    displaced = chain_record(2)
     assert determines_links(displaced, chain)
     assert not needs_integration(displaced, chain)
 

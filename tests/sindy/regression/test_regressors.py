@@ -10,7 +10,6 @@ from problems import chain_record
 from linkwise.errors import IdentificationError
 from linkwise.model.chains import bnes_chain
 from linkwise.signals.states import differentiate
-from linkwise.simulation.simulate import simulate
 from linkwise.sindy.conventions import noisy_states
 from linkwise.sindy.force_reading import monomial_nmse
 from linkwise.sindy.library import monomial_equations
@@ -234,7 +233,7 @@ def test_the_choice_on_rows_held_out_beats_all_terms_on_noisy_states(
     regressor: Regressor, decibel: float
 ) -> None:
     structure = bnes_chain(6)
-    record = simulate(structure, release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
+    record = chain_record(6, sensors=("x", "v", "a"))
     system = monomial_equations(noisy_states(record, "states", decibel, seed=1000), 3)
     gram = Gram.of(system)
     errors = {
