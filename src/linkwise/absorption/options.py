@@ -85,9 +85,24 @@ class AbsorptionOptions:
 
     @classmethod
     def of(cls, **keywords: Unpack[AbsorptionKeywords]) -> AbsorptionOptions:
-        """The options from keywords, among them those of `Excitation.of`.
+        """Make options from keywords.
 
-        Raises SimulationError and StructureError for invalid options, TypeError for an unknown keyword.
+        Parameters
+        ----------
+        **keywords
+            The fields but `excitation`, and those of `Excitation.of`: `release`, `impulses`, `forces`, `base`.
+
+        Returns
+        -------
+        AbsorptionOptions
+            The options.
+
+        Raises
+        ------
+        SimulationError, StructureError
+            If an option or the excitation is invalid.
+        TypeError
+            If a keyword is unknown.
         """
         names = {each.name for each in fields(cls)}
         own: dict[str, Any] = {name: value for name, value in keywords.items() if name in names}

@@ -54,7 +54,23 @@ class DiscoveryOptions:
 
     @classmethod
     def of(cls, **keywords: Unpack[DiscoveryKeywords]) -> DiscoveryOptions:
-        """The options from keywords; TypeError for an unknown one."""
+        """Make options from keywords.
+
+        Parameters
+        ----------
+        **keywords
+            The fields.
+
+        Returns
+        -------
+        DiscoveryOptions
+            The options.
+
+        Raises
+        ------
+        TypeError
+            If a keyword is unknown.
+        """
         return cls(**keywords)
 
     @classmethod

@@ -11,11 +11,42 @@ from linkwise.records.record import Record
 
 
 def nmse(true: Link, found: Link, record: Record) -> float:
-    """The paper's Eq. (8) in %: mean square of the difference of both forces over the variance of the true one.
+    """Compute the normalised mean square error of an identified force.
 
-    The forces are the stiffness forces (v = 0) at the elongations of `record`; of a simulated record the true elongations are
-    taken, of a measured one the displacements as they are. Raises RecordError where an end of the link has no displacement,
-    and where the true force does not vary.
+    It is the mean square of the difference of both stiffness forces (v = 0) over the variance of the true one, at the
+    elongations of a record: the true ones of a simulated record, those of the displacements of a measured one.
+
+    Parameters
+    ----------
+    true : Link
+        The link with its true law.
+    found : Link
+        The link with the identified law.
+    record : Record
+        The motion over which both are compared.
+
+    Returns
+    -------
+    float
+        The error in %.
+
+    Raises
+    ------
+    RecordError
+        If an end of the link has no displacement in the record, or the true force does not vary.
+
+    References
+    ----------
+    The paper, Eq. 8.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> weaker = lw.bnes_chain(2, alpha=-99.0)
+    >>> bool(0.0 < lw.nmse(chain.link("nes1"), weaker.link("nes1"), record) < 0.1)
+    True
     """
     d = _elongation(true, record)
     force = true.force(d)

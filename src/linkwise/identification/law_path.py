@@ -40,10 +40,20 @@ FAMILY = (
 
 @dataclass(frozen=True)
 class LawStep:
-    """A law on the path: its structure (unknown coefficients), the part of the motion that it leaves, and its BIC.
+    """A law on the path of `law_path`.
 
-    `left` is the root mean square of the residuals over that of the record, `bic` the Bayesian information criterion with
-    `residual` (sigma of what is left, in deviations of the noise) profiled out: smaller is better.
+    Attributes
+    ----------
+    structure : Structure
+        The structure with this law, its coefficients unknown.
+    terms : tuple of str
+        The terms of the law, in the order in which they were added.
+    left : float
+        Root mean square of the residuals over that of the record.
+    residual : float
+        Standard deviation of the residuals, in standard deviations of the noise.
+    bic : float
+        The Bayesian information criterion with `residual` profiled out; smaller is better.
     """
 
     structure: Structure
@@ -63,11 +73,48 @@ def law_path(
     most: int = 8,
     progress: Progress = silent,
 ) -> tuple[LawStep, ...]:
-    """Laws for `link` of `structure`, from `start` to `most` terms, each term with a coefficient of its own.
+    """Find the law of one link term by term, each time adding the term that explains most of the record.
 
-    Terms are texts in d and v ("d**3", "v*abs(d)", "1" for a constant force); the coefficients of all other links are as
-    `structure` says. A candidate whose fit does not converge is passed over; the path ends where none is left.
-    Raises IdentificationError where even `start` does not converge.
+    Every law is fitted by maximum likelihood. A candidate whose fit does not converge is passed over; the path ends where none
+    is left.
+
+    Parameters
+    ----------
+    record : Record
+        A record of the structure.
+    structure : Structure
+        The structure; coefficients of all other links are known or unknown as it states.
+    link : str
+        The name of the link.
+    candidates : sequence of str
+        Terms in the elongation d (m) and its rate v (m/s), such as "d**3" and "v*abs(d)"; "1" is a constant force.
+    start : sequence of str
+        The terms of the first law.
+    most : int
+        The number of terms of the last law.
+    progress : Progress
+        Called with a `ProgressReport` before each fit.
+
+    Returns
+    -------
+    tuple of LawStep
+        The laws, by number of terms.
+
+    Raises
+    ------
+    IdentificationError
+        If the first law does not converge.
+    StructureError
+        If there is no such link.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0).with_noise(40.0, seed=1)
+    >>> path = lw.law_path(record, chain, "nes1", candidates=("d**2", "d**3"), most=3)
+    >>> [step.terms for step in path]
+    [('d', 'v'), ('d', 'v', 'd**3')]
     """
     terms = tuple(start)
     path = [_fitted(record, structure, link, terms)]
@@ -76,10 +123,10 @@ def law_path(
             f'link "{link}": the law with the terms {", ".join(start)} does not converge on this record'
         )
     while len(terms) < most:
-        left = [term for term in candidates if term not in terms]
+        remaining = [term for term in candidates if term not in terms]
         tried = []
-        for number, term in enumerate(left):
-            done = (len(terms) + number / len(left)) / most
+        for number, term in enumerate(remaining):
+            done = (len(terms) + number / len(remaining)) / most
             progress(ProgressReport(done, f"{len(terms) + 1} terms: {term}"))
             tried.append(_fitted(record, structure, link, (*terms, term)))
         converged = [step for step in tried if step is not None]
@@ -102,17 +149,20 @@ def law_of(terms: Sequence[str]) -> tuple[Law, dict[str, Coefficient]]:
 
 def _fitted(record: Record, structure: Structure, link: str, terms: tuple[str, ...]) -> LawStep | None:
     """One law on the path, or None where its fit does not converge."""
-    old = structure.link(link)
-    new = Link(old.name, old.between, *law_of(terms))
-    asked = replace(structure, links=tuple(new if each.name == link else each for each in structure.links))
+    new = Link(link, structure.link(link).between, *law_of(terms))
+    searched = replace(structure, links=tuple(new if old.name == link else old for old in structure.links))
     try:
-        theta, spread = starting_values([record], asked)
+        theta, spread = starting_values([record], searched)
     except IdentificationError:
         return None
-    fit = likelihood_fit([record], asked, theta, spread=spread, options=LikelihoodOptions(model_error=False))
+    fit = likelihood_fit(
+        [record], searched, theta, spread=spread, options=LikelihoodOptions(model_error=False)
+    )
     if fit.status is not AnnealingStatus.CONVERGED:
         return None
     channels = record.responses
     power = [fit.noise[name] ** 2 / np.nanmean(record.channel(name) ** 2) for name in channels]
     bic = fit.samples * np.log(fit.chi_square) + len(fit.values) * np.log(fit.samples)
-    return LawStep(asked, terms, float(np.sqrt(np.mean(power))), float(np.sqrt(fit.chi_square)), float(bic))
+    return LawStep(
+        searched, terms, float(np.sqrt(np.mean(power))), float(np.sqrt(fit.chi_square)), float(bic)
+    )

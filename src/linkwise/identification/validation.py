@@ -1,4 +1,4 @@
-"""How far an identified structure is from a record that it has not seen."""
+"""Validation: an identified structure on a record that it was not identified from."""
 
 from __future__ import annotations
 
@@ -22,11 +22,18 @@ _AFTER = 8  # samples of input beyond the settling: the spline through them then
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """What a structure does when it is left to itself, beside a record.
+    """A simulation of a structure under the inputs of a record, compared with that record.
 
-    `motion` has the responses of the record as the structure gives them, `residual` those of the record less these, both at
-    the samples of the record; `rmse` per channel is the root mean square of the residual after the `settling` first samples,
-    which told the initial state, in the channel's SI unit.
+    Attributes
+    ----------
+    motion : Record
+        The responses of the record as the structure gives them.
+    residual : Record
+        The responses of the record less these.
+    rmse : mapping of str to float
+        Root mean square of the residual after the first `settling` samples, by channel, in its SI unit.
+    settling : int
+        The number of samples that the initial state was fitted to.
     """
 
     motion: Record
@@ -36,29 +43,52 @@ class FreeRun:
 
     @property
     def horizon(self) -> float | None:
-        """Seconds from the start until rounding alone has grown to a part of the motion; None where it does not within the
-        run. An error of the structure or of its initial state gets there sooner.
+        """Time in s past which a chaotic motion cannot be predicted; None if it can throughout.
+
+        Rounding alone has then grown to a part of the motion; an error of the structure or of its initial state gets there
+        sooner.
         """
         return None if self.motion.simulated is None else self.motion.simulated.horizon
 
 
 def free_run(structure: Structure, record: Record, *, settling: int = 50) -> FreeRun:
-    """Simulate an identified `structure` under the inputs of `record`, from the state that fits its first samples best.
+    """Simulate an identified structure under the inputs of a record, from the state that fits its first samples best.
 
-    The state, displacement and velocity of every mass, is a least squares fit over the first `settling` samples through the
-    simulation; forces and base motion come from the record, interpolated by a spline of the fifth order. Run it on a part of
-    the record that the structure was not identified from:
+    Use a part of the record that the structure was not identified from. A chaotic structure departs from any record after a
+    while, however well it is identified, since the error of its initial state grows (that of the paper's chains within about a
+    second): the run then validates the time before, and `nmse` compares forces over the whole record.
 
-        whole = lw.read_record("run.csv")
-        fit = lw.identify(whole[:8000], structure)
-        lw.free_run(fit.structure, whole[8000:]).rmse
+    Parameters
+    ----------
+    structure : Structure
+        The structure, every coefficient a number.
+    record : Record
+        The record. Its forces and base motion drive the structure, interpolated by a spline of the fifth order.
+    settling : int
+        The number of samples to which the displacements and velocities at the start are fitted, by least squares.
 
-    A chaotic structure parts from any record after a while, however well it is identified: the error of its initial state
-    grows until nothing is left (the paper's chains within a second or so). There the run tells of the time before, and
-    statistics of the force, such as `nmse`, tell the rest.
+    Returns
+    -------
+    FreeRun
+        The motion, and its difference from the record.
 
-    Raises RecordError where the record has no response of the structure, has inputs with gaps or a base without displacement,
-    or is not longer than the settling; SimulationError where the structure diverges.
+    Raises
+    ------
+    RecordError
+        If the record has no response of the structure, has inputs with gaps or a base without displacement, or is not longer
+        than the settling.
+    SimulationError
+        If the structure diverges.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record[:500], chain.unknown("nes"))
+    >>> run = lw.free_run(fit.structure, record[500:700])
+    >>> sorted(run.rmse)
+    ['x:m1', 'x:m2']
     """
     channels = _responses(structure, record)
     if not 2 <= settling < len(record):
@@ -126,7 +156,7 @@ def _run(
     names = structure.mass_names
     release = {f"x:{name}": float(x) for name, x in zip(names, state[: len(names)], strict=True)}
     release |= {f"v:{name}": float(v) for name, v in zip(names, state[len(names) :], strict=True)}
-    forces = {name.partition(":")[2]: each for name, each in inputs.items() if name.startswith("force:")}
+    forces = {name.partition(":")[2]: signal for name, signal in inputs.items() if name.startswith("force:")}
     return simulate(
         structure,
         duration=(samples - 1) / rate,
@@ -145,23 +175,23 @@ def _initial_state(
     first = seen.values[:settling]
     size = np.sqrt(np.nanmean(first**2, axis=0))
     weights = np.where(np.isfinite(first), 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
-    guess, scale = _first_look(structure, seen[:settling])
+    guess, scale = _rough_state(structure, seen[:settling])
 
     def residual(relative: Floats) -> Floats:
         run = _run(structure, seen.channels, guess + scale * relative, inputs, seen.rate, settling)
         return np.asarray((weights * (run.select(seen.channels).values - np.nan_to_num(first))).ravel())
 
     def slope(relative: Floats) -> Floats:
-        here = residual(relative)
+        unmoved = residual(relative)
         steps = _STEP * np.eye(len(guess))
-        return np.stack([(residual(relative + step) - here) / _STEP for step in steps], axis=1)
+        return np.stack([(residual(relative + step) - unmoved) / _STEP for step in steps], axis=1)
 
     return np.asarray(
         guess + scale * scipy.optimize.least_squares(residual, np.zeros(len(guess)), jac=slope).x
     )
 
 
-def _first_look(structure: Structure, seen: Record) -> tuple[Floats, Floats]:
+def _rough_state(structure: Structure, seen: Record) -> tuple[Floats, Floats]:
     """A rough state (2 n,) at the first of a few samples, from a parabola through each displacement, and its size (2 n,)."""
     count = structure.size
     guess, size = np.zeros(2 * count), np.zeros(2 * count)

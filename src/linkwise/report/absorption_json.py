@@ -1,4 +1,4 @@
-"""What absorption.json says."""
+"""The content of absorption.json."""
 
 from __future__ import annotations
 
@@ -11,5 +11,23 @@ from linkwise.absorption.result import Absorption
 
 
 def absorption_of(found: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
-    """What absorption.json says, as plain data."""
+    """Return the content of absorption.json as plain data.
+
+    Parameters
+    ----------
+    found : Absorption, AbsorptionIntervals or AbsorptionMap
+        A result of `absorb`, `absorption_intervals` or `absorption_map`.
+
+    Returns
+    -------
+    dict
+        The result as plain data, and the version of linkwise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=2.0, release={"v:m1": 1.0})
+    >>> lw.absorption_of(result)["trusted"]
+    True
+    """
     return {**found.to_dict(), "version": version("linkwise")}

@@ -1,4 +1,4 @@
-"""What result.json says of a discovery."""
+"""The content of result.json for a discovery."""
 
 from __future__ import annotations
 
@@ -12,10 +12,33 @@ from linkwise.report.estimate_json import result_of
 
 
 def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:
-    """What result.json says, as plain data.
+    """Return the content of result.json for a discovery as plain data.
 
-    With a `truth` also "nmse_percent" by link (paper Eq. 8), null where there is no such force in truth, and "truth", the
-    names of the terms that are right, missing and false. Raises StructureError for a truth with other masses.
+    Parameters
+    ----------
+    found : Discovery
+        A result of `discover`.
+    truth : Structure, optional
+        The true structure, which adds "nmse_percent", the NMSE of each force in % (paper Eq. 8) or None where it does not
+        exist, and "truth", the names of the terms that are right, missing and false.
+
+    Returns
+    -------
+    dict
+        The discovery as plain data, and the version of linkwise.
+
+    Raises
+    ------
+    StructureError
+        If the true structure has other masses.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> lw.discovery_of(lw.discover(record, {"m1": 1.0, "m2": 0.01}), chain)["truth"]["missing"]
+    []
     """
     result = {**found.to_dict(), "version": version("linkwise")}
     if truth is None:

@@ -23,10 +23,27 @@ _FIGURES = "figures"
 
 
 def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write report.html, figures/NAME.png and .svg and table_2.csv of the study in `folder`; returns the page's path.
+    """Write the report of a study into its folder: report.html, figures/NAME.png, figures/NAME.svg and table_2.csv.
 
-    It may be called at any time, while the study runs too: what is missing is said. The paper's figures and table are there
-    where the study has chains of the paper. `progress` is told the fraction done. Raises StudyError where there is no study.
+    It may be called at any time, also while the study runs: the page states what is missing. It has the paper's figures and
+    table if the study has chains of the paper.
+
+    Parameters
+    ----------
+    folder : path-like
+        The folder of the study, as `run_study` was given it.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The page, report.html.
+
+    Raises
+    ------
+    StudyError
+        If there is no study in the folder.
     """
     home = Path(folder)
     report = StudyReport.of(stored_study(home), read_rows(home))

@@ -104,11 +104,23 @@ class Study:
         return len(self.subjects) * len(self.snr_db) * len(self.methods) * self.cycles
 
     def subject(self, name: str) -> Subject:
-        """The subject called `name`; StudyError if there is none."""
+        """The subject called `name`.
+
+        Raises
+        ------
+        StudyError
+            If there is none.
+        """
         return _lookup(name, "structure", self._subjects)
 
     def method(self, name: str) -> StudyMethod:
-        """The method called `name`; StudyError if there is none."""
+        """The method called `name`.
+
+        Raises
+        ------
+        StudyError
+            If there is none.
+        """
         return _lookup(name, "method", self._methods)
 
     def cycle(self, case: Case) -> int:

@@ -116,9 +116,22 @@ class Subject:
         return tuple(link.name for link in nonlinear or unknown)
 
     def simulate(self, cycle: int = 0) -> Record:
-        """The clean record of a cycle, 0 for the first: x, v and a of every mass, and the inputs.
+        """Simulate a cycle without noise.
 
-        Raises SimulationError if the motion diverges.
+        Parameters
+        ----------
+        cycle : int
+            The number of the cycle, 0 for the first.
+
+        Returns
+        -------
+        Record
+            Displacements, velocities and accelerations of every mass, and the inputs.
+
+        Raises
+        ------
+        SimulationError
+            If the motion diverges.
         """
         factor = 1.0 + self.scatter * cycle
         return simulate(
@@ -133,7 +146,18 @@ class Subject:
         )
 
     def measured(self, clean: Record) -> Record:
-        """The channels of `clean` that the sensors measure, in their order, and the inputs."""
+        """Select what the sensors measure.
+
+        Parameters
+        ----------
+        clean : Record
+            A record of all motion, as `simulate` returns it.
+
+        Returns
+        -------
+        Record
+            The channels of the sensors, in their order, and the inputs.
+        """
         channels: dict[str, None] = {}
         for sensor in self.sensors:
             kinds = [f"{sensor}:{mass}" for mass in self.structure.mass_names] if sensor in _ALL else [sensor]
