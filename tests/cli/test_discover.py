@@ -18,7 +18,7 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.discovery.terms import FAMILIES
-from linkwise.likelihood import anneal
+from linkwise.likelihood import anneal, damped_step
 
 command = import_module("linkwise.cli.discover")  # the package holds the command under that name
 MASSES = ["--mass", "m1=1.0", "--mass", "m2=10 g"]
@@ -158,14 +158,14 @@ def test_ctrl_c_ends_with_the_best_so_far(
     files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The third step is never taken."""
-    steps, step = iter(range(100)), anneal._step
+    steps, step = iter(range(100)), damped_step.damped_step
 
     def interrupted(*nouns: Any) -> object:
         if next(steps) == 2:
             raise KeyboardInterrupt
         return step(*nouns)
 
-    monkeypatch.setattr(anneal, "_step", interrupted)
+    monkeypatch.setattr(anneal, "damped_step", interrupted)
     assert run(arguments(files, "-o", str(tmp_path / "found"))) == 3
     out = capsys.readouterr().out
     assert "NOT to be trusted" in out and "Not converged: interrupted." in out and "m2-m1" in out

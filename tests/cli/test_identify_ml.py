@@ -19,7 +19,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.likelihood import anneal
+from linkwise.likelihood import anneal, damped_step
 
 command = import_module("linkwise.cli.identify")  # the package holds the command under that name
 OFFSET = 5e-4
@@ -183,14 +183,14 @@ def test_ctrl_c_returns_the_best_so_far(
 ) -> None:
     """The third step is never taken; what the first two found is told, without intervals."""
     steps = iter(range(100))
-    step = anneal._step
+    step = damped_step.damped_step
 
     def interrupted(*nouns: Any) -> object:
         if next(steps) == 2:
             raise KeyboardInterrupt
         return step(*nouns)
 
-    monkeypatch.setattr(anneal, "_step", interrupted)
+    monkeypatch.setattr(anneal, "damped_step", interrupted)
     assert run(arguments(files)) == 3
     out = capsys.readouterr().out
     assert "not converged, NOT to be trusted" in out and "interrupted" in out and "alpha" in out
@@ -254,7 +254,7 @@ def test_an_offset_of_a_channel_that_is_not_there_fails_with_a_reason(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(arguments(files, "--offset", "x:m9")) == 1
-    assert "of x:m9 can be found: the record has x:m1, x:m2" in capsys.readouterr().err
+    assert "of x:m9 can be estimated: the record has x:m1, x:m2" in capsys.readouterr().err
 
 
 def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,8 +1,14 @@
-"""Annealed multiple shooting: Levenberg-Marquardt while the defects tighten from free to (nearly) none.
+"""Annealed multiple shooting: Levenberg-Marquardt iterations while the continuity of the segments is tightened.
 
-    minimise  sum loss((y - h(flow)) / sigma)  +  sum |defect / S|^2 / q^2 ,   q from loose to tight
+    minimise  sum loss((y - h(flow)) / sigma)  +  sum |defect / S|^2 / q^2 ,   q from 1 towards 0
 
-METHODS section 5; Bock 1981; Abarbanel's precision annealing.
+METHODS section 5.
+
+References
+----------
+H. G. Bock, in Modelling of Chemical Reaction Systems (1981), for multiple shooting.
+
+J. Ye et al., Phys. Rev. E 92, 052901 (2015), for annealing.
 """
 
 from __future__ import annotations
@@ -17,18 +23,21 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.bordered_system import BorderedFactor
+from linkwise.likelihood.damped_step import bounds, damped_step, freedom_per_sample
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.normal_equations import Linearization, linearise
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.progress import Progress, ProgressReport, silent
 
-_HOPELESS = 1e8  # damping at which no step is one
-_WILD = -10.0  # gain over promise below which the parabola through a step says nothing
-_ROUNDING = 1e-7  # of the cost: what single-precision tangents leave of a drop that they promise
+_MAX_DAMPING = 1e8  # at which steps are too short to matter
+_LOWEST_GAIN = -10.0  # gain ratio below which the parabola through a step is meaningless
+_ROUNDING = 1e-7  # of the cost: error of reductions predicted by sensitivities in single precision
 
 
 class AnnealingStatus(Enum):
+    """How annealing ended; the value is text for messages."""
+
     CONVERGED = "converged"
     EXHAUSTED = "not converged: the number of steps ran out"
     STUCK = "not converged: no step lowers the cost"
@@ -37,11 +46,25 @@ class AnnealingStatus(Enum):
 
 @dataclass(frozen=True)
 class AnnealingSchedule:
-    """q falls from loose to tight by factors between fast and slow, as far as Gauss-Newton can be trusted.
+    """How the relaxation q is lowered.
 
-    What a step leaves of its predicted drop grows about as q^-4/3 with the next q; more than `trust_per_sample` per sample
-    keeps q where it is. The end is reached when less than `tolerance` is left of the whole cost. Where the laws are so wrong
-    that the cost per sample passes `cost_ceiling`, q falls no further: the end is as tight as they allow.
+    The error of the quadratic model of a step grows about as q^-4/3 with the next q. More than `trust_per_sample` of it per
+    sample keeps q; less lowers q by a factor between the smallest and the largest.
+
+    Parameters
+    ----------
+    initial_q, final_q : float, optional
+        First and last relaxation.
+    smallest_factor, largest_factor : float, optional
+        Limits of the factor on q per step.
+    trust_per_sample : float, optional
+        Error of the quadratic model per sample up to which q is lowered.
+    tolerance : float, optional
+        Remaining reduction of the cost at which the search has converged.
+    max_steps : int, optional
+        Largest number of steps.
+    cost_ceiling : float, optional
+        Cost per sample above which the laws are wrong and q is not lowered further.
     """
 
     initial_q: float = 1.0
@@ -54,13 +77,13 @@ class AnnealingSchedule:
     cost_ceiling: float = np.inf
 
     def held(self, taken: AnnealingStep, misfit: Misfit, samples: int) -> AnnealingSchedule:
-        """The schedule that ends where q is, if the cost is above the ceiling and will be when this q is used up."""
+        """The schedule after the step `taken`: it ends at the present q if the cost will remain above the ceiling there."""
         if misfit.cost(taken.q) - taken.remaining > self.cost_ceiling * samples:
             return replace(self, final_q=max(self.final_q, taken.q))
         return self
 
     def factor(self, left: float) -> float:
-        """On q, when the last step left `left` per sample of its predicted drop."""
+        """Factor on q after a step whose quadratic model was wrong by `left` per sample."""
         return float(
             np.clip((left / self.trust_per_sample) ** 0.75, self.smallest_factor, self.largest_factor)
         )
@@ -68,7 +91,35 @@ class AnnealingSchedule:
 
 @dataclass(frozen=True)
 class AnnealingStep:
-    """A step tried at q: cost before, what Gauss-Newton promised to take off it, what came off."""
+    """A step of annealed multiple shooting; `identify` reports it as the detail of its progress.
+
+    Attributes
+    ----------
+    step : int
+        Number of the step, from 0.
+    q : float
+        Relaxation of the continuity of the segments.
+    cost : float
+        Cost before the step.
+    predicted_reduction, reduction : float
+        Reduction of the cost by the Gauss-Newton model, and the actual one; a negative one means that the step was rejected.
+    data_per_sample : float
+        Cost of the residuals per sample after the step.
+    damping : float
+        Levenberg-Marquardt parameter.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> steps = []
+    >>> estimate = lw.identify(
+    ...     record, chain.unknown("nes1.alpha"), progress=lambda report: steps.append(report.detail)
+    ... )
+    >>> isinstance(steps[0], lw.AnnealingStep), steps[0].q, steps[-1].q
+    (True, 0.1, 1e-05)
+    """
 
     step: int
     q: float
@@ -82,14 +133,14 @@ class AnnealingStep:
     def of(
         cls, step: int, control: _SearchState, misfit: Misfit, trial: Misfit, predicted: float, samples: int
     ) -> AnnealingStep:
-        """From the misfits before and after."""
+        """The step between two misfits, whose cost was predicted to fall by `predicted`."""
         cost = misfit.cost(control.q)
         gained = cost - trial.cost(control.q)
         return cls(step, control.q, cost, predicted, gained, trial.data / samples, control.damping)
 
     @property
     def remaining(self) -> float:
-        """About what the next step can still take off."""
+        """Estimate of the reduction of the cost that is left at this q."""
         return (
             abs(self.predicted_reduction - self.reduction)
             if self.damping == 0
@@ -98,24 +149,49 @@ class AnnealingStep:
 
     @property
     def best_length(self) -> float:
-        """Where the parabola through what a full step promised and gave has its minimum, in full steps."""
+        """Minimum of the parabola through the predicted and the actual reduction, as a fraction of the step."""
         return 1.0 / (2.0 - self.gain_ratio)
 
     @property
     def report(self) -> ProgressReport:
-        """For whoever waits: the way of q from 1 to its last decade, and how well the laws fit."""
+        """The step as a progress report; the fraction is that of the decades of q."""
         fraction = min(max(log10(self.q) / log10(AnnealingSchedule.final_q), 0.0), 1.0)
         activity = f"q {self.q:.0e}, cost {self.cost:.6g}, chi-square {self.data_per_sample:.3f}"
         return ProgressReport(fraction, activity, self)
 
     @property
     def gain_ratio(self) -> float:
+        """Actual over predicted reduction."""
         return self.reduction / self.predicted_reduction if self.predicted_reduction > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class AnnealingFit:
-    """Where the annealing ended. covariance (p + o, p + o) of theta and offsets, zero where a bound holds."""
+    """Result of annealing.
+
+    Attributes
+    ----------
+    point : Iterate
+        The unknowns.
+    misfit : Misfit
+        Residuals and defects there.
+    q : float
+        Last relaxation.
+    scales : Scales
+        Units of the unknowns.
+    covariance : array of shape (p + o + g, p + o + g)
+        Covariance of parameters, offsets and gains; zero at bounds.
+    at_bound : array of bool, shape (p + o + g,)
+        True at a bound.
+    chi_square : float
+        Cost per degree of freedom, 1 for laws and noise that fit.
+    samples : int
+        Number of samples.
+    status : AnnealingStatus
+        How the search ended.
+    path : tuple of AnnealingStep
+        Its steps.
+    """
 
     point: Iterate
     misfit: Misfit
@@ -131,7 +207,7 @@ class AnnealingFit:
 
 @dataclass(frozen=True)
 class _SearchState:
-    """Where the search stands: relaxation q, the last q that was `settled`, damping and its growth, length of the step."""
+    """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length."""
 
     q: float
     settled: float
@@ -140,14 +216,14 @@ class _SearchState:
     stride: float = 1.0
 
     def firmer(self) -> _SearchState:
-        """After equations that were not positive definite."""
+        """The state after equations that were not positive definite."""
         return replace(self, damping=max(10.0 * self.damping, 1e-6))
 
     def after(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
-        """What to try next, once a step has been `taken`."""
+        """The state after a step."""
         if taken.reduction > 0.0:
             return self._onward(taken, schedule, samples)
-        if self.stride == 1.0 and taken.gain_ratio > _WILD:
+        if self.stride == 1.0 and taken.gain_ratio > _LOWEST_GAIN:
             return replace(self, stride=taken.best_length)
         if self.q < self.settled:
             back = float(np.sqrt(self.q * self.settled)) if self.q < 0.9 * self.settled else self.settled
@@ -157,7 +233,7 @@ class _SearchState:
         )
 
     def _onward(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
-        """After a step that lowered the cost: less damping (Nielsen 1999), and a tighter q when this one is used up."""
+        """The state after a step that lowered the cost: less damping (Nielsen 1999), and a lower q on convergence."""
         damping = self.damping * (
             max(1 / 3, 1 - (2 * taken.gain_ratio - 1) ** 3) if taken.gain_ratio < 1.5 else 1 / 3
         )
@@ -180,9 +256,34 @@ def anneal(
     executor: Executor | None = None,
     progress: Progress = silent,
 ) -> AnnealingFit:
-    """Fit nodes, theta and offsets to the records. An interrupt from the keyboard ends it with the best so far.
+    """Fit nodes, parameters, offsets and gains to segments.
 
-    Raises IdentificationError where the flow from the start is not finite.
+    Parameters
+    ----------
+    segments : Segments
+        The records in segments.
+    start : Iterate
+        Starting values.
+    scales : Scales
+        Units of the unknowns.
+    schedule : AnnealingSchedule
+        How the relaxation is lowered.
+    loss : Loss
+        Loss of a residual.
+    executor : Executor, optional
+        Threads for the normal equations.
+    progress : Progress, optional
+        Called at every step.
+
+    Returns
+    -------
+    AnnealingFit
+        The result; an interrupt from the keyboard ends the search with the best so far.
+
+    Raises
+    ------
+    IdentificationError
+        If the motion from the start is not finite.
     """
     path: list[AnnealingStep] = []
     control, status = _SearchState(schedule.initial_q, schedule.initial_q), AnnealingStatus.EXHAUSTED
@@ -190,17 +291,19 @@ def anneal(
     misfit = evaluate(segments, start, scales, loss)
     if not np.isfinite(misfit.cost(schedule.initial_q)):
         raise IdentificationError(
-            "from the states that the record shows the motion runs to infinity within a few samples: the time may be in "
-            "another unit than s (write time[ms]), a channel in another than its header says, or a law is not finite where "
-            "the link went"
+            "the motion that starts from the states in the record runs to infinity within a few samples: the time may be in "
+            "another unit than s (write time[ms]), a channel in another than its header says, or a law is not finite over "
+            "the motion of its link"
         )
     linear = linearise(segments, misfit, scales, loss, executor)
     try:
         while len(path) < schedule.max_steps:
-            if control.damping > _HOPELESS:
+            if control.damping > _MAX_DAMPING:
                 status = AnnealingStatus.STUCK
                 break
-            attempt = _step(segments, linear, misfit, scales, control)
+            attempt = damped_step(
+                segments, linear, misfit, scales, control.q, control.damping, control.stride
+            )
             if attempt is None:
                 control = control.firmer()
                 continue
@@ -236,7 +339,7 @@ def _fit(
     path: tuple[AnnealingStep, ...],
 ) -> AnnealingFit:
     theta = misfit.point.border
-    lower, upper = _bounds(segments)
+    lower, upper = bounds(segments)
     free = (theta > lower) & (theta < upper)
     samples = int(segments.observed.sum())
     return AnnealingFit(
@@ -246,53 +349,10 @@ def _fit(
         scales,
         covariance(linear.equations(q).factor(), scales, free),
         ~free,
-        misfit.cost(q) / (samples * _freedom(segments) * loss.expected),
+        misfit.cost(q) / (samples * freedom_per_sample(segments) * loss.expected),
         samples,
         status,
         path,
-    )
-
-
-def _step(
-    segments: Segments, linear: Linearization, misfit: Misfit, scales: Scales, control: _SearchState
-) -> tuple[Iterate, float] | None:
-    """A damped Gauss-Newton step that stops at the bounds: the new point and the predicted drop of the cost."""
-    equations = linear.equations(control.q)
-    factor = equations.factor(linear.damping(control.damping))
-    if factor is None:
-        return None
-    lower, upper = _bounds(segments)
-    old = misfit.point.border
-    free = np.ones(segments.parameters, bool)
-    while True:
-        solved = factor.solve(free)
-        if solved is None:
-            return None
-        nodes, border = control.stride * solved[0], control.stride * solved[1]
-        new = old + border * scales.theta
-        outside = free & ((new < lower) | (new > upper))
-        if not outside.any():
-            break
-        free &= ~outside
-    new = np.clip(new, lower, upper)
-    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    moved = (nodes * scales.state).T.reshape(2, n, -1)
-    point = Iterate(misfit.point.nodes + moved, *np.split(new, [p, p + segments.sensors.offsets]))
-    return point, (2.0 - control.stride) * equations.drop(nodes, border)
-
-
-def _bounds(segments: Segments) -> tuple[Floats, Floats]:
-    """Of theta, offsets and gains; the latter two have none."""
-    open_ = np.full(segments.sensors.offsets + segments.sensors.gains, np.inf)
-    parameters = segments.system.parameters
-    return np.concatenate([parameters.lower, -open_]), np.concatenate([parameters.upper, open_])
-
-
-def _freedom(segments: Segments) -> float:
-    """Share of the samples that is left when each chain has one free state and all share theta."""
-    samples = int(segments.observed.sum())
-    return (
-        1.0 - float(segments.chains * 2 * segments.system.incidence.shape[0] + segments.parameters) / samples
     )
 
 
@@ -314,7 +374,17 @@ def covariance(factor: BorderedFactor | None, scales: Scales, free: Bools) -> Fl
 
 @dataclass(frozen=True)
 class Annealer:
-    """How annealing runs: on which threads, what a residual costs, and whom it tells."""
+    """`anneal` with its threads, loss and progress.
+
+    Parameters
+    ----------
+    executor : Executor
+        Threads for the normal equations.
+    loss : Loss
+        Loss of a residual.
+    progress : Progress
+        Called at every step.
+    """
 
     executor: Executor
     loss: Loss

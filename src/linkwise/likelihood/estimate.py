@@ -1,4 +1,4 @@
-"""From records to an Estimate by maximum likelihood: the start, the fit, and what may be said of it."""
+"""Maximum likelihood as a method of identification: starting values, fit and verdict."""
 
 from __future__ import annotations
 
@@ -33,21 +33,25 @@ from linkwise.weak.residual import weak_residual
 @final
 @dataclass(frozen=True, kw_only=True)
 class MaximumLikelihood(Estimator):
-    """Maximum likelihood on the raw samples (METHODS section 5): the method "ml" of `identify`.
+    """Maximum likelihood on the raw samples, by annealed multiple shooting: the method "ml" of `identify`.
 
-    Takes several records together, records with gaps, and sensors of any kind.
+    It takes several records together, records with gaps, and sensors of any kind.
 
     Parameters
     ----------
     starts : mapping of str to float, optional
-        Where the search starts, by the name of the unknown, in SI units. By default at the weak fit, at the forces of the
-        links where velocities or accelerations of all masses tell these, or at the starts of the structure.
-    offsets : sequence of str
-        Channels with an unknown constant error, found with the rest.
-    gains : sequence of str
-        Channels with an unknown constant factor, found with the rest.
-    loss : Loss
-        What a residual costs: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
+        Starting values in SI units by name of the unknown. By default those of the weak form, those from inverse dynamics
+        where velocities or accelerations of all masses determine the forces of the links, or those stated in the structure.
+    offsets : sequence of str, optional
+        Channels with an unknown constant error, estimated with the rest.
+    gains : sequence of str, optional
+        Channels with an unknown constant factor, estimated with the rest.
+    loss : Loss, optional
+        Loss of a residual: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
+
+    References
+    ----------
+    H. G. Bock, in Modelling of Chemical Reaction Systems (1981), for multiple shooting.
 
     Examples
     --------
@@ -67,7 +71,27 @@ class MaximumLikelihood(Estimator):
     loss: Loss = field(default_factory=Gaussian)
 
     def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
-        """The most likely unknowns; raises IdentificationError where there is no start."""
+        """Estimate the unknowns of a structure by maximum likelihood.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            One or more records with the same channels.
+        structure : Structure
+            The structure, with one unknown at least.
+        progress : Progress
+            Called at every step, with an `AnnealingStep` as detail.
+
+        Returns
+        -------
+        Estimate
+            The answer; an interrupt from the keyboard ends the search with the best so far.
+
+        Raises
+        ------
+        IdentificationError
+            If an unknown has no starting value, or the records lack channels or differ in them.
+        """
         theta, spread = starting_values(records, structure, self.starts)
         options = LikelihoodOptions(self.offsets, self.gains, self.loss, progress=progress)
         if needs_integration(records[0], structure):

@@ -1,4 +1,4 @@
-"""One call from records to a maximum-likelihood fit: cut, start, anneal, and say how far to believe it."""
+"""Maximum-likelihood fit of a structure to records: segments, start, annealing, model error."""
 
 from __future__ import annotations
 
@@ -45,7 +45,23 @@ _MOST_WORKERS = 8
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """The most likely `point` of `segments` at relaxation `q`; `noise` is the factor on the deviations in `scales`."""
+    """The optimum of a fit, for profiles and score tests.
+
+    Attributes
+    ----------
+    segments : Segments
+        The records in segments.
+    point : Iterate
+        The unknowns at the optimum.
+    scales : Scales
+        Units of the unknowns.
+    q : float
+        Relaxation of the continuity of the segments.
+    noise : float
+        Factor on the standard deviations in `scales`.
+    loss : Loss
+        Loss of a residual.
+    """
 
     segments: Segments
     point: Iterate
@@ -85,12 +101,24 @@ class LikelihoodFit:
 
 @dataclass(frozen=True)
 class LikelihoodOptions:
-    """`offsets` and `gains` name channels with an unknown constant error or factor; `loss` is what a residual costs.
+    """Options of `likelihood_fit`.
 
-    Where the laws leave what is no noise, the flow is relaxed by the model error that is most likely, unless `model_error` is
-    False. `progress` is told every step. `nodes` (2, n, K) are the states of another fit to the same records to start
-    from, else the sensors tell. `ceiling` is the cost per sample at which laws are wrong and tightening ends, `steps` the
-    most that are taken.
+    Parameters
+    ----------
+    offsets, gains : sequence of str, optional
+        Channels with an unknown constant error or factor.
+    loss : Loss, optional
+        Loss of a residual.
+    model_error : bool, optional
+        Relax the flow by the most likely model error where the residuals are not noise.
+    progress : Progress, optional
+        Called at every step.
+    nodes : array of shape (2, n, K), optional
+        States of another fit to the same records to start from; estimated from the channels by default.
+    ceiling : float, optional
+        Cost per sample above which the laws are wrong and the continuity is not tightened further.
+    steps : int, optional
+        Largest number of steps.
     """
 
     offsets: Sequence[str] = ()
@@ -116,9 +144,30 @@ def likelihood_fit(
     spread: Floats | None = None,
     options: LikelihoodOptions | None = None,
 ) -> LikelihoodFit:
-    """The most likely parameters of `structure` given `records`, from a start `theta` (p,) with deviations `spread` (p,).
+    """Most likely parameters of a structure.
 
-    Raises IdentificationError for records that do not fit together.
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+    theta : array of shape (p,)
+        Starting values of the parameters.
+    spread : array of shape (p,), optional
+        Standard deviations of the starting values; the search starts closer to the laws with them.
+    options : LikelihoodOptions, optional
+        The options.
+
+    Returns
+    -------
+    LikelihoodFit
+        The parameters, converged or not.
+
+    Raises
+    ------
+    IdentificationError
+        If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
     sensing = SensorModel.of(records, options.offsets, options.gains)

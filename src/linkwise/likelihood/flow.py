@@ -1,8 +1,8 @@
-"""Exact flows over all segments at once, and their tangents by a cheaper scheme.
+"""Flow of the equations of motion over all segments at once, and its sensitivities by a cheaper scheme.
 
-The flow decides the estimate, so it is integrated to well below the noise (order 8). The tangents only point the
-way and weigh the errors: order 4 in single precision on the partials that the flow passed through.
-Inside, velocities are carried as u = h v and accelerations as h^2 a, so that no stage is multiplied by h.
+The accuracy of the flow limits that of the estimate, so it is integrated with order 8 to well below the noise. Sensitivities
+only set search directions and standard errors: order 4, in single precision, along the states of the flow. Velocities are
+carried as u = h v and accelerations as h^2 a, so that no stage is multiplied by h.
 """
 
 from __future__ import annotations
@@ -31,21 +31,41 @@ Single = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What drives the segments, at the five POINTS of every step; None where there is none.
+    """Applied forces and motion of the base at the five POINTS of every step.
 
-    force: (J, 5, n, K) N on the masses; base: (J, 5, 2, K) displacement and velocity of the base.
+    Attributes
+    ----------
+    force : array of shape (J, 5, n, K) or None
+        Forces on the masses in N.
+    base : array of shape (J, 5, 2, K) or None
+        Displacement in m and velocity in m/s of the base.
     """
 
     force: Floats | None = None
     base: Floats | None = None
 
     def part(self, segments: slice | Indices) -> Inputs:
+        """The inputs of some segments."""
         return Inputs(*(None if a is None else a[..., segments] for a in (self.force, self.base)))
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectories:
-    """J steps from the nodes of K segments, with what tangents and sensors need; SI units except u = h v."""
+    """J steps from the nodes of K segments; SI units except u = h v.
+
+    Attributes
+    ----------
+    states : array of shape (J + 1, 2, n, K)
+        x and u at the ends of the steps.
+    links : array of shape (J + 1, 2, L, K)
+        d and v there.
+    accelerations : array of shape (J + 1, n, K)
+        Accelerations there.
+    middle_links : array of shape (J, 2, L, K)
+        d and v in the middles of the steps.
+    middle_accelerations : array of shape (J, n, K)
+        Accelerations there.
+    """
 
     states: Floats  # (J + 1, 2, n, K) x and u at the steps' ends
     links: Floats  # (J + 1, 2, L, K) d and v there
@@ -54,6 +74,7 @@ class Trajectories:
     middle_accelerations: Floats  # (J, n, K)
 
     def part(self, segments: slice) -> Trajectories:
+        """The trajectories of some segments."""
         return Trajectories(
             *(
                 a[..., segments]
@@ -68,7 +89,18 @@ class Trajectories:
         )
 
     def thinned(self, refine: int) -> Trajectories:
-        """The same orbit in steps `refine` (1 or even) times as long: an old step's end is the new one's middle."""
+        """The same orbit in longer steps: ends of old steps become middles of new ones.
+
+        Parameters
+        ----------
+        refine : int
+            Factor on the step, 1 or even.
+
+        Returns
+        -------
+        Trajectories
+            The orbit.
+        """
         if refine == 1:
             return self
         half = slice(refine // 2, None, refine)
@@ -85,10 +117,16 @@ class Trajectories:
 
 @dataclass(frozen=True, eq=False)
 class CandidateForces:
-    """Forces that are not there, c of them, each between two masses; what the fit would do if they had a size is asked.
+    """c forces of unknown size between masses, which the laws lack: sensitivities to their sizes are those of a score test.
 
-    first, second (c,): masses, -1 for none, that feel the force with reversed sign, and as it is; starts (J + 1, c, K) and
-    middles (J, c, K) in N: forces of unit size at the ends and in the middles of the steps.
+    Attributes
+    ----------
+    first, second : array of int, shape (c,)
+        The masses on which the force acts, negative on the first; below 0 for none.
+    starts : array of shape (J + 1, c, K)
+        Forces of unit size in N at the ends of the steps.
+    middles : array of shape (J, c, K)
+        The same in the middles of the steps.
     """
 
     first: Indices
@@ -97,13 +135,37 @@ class CandidateForces:
     middles: Floats
 
     def part(self, segments: slice) -> CandidateForces:
+        """The forces in some segments."""
         return CandidateForces(
             self.first, self.second, self.starts[..., segments], self.middles[..., segments]
         )
 
 
 def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inputs: Inputs) -> Trajectories:
-    """Carry states `start` (2, n, K) (x in m, v in m/s) `steps` steps of `step` (K,) seconds on."""
+    """Integrate the equations of motion.
+
+    Parameters
+    ----------
+    mechanics : NumericSystem
+        The system.
+    start : array of shape (2, n, K)
+        Displacements in m and velocities in m/s at the nodes.
+    step : array of shape (K,)
+        Steps in s.
+    steps : int
+        Number of steps J.
+    inputs : Inputs
+        Applied forces and motion of the base.
+
+    Returns
+    -------
+    Trajectories
+        The motion; not finite where it diverges.
+
+    References
+    ----------
+    G. J. Cooper and J. H. Verner, SIAM J. Numer. Anal. 9, 389 (1972).
+    """
     _, n, K = start.shape
     L = mechanics.gain.shape[1]
     orbit = Trajectories(
@@ -173,11 +235,31 @@ def tangents(
     unit: Floats,
     pushes: CandidateForces | None = None,
 ) -> Iterator[tuple[Single, Single | None]]:
-    """Sensitivities along an orbit to the node's state, theta and the sizes of `pushes`, one column each: P = 2n + p + c.
+    """Sensitivities along an orbit, by Nystroem's method of order 4.
 
-    scale (2n,): m or m/s in one unit of each state; unit (p,): what one unit of each parameter is.
-    Yields at the start of each step the sensitivities of (x, u) as (2, n, P, K) and those of h^2 a as
-    (n, P, K); after the last step the former and None. The arrays are overwritten by the next step.
+    There are P = 2 n + p + c columns: the state at the node, the parameters and the sizes of candidate forces.
+
+    Parameters
+    ----------
+    mechanics : NumericSystem
+        The system.
+    orbit : Trajectories
+        The orbit.
+    step : array of shape (K,)
+        Steps in s.
+    scale : array of shape (2 n,)
+        Units of the states in m or m/s.
+    unit : array of shape (p,)
+        Units of the parameters.
+    pushes : CandidateForces, optional
+        Candidate forces.
+
+    Yields
+    ------
+    state : array of shape (2, n, P, K)
+        Sensitivities of x and u at the start of a step, and at last at the end; overwritten by the next step.
+    acceleration : array of shape (n, P, K) or None
+        Those of h^2 a; None at the end.
     """
     n, L = mechanics.gain.shape
     steps, K = len(orbit.middle_links), orbit.links.shape[-1]

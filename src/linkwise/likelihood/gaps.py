@@ -1,7 +1,8 @@
-"""Long gaps in records: where the chain of segments is broken at first, and what a start looks like inside.
+"""Long gaps in records: where the chain of segments is interrupted, and the start inside gaps.
 
-Over a long gap a chaotic motion has many ways to the other side, between which no search decides from afar. So the state
-behind it is free at first, as at the start of a record; once all laws are known, the two sides can be joined.
+Over a long gap chaotic motion has many continuations, and a search cannot choose among them from poor starting values. The
+state after the gap is therefore free at first, as at the start of a record; once the laws are known, the two sides are
+joined.
 """
 
 from __future__ import annotations
@@ -14,14 +15,24 @@ from linkwise.arrays import Bools
 from linkwise.likelihood.flow import flow
 from linkwise.likelihood.segments import Iterate, Segments
 
-_BRIDGED = 2  # segments without a sample of a mass over which a rough start leads from one side to the other
+_BRIDGED = 2  # segments without a sample of a mass that a rough start may bridge
 
 
 def split_at_gaps(segments: Segments) -> Segments:
-    """The same segments without links where a mass is seen again after a long gap.
+    """Interrupt the chain of segments at long gaps.
 
-    Where all sensors are silent no segment of the gap is linked to another; where those of one mass are, the laws carry it
-    through the gap from its near side.
+    No segment inside a gap of all sensors is linked to another. In a gap of the sensors of one mass, the laws continue its
+    motion from the near side, and the chain is interrupted at the far side.
+
+    Parameters
+    ----------
+    segments : Segments
+        The segments.
+
+    Returns
+    -------
+    Segments
+        The same with fewer linked pairs.
     """
     linked = segments.linked.copy()
     for first, last in _gaps(segments.observed):
@@ -32,32 +43,45 @@ def split_at_gaps(segments: Segments) -> Segments:
     return replace(segments, linked=linked)
 
 
-def _gaps(seen: Bools) -> list[tuple[int, int]]:
+def _gaps(observed: Bools) -> list[tuple[int, int]]:
     """First segment of every long gap in the channels (M, C, K) and the first after it."""
-    silent = np.concatenate([[False], ~seen.any(axis=(0, 1)), [False]])
-    turns = np.flatnonzero(np.diff(silent)).reshape(-1, 2)
+    unobserved = np.concatenate([[False], ~observed.any(axis=(0, 1)), [False]])
+    turns = np.flatnonzero(np.diff(unobserved)).reshape(-1, 2)
     return [(int(first), int(last)) for first, last in turns if last - first > _BRIDGED]
 
 
 def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
-    """The start with masses carried on by the laws where their sensors are silent, instead of along a straight line."""
+    """Start inside gaps by integration of the laws instead of interpolation.
+
+    Parameters
+    ----------
+    segments : Segments
+        The segments.
+    point : Iterate
+        The start.
+
+    Returns
+    -------
+    Iterate
+        The start with new nodes in gaps.
+    """
     n = point.nodes.shape[1]
-    silent = np.zeros((n, segments.count), dtype=bool)
+    unobserved = np.zeros((n, segments.count), dtype=bool)
     for mass in np.unique(segments.sensors.mass):
-        silent[mass] = ~segments.observed[:, segments.sensors.mass == mass].any(axis=(0, 1))
-    silent[:, 0] = False
-    silent[:, 1:] &= segments.linked
+        unobserved[mass] = ~segments.observed[:, segments.sensors.mass == mass].any(axis=(0, 1))
+    unobserved[:, 0] = False
+    unobserved[:, 1:] &= segments.linked
     depth = np.zeros(segments.count, dtype=int)
-    for k in np.flatnonzero(silent.any(axis=0)):
+    for k in np.flatnonzero(unobserved.any(axis=0)):
         depth[k] = depth[k - 1] + 1
     nodes, mechanics = point.nodes.copy(), segments.system.at(point.theta)
     for reached in range(1, int(depth.max(initial=0)) + 1):
-        here = np.flatnonzero(depth == reached)
-        before, step = here - 1, segments.step[here - 1]
+        segment = np.flatnonzero(depth == reached)
+        before, step = segment - 1, segments.step[segment - 1]
         with np.errstate(over="ignore", invalid="ignore"):
             orbit = flow(mechanics, nodes[..., before], step, segments.steps, segments.inputs.part(before))
         end = orbit.states[-1]
         end[1] /= step
-        wanted = silent[:, here] & np.isfinite(end).all(axis=0)
-        nodes[..., here] = np.where(wanted, end, nodes[..., here])
+        replaced = unobserved[:, segment] & np.isfinite(end).all(axis=0)
+        nodes[..., segment] = np.where(replaced, end, nodes[..., segment])
     return replace(point, nodes=nodes)

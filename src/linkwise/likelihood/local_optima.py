@@ -1,7 +1,7 @@
-"""Whether the optimum of a fit is the only one near: a second search, and a look at the cost some standard errors away.
+"""Search for other optima near that of a fit: a second search, and the cost a few standard errors away.
 
-Where motion is chaotic or noise is large, the likelihood has many valleys. A search that needed many steps is the sign of it;
-one that went straight to its end is believed.
+The likelihood of chaotic motion or of noisy records has many local optima. A search of many steps indicates them; one of few
+steps is trusted.
 """
 
 from __future__ import annotations
@@ -15,24 +15,48 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import LikelihoodFit
 
-_STRAIGHT = 10  # steps of annealing after which a search went straight to its end
-_LOOKS = 2  # directions in which the cost is looked at
+_STRAIGHT = 10  # steps of annealing up to which there is no sign of another optimum
+_DIRECTIONS = 2  # in which the cost is evaluated
 _DISTANCE = 2.0  # standard errors
-_STEPS = 60  # that following a look may take
-_LOOSENED = 1e3  # times the last q: from here annealing follows coefficients that were moved
+_STEPS = 60  # of annealing at most in each direction
+_LOOSENED = 1e3  # times the last q: annealing starts from here once parameters were moved
 _LOOSEST = 1e-2
-_IRREGULAR = 4.0  # factor on the rise of the cost beyond which it is no parabola
-_LOST = 100.0  # the same where the orbit could not be followed to the end, so that the rise is an upper bound
+_IRREGULAR = 4.0  # factor on the rise of the cost beyond which it is not quadratic
+_IRREGULAR_UNCONVERGED = 100.0  # the same where annealing did not converge: the rise is then an upper bound
 _SEED = 20261122
 
 
 def went_straight(fit: LikelihoodFit) -> bool:
-    """Whether there is no sign of another optimum: few steps, or a model error, which smooths the likelihood."""
+    """Whether there is no sign of another optimum: few steps, or a model error, which smooths the likelihood.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    bool
+        Whether there is none.
+    """
     return len(fit.path) <= _STRAIGHT or fit.model_error > 0.0
 
 
 def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) -> LikelihoodFit:
-    """`fit`, or where it converged only after many steps, the better one of it and of a `search` from its values."""
+    """Repeat a fit that converged only after many steps, and keep the better one.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    search : callable
+        Fits again from given parameters (p,).
+
+    Returns
+    -------
+    LikelihoodFit
+        The fit with the lower chi-square.
+    """
     if fit.status is not AnnealingStatus.CONVERGED or went_straight(fit):
         return fit
     again = search(fit.values)
@@ -43,9 +67,19 @@ def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) 
 
 
 def is_regular(fit: LikelihoodFit) -> bool:
-    """Whether the cost rises around the optimum as the covariance says, where many steps make that doubtful.
+    """Whether the cost around the optimum rises as the covariance predicts; tested only after many steps.
 
-    The coefficients are moved by two standard errors in random directions and the orbit is fitted to them anew.
+    The parameters are moved by two standard errors in random directions and held, and the orbit is fitted again.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    bool
+        Whether it does.
     """
     if went_straight(fit):
         return True
@@ -56,13 +90,13 @@ def is_regular(fit: LikelihoodFit) -> bool:
     size = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    directions = np.random.default_rng(_SEED).normal(size=(_LOOKS, len(free)))
+    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(free)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     return all(_rises_as_expected(fit, free, root @ direction) for direction in directions)
 
 
 def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats) -> bool:
-    """Whether the cost rises like a parabola when the free coefficients are moved by `step` and held."""
+    """Whether the cost rises quadratically when the free parameters are moved by `step` and held."""
     optimum = fit.optimum
     theta = optimum.point.theta.copy()
     theta[free] += step
@@ -82,4 +116,4 @@ def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats) -> bool:
     rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2 / _DISTANCE**2
     if moved.status is AnnealingStatus.CONVERGED:
         return bool(1.0 / _IRREGULAR < rise < _IRREGULAR)
-    return bool(rise < _LOST)
+    return bool(rise < _IRREGULAR_UNCONVERGED)

@@ -1,4 +1,4 @@
-"""What a residual costs: Gaussian, Huber, Student. Residuals are in standard deviations."""
+"""Losses of residuals, which are in standard deviations of the noise: Gaussian, Huber and Student."""
 
 from __future__ import annotations
 
@@ -9,34 +9,87 @@ import numpy as np
 
 from linkwise.arrays import Floats
 
-_REACH, _POINTS = 10.0, 4001  # standard deviations and points of the sum that stands for an expectation
+_REACH, _POINTS = 10.0, 4001  # standard deviations and points of the quadrature for an expectation
 
 
 class Loss(ABC):
-    """What residuals cost, each a number of standard deviations."""
+    """A loss: twice the negative log likelihood of residuals in standard deviations of the noise.
+
+    See Also
+    --------
+    Gaussian, Huber, Student : The losses to choose from.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> method = lw.MaximumLikelihood(loss=lw.Huber())
+    >>> isinstance(method.loss, lw.Loss)
+    True
+    """
 
     @abstractmethod
     def costs(self, residuals: Floats) -> Floats:
-        """Twice the negative log likelihood of each, up to a constant."""
+        """Cost of each residual.
+
+        Parameters
+        ----------
+        residuals : array
+            Residuals in standard deviations.
+
+        Returns
+        -------
+        array of the same shape
+            Twice the negative log likelihood, up to a constant.
+        """
 
     @abstractmethod
     def weight(self, residuals: Floats) -> Floats:
-        """Weights of iteratively reweighted least squares: derivative of the loss over 2 r."""
+        """Weights for iteratively reweighted least squares.
+
+        Parameters
+        ----------
+        residuals : array
+            Residuals r in standard deviations.
+
+        Returns
+        -------
+        array of the same shape
+            Derivative of the cost over 2 r.
+        """
 
     def total(self, residuals: Floats) -> float:
-        """Over all residuals."""
+        """Sum of the costs.
+
+        Parameters
+        ----------
+        residuals : array
+            Residuals in standard deviations.
+
+        Returns
+        -------
+        float
+            The sum.
+        """
         return float(self.costs(residuals).sum())
 
     @property
     def expected(self) -> float:
-        """Mean cost of a residual that is noise of a normal distribution: what chi-square is measured by."""
+        """Mean cost of a standard normal residual, which normalises chi-square."""
         z, step = np.linspace(-_REACH, _REACH, _POINTS, retstep=True)
         return float(np.sum(self.costs(z) * np.exp(-0.5 * z**2)) * step / np.sqrt(2.0 * np.pi))
 
 
 @dataclass(frozen=True)
 class Gaussian(Loss):
-    """Squares."""
+    """Squared residuals: maximum likelihood for normal noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> lw.Gaussian().weight(np.array([0.0, 10.0]))
+    array([1., 1.])
+    """
 
     def costs(self, residuals: Floats) -> Floats:
         return np.asarray(residuals**2)
@@ -54,7 +107,24 @@ class Gaussian(Loss):
 
 @dataclass(frozen=True)
 class Huber(Loss):
-    """Quadratic up to `corner`, linear beyond (Huber 1964)."""
+    """Huber's loss, quadratic for small and linear for large residuals: robust against single outliers.
+
+    Parameters
+    ----------
+    corner : float, optional
+        Residual in standard deviations from which the loss is linear. 1.345 has 95 % efficiency for normal noise.
+
+    References
+    ----------
+    P. J. Huber, Ann. Math. Statist. 35, 73 (1964).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> lw.Huber().weight(np.array([0.0, 10.0]))
+    array([1.    , 0.1345])
+    """
 
     corner: float = 1.345
 
@@ -68,7 +138,24 @@ class Huber(Loss):
 
 @dataclass(frozen=True)
 class Student(Loss):
-    """Student's t with `freedom` degrees (Lange, Little, Taylor 1989)."""
+    """Negative log likelihood of Student's t distribution: robust where outliers are many or large.
+
+    Parameters
+    ----------
+    freedom : float, optional
+        Degrees of freedom; fewer tolerate larger outliers.
+
+    References
+    ----------
+    K. L. Lange, R. J. A. Little and J. M. G. Taylor, J. Am. Stat. Assoc. 84, 881 (1989).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> lw.Student().weight(np.array([0.0, 10.0])).round(3)
+    array([1.25 , 0.048])
+    """
 
     freedom: float = 4.0
 

@@ -1,4 +1,4 @@
-"""The multiple-shooting problem of some records: segments with steps that are fine enough, the start, and the scales."""
+"""The multiple-shooting problem of some records: segments with sufficiently small steps, start and scales."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
-_FLOW_ERROR = 1e-3  # of a noise deviation: an error of the steps is systematic over thousands of segments
+_FLOW_ERROR = 1e-3  # of the standard deviation of the noise: errors of the steps are systematic over thousands of segments
 _TANGENT_ERROR = 0.002  # of a sensitivity over a segment
 _MAX_REFINEMENT = 8  # steps per sample
 _TESTED_SEGMENTS = 150  # whose residuals decide how fine the steps must be
@@ -27,7 +27,17 @@ _TESTED_SEGMENTS = 150  # whose residuals decide how fine the steps must be
 
 @dataclass(frozen=True, eq=False)
 class ShootingProblem:
-    """Records cut into `segments`, the `start` of a search and the `scales` of its unknowns."""
+    """A multiple-shooting problem.
+
+    Attributes
+    ----------
+    segments : Segments
+        The records in segments.
+    start : Iterate
+        Starting values.
+    scales : Scales
+        Units of the unknowns.
+    """
 
     segments: Segments
     start: Iterate
@@ -41,7 +51,26 @@ def shooting_problem(
     spread: Floats | None,
     sensing: SensorModel,
 ) -> ShootingProblem:
-    """The problem of `records`, from parameters `theta` (p,) with deviations `spread` (p,), None where these are unknown."""
+    """The multiple-shooting problem of some records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+    theta : array of shape (p,)
+        Starting values of the parameters.
+    spread : array of shape (p,) or None
+        Their standard deviations, where known.
+    sensing : SensorModel
+        Noise, offsets and gains of the channels.
+
+    Returns
+    -------
+    ShootingProblem
+        The problem.
+    """
     system = System.of(structure)
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
@@ -51,7 +80,7 @@ def shooting_problem(
     scales = Scales(
         sensing.sigma,
         np.min(
-            [each.scale for each in starts], axis=0
+            [start.scale for start in starts], axis=0
         ),  # the record with the least noise needs the tightest flow
         np.concatenate([np.where(unit > 0.0, unit, 1.0), offset_units, np.ones(len(sensing.gains))]),
     )

@@ -1,7 +1,7 @@
-"""Profile-likelihood intervals: where the cost, all other unknowns fitted anew, has risen by what chance allows.
+"""Profile-likelihood intervals: where the cost, minimised over all other unknowns, reaches its 95 % quantile.
 
-They follow the likelihood where it is no parabola, which intervals from standard errors do not, and cost a few fits a side.
-Venzon, Moolgavkar, "A method for computing profile-likelihood-based confidence intervals", Appl. Statist. 37 (1988).
+They follow the likelihood where it is not quadratic, which intervals from standard errors do not, at the cost of a few fits
+for each end.
 """
 
 from __future__ import annotations
@@ -20,20 +20,52 @@ from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.segments import Iterate
 from linkwise.progress import Progress, ProgressReport, silent
 
-_LOOSENED = 1e3  # times the last q: from here annealing follows a coefficient that was moved
+_LOOSENED = 1e3  # times the last q: annealing starts from here once a parameter was moved
 _LOOSEST = 1e-2
-_CLOSE = 0.01  # of a standard error: an end of an interval is no better known
-_FARTHEST = 30.0  # standard errors: an end beyond is none
+_CLOSE = 0.01  # of a standard error: accuracy of an end of an interval
+_FARTHEST = 30.0  # standard errors: an end beyond is infinite
 
 
 @deprecated_keyword("report", Deprecated("progress", since="0.2.0", until="0.4.0"))
 def profile_interval(estimate: Estimate, name: str, *, progress: Progress = silent) -> tuple[float, float]:
-    """The 95 % profile-likelihood interval of the unknown `name` ("nes1.alpha", "m1.mass") of a fit by method "ml".
+    """95 % profile-likelihood interval of an unknown.
 
-    The ends are where the cost has risen by 1.96^2 = 3.84, in units of what the noise left, when `name` is held and everything
-    else is fitted anew. An end is the bound of the parameter where that comes first, and infinite where the cost hardly rises.
-    `progress` is told each value that is tried, with the value as `detail`. Raises IdentificationError for other methods, for
-    a fit that cannot be trusted, and where a fit with `name` held does not converge.
+    Each end is the value at which the cost, with the unknown held and everything else fitted again, has risen by 1.96^2 =
+    3.84 in units of the noise.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A trusted estimate by the method "ml".
+    name : str
+        Name of the unknown, such as "nes1.alpha" or "m1.mass".
+    progress : Progress, optional
+        Called with each value that is tried as detail.
+
+    Returns
+    -------
+    lower, upper : float
+        The ends in SI units: the bound of the parameter where that comes first, infinite where the cost hardly rises.
+
+    Raises
+    ------
+    IdentificationError
+        If the estimate has no likelihood or is not trusted, the name is not an unknown or is at its bound, or a fit with the
+        unknown held does not converge.
+
+    References
+    ----------
+    D. J. Venzon and S. H. Moolgavkar, Appl. Statist. 37, 87 (1988).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes1.alpha"))
+    >>> lower, upper = lw.profile_interval(estimate, "nes1.alpha")
+    >>> f"{lower:.1f} to {upper:.1f} N/m"
+    '-101.0 to -98.4 N/m'
     """
     column = _column(estimate, name)
     if estimate.profile is None:
@@ -42,7 +74,7 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
         )
     if not estimate.trusted:
         raise IdentificationError(
-            f"there is no interval of a fit that cannot be trusted ({estimate.status}): {estimate.explanation}"
+            f"no interval is given for a fit that cannot be trusted ({estimate.status}): {estimate.explanation}"
         )
     deviation = float(np.sqrt(max(estimate.covariance[column, column], 0.0)))
     if not estimate.free[column] or not 0.0 < deviation < np.inf:
@@ -53,7 +85,29 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
 
 
 def profile_ends(optimum: Optimum, name: str, deviation: float, progress: Progress) -> tuple[float, float]:
-    """Both ends of the interval of the parameter `name` with standard error `deviation` around `optimum`."""
+    """Both ends of a profile-likelihood interval.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        The optimum.
+    name : str
+        Name of the parameter.
+    deviation : float
+        Its standard error.
+    progress : Progress
+        Called with each value that is tried.
+
+    Returns
+    -------
+    lower, upper : float
+        The ends.
+
+    Raises
+    ------
+    IdentificationError
+        If a fit with the parameter held does not converge.
+    """
     column = optimum.segments.system.parameters.names.index(name)
     profile = _Profile(optimum, name, column, progress)
     return profile.end(-deviation), profile.end(deviation)
@@ -67,7 +121,7 @@ def _column(estimate: Estimate, name: str) -> int:
 
 
 class _Profile:
-    """The cost along one parameter, everything else fitted anew."""
+    """The cost along one parameter, minimised over everything else."""
 
     def __init__(self, optimum: Optimum, name: str, column: int, progress: Progress) -> None:
         self.optimum, self.name, self.column, self.progress = optimum, name, column, progress
@@ -75,9 +129,9 @@ class _Profile:
         self.value = float(self.best.point.theta[column])
 
     def end(self, deviation: float) -> float:
-        """Where the cost has risen enough, on the side to which `deviation`, a standard error with a sign, points.
+        """End of the interval on the side given by the sign of `deviation`, a standard error.
 
-        The root of the rise is a straight line where the likelihood is a parabola, so one or two looks find it.
+        The root of the rise is linear where the likelihood is quadratic, so one or two fits find it.
         """
         parameters = self.optimum.segments.system.parameters
         edge = float((parameters.upper if deviation > 0.0 else parameters.lower)[self.column])
@@ -86,7 +140,7 @@ class _Profile:
         excess = {0.0: -NORMAL_95}
 
         def beyond(moved: float) -> float:
-            """The root of the rise over what chance allows, `moved` standard errors away."""
+            """Root of the rise of the cost less its 95 % quantile, `moved` standard errors away."""
             if moved not in excess:
                 nearest = min(points, key=lambda known: abs(known - moved))
                 value = edge if moved == reach < _FARTHEST else self.value + moved * deviation
@@ -101,8 +155,8 @@ class _Profile:
         while beyond(far) < 0.0:
             if far == reach:
                 return edge if reach < _FARTHEST else float(np.copysign(np.inf, deviation))
-            straight = NORMAL_95 / max(NORMAL_95 + beyond(far), _CLOSE)
-            near, far = far, min(reach, float(np.clip(straight, 1.25, 3.0)) * far)
+            linear = NORMAL_95 / max(NORMAL_95 + beyond(far), _CLOSE)
+            near, far = far, min(reach, float(np.clip(linear, 1.25, 3.0)) * far)
         return self.value + float(scipy.optimize.brentq(beyond, near, far, xtol=_CLOSE)) * deviation
 
     def _fitted(self, start: Iterate, value: float | None = None) -> AnnealingFit:
@@ -128,6 +182,6 @@ class _Profile:
         if fit.status is not AnnealingStatus.CONVERGED:
             raise IdentificationError(
                 f"the profile of {self.name} cannot be followed: with {self.name} = {start.theta[self.column]:.6g} the fit is "
-                f"{fit.status.value}; the interval from its standard error is all there is"
+                f"{fit.status.value}; use the interval from its standard error"
             )
         return fit

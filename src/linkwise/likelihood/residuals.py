@@ -1,4 +1,4 @@
-"""What a point of the search leaves: residuals of the samples and defects between segments."""
+"""Residuals of the samples and defects between segments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,21 @@ from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """What a point leaves: orbit, residuals / sigma (M, C, K) (0 where missing), defects / state scale (2, n, K - 1)."""
+    """Misfit at a point of the search.
+
+    Attributes
+    ----------
+    point : Iterate
+        The unknowns.
+    trajectories : Trajectories
+        The orbit.
+    residuals : array of shape (M, C, K)
+        Residuals in standard deviations of the noise; 0 where a sample is missing.
+    defects : array of shape (2, n, K - 1)
+        Defects in units of the state; 0 between segments that are not linked.
+    data, continuity : float
+        Cost of the residuals, and of the defects for q = 1.
+    """
 
     point: Iterate
     trajectories: Trajectories
@@ -24,10 +38,40 @@ class Misfit:
     continuity: float
 
     def cost(self, q: float) -> float:
+        """Total cost.
+
+        Parameters
+        ----------
+        q : float
+            Relaxation.
+
+        Returns
+        -------
+        float
+            data + continuity / q^2.
+        """
         return self.data + self.continuity / q**2
 
 
 def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> Misfit:
+    """Misfit at a point.
+
+    Parameters
+    ----------
+    segments : Segments
+        The records in segments.
+    point : Iterate
+        The unknowns.
+    scales : Scales
+        Units of the unknowns.
+    loss : Loss
+        Loss of a residual.
+
+    Returns
+    -------
+    Misfit
+        Residuals and defects; not finite where the motion diverges.
+    """
     mechanics = segments.system.at(point.theta)
     with np.errstate(over="ignore", invalid="ignore"):
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, segments.inputs)

@@ -1,7 +1,7 @@
-"""More than one search where states come from forces: the first that ends well is taken.
+"""Restarts of a fit whose starting states come from inverse dynamics.
 
-A search that ends badly mostly has a stretch on a wrong branch of a law while its coefficients are nearly right; with them the
-states are read from the forces anew.
+A search that fails mostly started with part of the motion on a wrong branch of a law while its parameters are nearly right;
+from these the states are computed again.
 """
 
 from __future__ import annotations
@@ -17,15 +17,27 @@ _ATTEMPTS = 3
 
 
 class Search(Protocol):
-    """`likelihood_fit` with everything said but the start and the options."""
+    """`likelihood_fit` of some records and a structure."""
 
     def __call__(self, theta: Floats, *, options: LikelihoodOptions) -> LikelihoodFit: ...
 
 
 def fit_with_restarts(fitted: Search, theta: Floats, options: LikelihoodOptions) -> LikelihoodFit:
-    """The first fit that converges with the noise that was stated or found, each started from the values of the one before.
+    """Fit up to three times, each time from the parameters of the fit before, until one converges with the expected noise.
 
-    Where none does, the best start decides with a model error allowed. An interrupt ends the search.
+    Parameters
+    ----------
+    fitted : Search
+        The fit.
+    theta : array of shape (p,)
+        Starting values of the parameters.
+    options : LikelihoodOptions
+        The options; a model error is allowed only in a last fit from the best values.
+
+    Returns
+    -------
+    LikelihoodFit
+        The first that converges with the expected noise, else the last; an interrupt ends the search.
     """
     best, start = None, theta
     strict = replace(options, model_error=False)

@@ -1,4 +1,4 @@
-"""Records cut into segments: samples by channel, sensors, and what drives the structure at the flow's points."""
+"""Records cut into segments: samples by channel, sensors, and inputs at the points of the flow."""
 
 from __future__ import annotations
 
@@ -29,20 +29,43 @@ def cut_segments(
     refine: int,
     offsets: Sequence[str] = (),
     gains: Sequence[str] = (),
-    loudness: Sequence[Floats] | None = None,
+    relative_noise: Sequence[Floats] | None = None,
 ) -> Segments:
-    """Segments of so many `samples` each, with `refine` steps of the flow a sample; records follow one another.
+    """Cut records with the same response channels into segments, one record after the other.
 
-    All records have the same response channels. `offsets` and `gains` name the channels with an unknown constant error or
-    factor; `loudness` has for each record the noise of its channels (C,) over the common one. Raises IdentificationError where
-    channels differ, inputs have gaps, or a response belongs to no mass.
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+    system : System
+        The structure as arrays.
+    samples : int
+        Samples in a segment.
+    refine : int
+        Steps of the flow per sample.
+    offsets, gains : sequence of str, optional
+        Channels with an unknown constant error or factor.
+    relative_noise : sequence of array of shape (C,), optional
+        For each record the noise of its channels relative to the common one.
+
+    Returns
+    -------
+    Segments
+        The segments.
+
+    Raises
+    ------
+    IdentificationError
+        If channels differ between records, inputs have gaps, or a response belongs to no mass.
     """
     channels = records[0].responses
-    _require_alike(records, structure, channels)
+    _require_same_channels(records, structure, channels)
     parts = [_piece(record, channels, samples) for record in records]
     counts = [part.shape[2] for part in parts]
     data = np.concatenate(parts, axis=2)
-    seen = np.isfinite(data)
+    observed = np.isfinite(data)
     linked = np.ones(data.shape[2] - 1, dtype=bool)
     linked[np.cumsum(counts)[:-1] - 1] = False
     step = np.concatenate(
@@ -51,36 +74,60 @@ def cut_segments(
     return Segments(
         system=system,
         sensors=sensor_arrays(channels, structure, offsets, gains),
-        samples=np.where(seen, data, 0.0),
-        observed=seen,
+        samples=np.where(observed, data, 0.0),
+        observed=observed,
         step=step,
         linked=linked,
         inputs=flow_inputs(records, structure, counts, samples=samples, refine=refine),
         refine=refine,
-        relative_noise=None if loudness is None else np.repeat(np.stack(loudness, axis=1), counts, axis=1),
+        relative_noise=None
+        if relative_noise is None
+        else np.repeat(np.stack(relative_noise, axis=1), counts, axis=1),
     )
 
 
 def sensor_arrays(
     channels: Sequence[str], structure: Structure, offsets: Sequence[str], gains: Sequence[str]
 ) -> Sensors:
-    """What each channel measures, and which unknown offset and gain it has."""
+    """Kind, mass, offset and gain of channels.
+
+    Parameters
+    ----------
+    channels : sequence of str
+        Names of the channels.
+    structure : Structure
+        The structure.
+    offsets, gains : sequence of str
+        Channels with an unknown constant error or factor.
+
+    Returns
+    -------
+    Sensors
+        The sensors.
+
+    Raises
+    ------
+    IdentificationError
+        If an offset or a gain is named for a channel that is not there.
+    """
     parsed = [Channel.parse(name) for name in channels]
     index = {name: i for i, name in enumerate(structure.mass_names)}
-    lost = [name for name in (*offsets, *gains) if name not in channels]
-    if lost:
+    absent = [name for name in (*offsets, *gains) if name not in channels]
+    if absent:
         raise IdentificationError(
-            f"no offset or gain of {lost[0]} can be found: the record has {', '.join(channels)}"
+            f"no offset or gain of {absent[0]} can be estimated: the record has {', '.join(channels)}"
         )
     return Sensors(
-        kind=np.array([_KINDS[each.kind] for each in parsed]),
-        mass=np.array([index[each.mass] for each in parsed]),
+        kind=np.array([_KINDS[channel.kind] for channel in parsed]),
+        mass=np.array([index[channel.mass] for channel in parsed]),
         offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
         gain=np.array([gains.index(name) if name in gains else -1 for name in channels]),
     )
 
 
-def _require_alike(records: Sequence[Record], structure: Structure, channels: tuple[str, ...]) -> None:
+def _require_same_channels(
+    records: Sequence[Record], structure: Structure, channels: tuple[str, ...]
+) -> None:
     if not channels:
         raise IdentificationError(
             f"the record has no response, only {', '.join(records[0].channels)}: give a channel x:MASS, v:MASS or a:MASS"
@@ -110,7 +157,31 @@ def _piece(record: Record, channels: tuple[str, ...], samples: int) -> Floats:
 def flow_inputs(
     records: Sequence[Record], structure: Structure, counts: Sequence[int], *, samples: int, refine: int
 ) -> Inputs:
-    """Forces and base motion at the points of every step, band-limited interpolation between their samples."""
+    """Applied forces and motion of the base at the points of every step, by band-limited interpolation.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+    counts : sequence of int
+        Number of segments of each record.
+    samples : int
+        Samples in a segment.
+    refine : int
+        Steps of the flow per sample.
+
+    Returns
+    -------
+    Inputs
+        The inputs.
+
+    Raises
+    ------
+    IdentificationError
+        If an input has missing samples, or the displacement of the base is needed and not recorded.
+    """
     forced = [
         (i, f"force:{name}")
         for i, name in enumerate(structure.mass_names)
@@ -129,13 +200,13 @@ def flow_inputs(
     if has_base:
         if "x:base" not in records[0].channels:
             has = [name for name in records[0].inputs if name.endswith(":base")]
-            told = (
-                f"; {has[0]} alone leaves its drift open: integrate it, take the drift out, and"
+            advice = (
+                f"; {has[0]} determines it only up to drift: integrate it, remove the drift, and"
                 if has
                 else ":"
             )
             raise IdentificationError(
-                f"a link hangs on the base, whose displacement the record lacks{told} give a channel x:base"
+                f"a link ends at the base, whose displacement the record lacks{advice} give a channel x:base"
             )
         pieces = [
             np.stack(_at_points(record, "x:base", count, samples, refine), axis=2)
@@ -149,9 +220,7 @@ def _at_points(record: Record, name: str, count: int, samples: int, refine: int)
     """Value and rate of an input, (steps, points, segments) each; held behind the last sample."""
     values = record.channel(name)
     if not np.isfinite(values).all():
-        raise IdentificationError(
-            f"channel {name} has missing samples, and what drives the structure must be known throughout"
-        )
+        raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
     signal = Sampled(record.start, record.rate, values, band_limited=len(values) > _BAND_LIMITED)
     step = record.step / refine
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)
@@ -160,4 +229,4 @@ def _at_points(record: Record, name: str, count: int, samples: int, refine: int)
     return signal.value(inside), np.where(time <= signal.end, signal.derivative(inside), 0.0)
 
 
-_BAND_LIMITED = 64  # samples that a windowed sinc needs to be what it says
+_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately

@@ -1,4 +1,4 @@
-"""What is known of the sensors of several records: their noise, and which of them have an unknown offset or gain."""
+"""Sensors of several records: their noise, and which of them have an unknown offset or gain."""
 
 from __future__ import annotations
 
@@ -15,12 +15,22 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 
-SAMPLES = 5  # in a segment: shorter ones cost unknowns, longer ones make a chaotic flow steep
+SAMPLES = (
+    5  # in a segment: shorter ones have more unknowns, longer ones a steeper cost where motion is chaotic
+)
 
 
 @dataclass(frozen=True, eq=False)
 class SensorModel:
-    """Which channels have an unknown offset or gain, and the `noise` of every channel in each record."""
+    """Unknown offsets and gains of channels, and their noise.
+
+    Attributes
+    ----------
+    offsets, gains : tuple of str
+        Channels with an unknown constant error or factor.
+    noise : tuple of dict of str to float
+        For each record the standard deviations of the noise by channel, in SI units.
+    """
 
     offsets: tuple[str, ...]
     gains: tuple[str, ...]
@@ -28,19 +38,49 @@ class SensorModel:
 
     @classmethod
     def of(cls, records: Sequence[Record], offsets: Sequence[str], gains: Sequence[str]) -> SensorModel:
-        """With the noise that the records state, else what is found in them."""
+        """Sensors of records.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            The records. Noise that they state is used; the rest is estimated.
+        offsets, gains : sequence of str
+            Channels with an unknown constant error or factor.
+
+        Returns
+        -------
+        SensorModel
+            The sensors.
+        """
         return cls(tuple(offsets), tuple(gains), tuple(channel_noise(record) for record in records))
 
     @property
     def sigma(self) -> Floats:
-        """(C,) noise in the first record; that of the others is cut in as a factor."""
+        """(C,) standard deviations of the noise in the first record; those of others are relative to it."""
         return np.array(list(self.noise[0].values()))
 
     def segments(
         self, records: Sequence[Record], structure: Structure, system: System, refine: int
     ) -> Segments:
-        """The segments of the records."""
-        loudness = (
+        """Cut records into segments.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            The records.
+        structure : Structure
+            The structure.
+        system : System
+            The structure as arrays.
+        refine : int
+            Steps of the flow per sample.
+
+        Returns
+        -------
+        Segments
+            The segments.
+        """
+        relative_noise = (
             [np.array(list(noise.values())) / self.sigma for noise in self.noise]
             if len(self.noise) > 1
             else None
@@ -53,5 +93,5 @@ class SensorModel:
             refine=refine,
             offsets=self.offsets,
             gains=self.gains,
-            loudness=loudness,
+            relative_noise=relative_noise,
         )

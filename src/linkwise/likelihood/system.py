@@ -1,8 +1,8 @@
-"""A structure as arrays: topology, laws by group and the linear map from free parameters to coefficients and masses.
+"""A structure as arrays: topology, laws by group and the linear map from parameters to coefficients and masses.
 
-Arrays here have the batch of segments on the LAST axis, (links, K) or (masses, K): link after link is then contiguous, a
-group of links under one law is a slice, and B^T x is one matrix product for all segments. Links are sorted by law;
-`System.order` says which link of the structure stands where.
+The batch of segments is the LAST axis of arrays, (links, K) or (masses, K): links are then contiguous, a group of links
+with one law is a slice, and B^T x is one matrix product for all segments. Links are sorted by law; `System.order` has their
+indices in the structure.
 """
 
 from __future__ import annotations
@@ -20,9 +20,18 @@ from linkwise.model.structure import Structure
 
 @dataclass(frozen=True)
 class LawGroup:
-    """Neighbouring links (a slice of the link axis) under one law; their coefficients start at `first`.
+    """Links with one law.
 
-    `free` names the coefficients that are unknown in some link of the group.
+    Attributes
+    ----------
+    law : Law
+        The law.
+    links : slice
+        Their positions on the link axis.
+    first : int
+        Position of their first coefficient in the vector of coefficients.
+    free : tuple of str
+        Coefficients that are unknown in one of these links at least.
     """
 
     law: Law
@@ -32,32 +41,56 @@ class LawGroup:
 
     @property
     def size(self) -> int:
+        """Number of links."""
         return int(self.links.stop - self.links.start)
 
     @cached_property
     def force(self) -> Program:
-        """The law's force from d, v and its coefficients."""
+        """Program for the force from d, v and the coefficients."""
         return _force_program(self.law)
 
     @cached_property
     def partials(self) -> Program:
-        """The law's partials by d, v and the free coefficients."""
+        """Program for the partial derivatives with respect to d, v and the unknown coefficients."""
         return _slope_program(self.law, self.free)
 
     @property
     def rows(self) -> slice:
-        """Where the coefficients of these links stand in the flat coefficient vector: name by name, link by link."""
+        """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
         return slice(self.first, self.first + len(self.law.coefficients) * self.size)
 
     def row(self, name: str) -> slice:
-        """Where coefficient `name` of these links stands."""
+        """Positions of one coefficient of these links.
+
+        Parameters
+        ----------
+        name : str
+            Name of the coefficient.
+
+        Returns
+        -------
+        slice
+            Its positions in the vector of coefficients.
+        """
         start = self.first + self.law.coefficients.index(name) * self.size
         return slice(start, start + self.size)
 
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Free parameters theta (p,): coefficients = constant + map @ theta, masses = mass_constant + mass_map @ theta."""
+    """Parameters theta (p,): coefficients = constant + map @ theta, masses = mass_constant + mass_map @ theta.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the parameters.
+    constant, map : array of shape (c,), (c, p)
+        Map to the c coefficients.
+    mass_constant, mass_map : array of shape (n,), (n, p)
+        Map to the masses.
+    lower, upper : array of shape (p,)
+        Bounds.
+    """
 
     names: tuple[str, ...]
     constant: Floats
@@ -69,12 +102,27 @@ class Parameters:
 
     @property
     def size(self) -> int:
+        """Number of parameters p."""
         return len(self.names)
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Topology, laws and parameters; `at(theta)` puts numbers in. `order` (L,) are the structure's links, sorted by law."""
+    """Topology, laws and parameters of a structure.
+
+    Attributes
+    ----------
+    incidence : array of shape (n, L)
+        B, links sorted by law.
+    base : array of shape (L,)
+        Incidence of the base.
+    groups : tuple of LawGroup
+        The links by law.
+    parameters : Parameters
+        The parameters.
+    order : array of int, shape (L,)
+        Indices of the links in the structure.
+    """
 
     incidence: Floats
     base: Floats
@@ -84,7 +132,18 @@ class System:
 
     @classmethod
     def of(cls, structure: Structure) -> System:
-        """The system of a structure; its parameters are `structure.parameters`."""
+        """The system of a structure.
+
+        Parameters
+        ----------
+        structure : Structure
+            The structure.
+
+        Returns
+        -------
+        System
+            Its system, with `structure.parameters` as parameters.
+        """
         by_law = structure.topology.by_law
         order = np.concatenate([indices for _, indices in by_law])
         unknown = {member for parameter in structure.parameters for member in parameter.members}
@@ -106,7 +165,18 @@ class System:
         )
 
     def at(self, theta: Floats) -> NumericSystem:
-        """The system with numbers (p,) for its parameters."""
+        """The system with values of the parameters.
+
+        Parameters
+        ----------
+        theta : array of shape (p,)
+            The values.
+
+        Returns
+        -------
+        NumericSystem
+            The system in numbers.
+        """
         parameters = self.parameters
         return NumericSystem(
             self,
@@ -116,8 +186,8 @@ class System:
 
     @cached_property
     def interactions(self) -> tuple[tuple[int, int, tuple[tuple[int, float], ...]], ...]:
-        """Each (link, parameter) pair that interacts, with the rows of free coefficients and factors to sum for it."""
-        found: dict[tuple[int, int], list[tuple[int, float]]] = {}
+        """Each pair of a link and a parameter of its law, with the rows of coefficients and the factors to sum for it."""
+        factors: dict[tuple[int, int], list[tuple[int, float]]] = {}
         rows = 0
         for group in self.groups:
             for name in group.free:
@@ -126,23 +196,23 @@ class System:
                     for column in np.flatnonzero(self.parameters.map[coefficient]):
                         pair = (group.links.start + offset, int(column))
                         factor = float(self.parameters.map[coefficient, column])
-                        found.setdefault(pair, []).append((rows + offset, factor))
+                        factors.setdefault(pair, []).append((rows + offset, factor))
                 rows += group.size
-        return tuple((link, column, tuple(terms)) for (link, column), terms in found.items())
+        return tuple((link, column, tuple(terms)) for (link, column), terms in factors.items())
 
     @cached_property
     def free_rows(self) -> int:
-        """Rows of partials by coefficients that `NumericSystem.partials` evaluates."""
+        """Number of rows of partial derivatives with respect to coefficients in `NumericSystem.partials`."""
         return sum(len(group.free) * group.size for group in self.groups)
 
 
 def _parameters(structure: Structure, groups: list[LawGroup], order: Indices, rows: int) -> Parameters:
-    place = {int(index): position for position, index in enumerate(order)}
+    position_of = {int(index): position for position, index in enumerate(order)}
     row_of = {}
     for group in groups:
         for index in order[group.links]:
             for name in group.law.coefficients:
-                row_of[int(index), name] = group.row(name).start + place[int(index)] - group.links.start
+                row_of[int(index), name] = group.row(name).start + position_of[int(index)] - group.links.start
     free = structure.parameters
     map_, mass_map = np.zeros((rows, len(free))), np.zeros((structure.size, len(free)))
     for column, parameter in enumerate(free):
@@ -168,7 +238,15 @@ def _parameters(structure: Structure, groups: list[LawGroup], order: Indices, ro
 
 @dataclass(frozen=True, eq=False)
 class ForcePartials:
-    """Partials of the link forces: by elongation and its rate (..., L, K), by interacting parameter (..., E, K)."""
+    """Partial derivatives of the link forces.
+
+    Attributes
+    ----------
+    by_d, by_v : array of shape (..., L, K)
+        With respect to elongations and rates.
+    by_parameter : array of shape (..., E, K)
+        With respect to parameters, one row for each of `System.interactions`.
+    """
 
     by_d: Floats
     by_v: Floats
@@ -177,7 +255,17 @@ class ForcePartials:
 
 @dataclass(frozen=True, eq=False)
 class NumericSystem:
-    """A system with numbers: M x'' = -B f(d, v) + w."""
+    """A system in numbers: M x'' = -B f(d, v) + w.
+
+    Attributes
+    ----------
+    system : System
+        The system.
+    coefficients : array of shape (c,)
+        The coefficients in SI units.
+    masses : array of shape (n,)
+        The masses in kg.
+    """
 
     system: System
     coefficients: Floats
@@ -202,20 +290,38 @@ class NumericSystem:
         return np.asarray(self.system.incidence.T @ self.gain)
 
     def force(self, d: Floats, v: Floats, out: Floats) -> None:
-        """Link forces (L, K) at elongations and rates (L, K), written to `out`."""
+        """Link forces.
+
+        Parameters
+        ----------
+        d, v : array of shape (L, K)
+            Elongations in m and rates in m/s.
+        out : array of shape (L, K)
+            The forces in N, overwritten.
+        """
         for group, values in zip(self.system.groups, self._values, strict=True):
             out[group.links] = group.force(d[group.links], v[group.links], *values)[0]
 
     def partials(self, d: Floats, v: Floats) -> ForcePartials:
-        """Partials at elongations and rates (..., L, K)."""
+        """Partial derivatives of the link forces.
+
+        Parameters
+        ----------
+        d, v : array of shape (..., L, K)
+            Elongations in m and rates in m/s.
+
+        Returns
+        -------
+        ForcePartials
+            The derivatives.
+        """
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))
         rows = 0
         for group, values in zip(self.system.groups, self._values, strict=True):
-            here = (..., group.links, slice(None))
-            found = group.partials(d[here], v[here], *values)
-            by_d[here], by_v[here] = found[0], found[1]
-            for slope in found[2:]:
+            which = (..., group.links, slice(None))
+            by_d[which], by_v[which], *slopes = group.partials(d[which], v[which], *values)
+            for slope in slopes:
                 by_coefficient[..., rows : rows + group.size, :] = slope
                 rows += group.size
         pairs = self.system.interactions

@@ -1,8 +1,11 @@
-"""The Runge-Kutta pair of the engine: Cooper and Verner's order 8 for flows, Nystroem's order 4 for tangents.
+"""Runge-Kutta coefficients: Cooper and Verner's order 8 for the flow, Nystroem's order 4 for sensitivities.
 
-Cooper, Verner, "Some explicit Runge-Kutta methods of high order", SIAM J. Numer. Anal. 9 (1972): eleven
-stages whose abscissae are only the five Lobatto points of the step, so that inputs are needed at five times a
-step, and stages 0, 8 and 10 are accurate states at the step's start, middle and end: the tangents reuse them.
+The eleven stages of the former have their abscissae at the five Lobatto points of the step, so inputs are needed at five times
+a step, and stages 0, 8 and 10 are accurate states at its start, middle and end, which the latter uses.
+
+References
+----------
+G. J. Cooper and J. H. Verner, SIAM J. Numer. Anal. 9, 389 (1972).
 """
 
 from __future__ import annotations

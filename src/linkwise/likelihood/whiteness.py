@@ -1,6 +1,8 @@
-"""Whether residuals are white: the largest departure of their cumulated spectrum from a straight line.
+"""Test of residuals for whiteness, by the cumulative periodogram.
 
-Bartlett, "An introduction to stochastic processes", 1955, section 9.2; the statistic is that of Kolmogorov and Smirnov.
+References
+----------
+M. S. Bartlett, An Introduction to Stochastic Processes (1955), section 9.2; the statistic is that of Kolmogorov and Smirnov.
 """
 
 from __future__ import annotations
@@ -10,12 +12,23 @@ import numpy as np
 from linkwise.arrays import Floats
 
 _SIGNIFICANT = 2.5  # the statistic exceeds it by chance once in 130 000 channels
-_SIZEABLE = 0.03  # of the residual power that is in the wrong part of the band: less does not widen intervals
-_FEWEST = 32  # samples that tell a spectrum
+_SIZEABLE = 0.03  # of the residual power in the wrong part of the band: less does not widen intervals
+_FEWEST = 32  # samples needed for a spectrum
 
 
 def is_coloured(residuals: Floats) -> bool:
-    """Whether any channel of `residuals` (M, C, K), K segments of M samples, zero where nothing was measured, is not white."""
+    """Whether the residuals of a channel are not white.
+
+    Parameters
+    ----------
+    residuals : array of shape (M, C, K)
+        Residuals of K segments of M samples in C channels; 0 where a sample is missing.
+
+    Returns
+    -------
+    bool
+        Whether any channel is not white.
+    """
     return any(_coloured(residuals[:, channel].T.ravel()) for channel in range(residuals.shape[1]))
 
 

@@ -1,1 +1,1 @@
-"""Where a maximum-likelihood fit starts: coefficients and states from the record."""
+"""Starting values of maximum-likelihood fits: parameters and states from records."""

@@ -1,9 +1,12 @@
-"""Starting values of coefficients from forces on motions that are known up to a line in every window.
+"""Starting values of coefficients from forces, where elongations are known up to drift.
 
-A law is fitted to the forces of all windows together, while each window is free to shift and tilt its elongation. The first
-guess removes slow motion from the elongation, for then a law is linear in its coefficients; then every window looks for its
-best line under the law, anew on a grid, and the law is corrected with the lines eliminated (variable projection, Golub and
-Pereyra 1973).
+A law is fitted to the forces of all windows together, while a line may be added to the elongation in each window. A first
+guess comes from high-pass filtered elongations, for which the law is linear in its coefficients. Then each window finds its
+best line under the law by grid search, and the law is corrected with the lines eliminated (variable projection).
+
+References
+----------
+G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973).
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from linkwise.records.record import Record
 from linkwise.signals.integrate import highpass
 
 _PERIODS = 1.5  # length of a window: long enough to separate the coefficients
-_CUTOFFS = (2.0, 5.0, 10.0)  # Hz, below which a first guess takes motion for drift
+_CUTOFFS = (2.0, 5.0, 10.0)  # Hz, below which a first guess treats motion as drift
 _ROUNDS = 12
 _TOLERANCE = 1e-3  # of the cost
 
@@ -34,7 +37,26 @@ def link_start(
     values: Mapping[str, float],
     free: tuple[str, ...],
 ) -> dict[str, float]:
-    """The coefficients `free` of link `number`, in which its law is jointly linear; `values` are those of the others."""
+    """Starting values of coefficients in which the law of a link is jointly linear.
+
+    Parameters
+    ----------
+    signals : LinkSignals
+        Signals of all links.
+    number : int
+        Index of the link.
+    link : Link
+        The link.
+    values : mapping of str to float
+        Values of the other coefficients.
+    free : tuple of str
+        Names of the coefficients.
+
+    Returns
+    -------
+    dict of str to float
+        Starting values by name.
+    """
     half = window_half(signals, number, _PERIODS)
     windows = DriftWindows.of(signals, number, half=half, stride=half)
     trials = []
@@ -111,10 +133,28 @@ def _projected_step(
 def law_start(
     record: Record, structure: Structure, sigma: dict[str, float], given: Mapping[str, float]
 ) -> dict[str, float]:
-    """Starting values of all parameters of a `structure` whose links the record determines, by name.
+    """Starting values of all parameters of a structure whose links the record determines.
 
-    `sigma` are the standard deviations of the noise by channel; `given` are starting values by name. Raises
-    IdentificationError where a coefficient that enters its law nonlinearly has none.
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+    sigma : dict of str to float
+        Standard deviations of the noise by channel.
+    given : mapping of str to float
+        Starting values by name of the parameter.
+
+    Returns
+    -------
+    dict of str to float
+        Starting values by name of the parameter.
+
+    Raises
+    ------
+    IdentificationError
+        If a coefficient that enters its law nonlinearly has no starting value.
     """
     signals = link_signals(record, structure, sigma)
     by_parameter: dict[str, list[float]] = {parameter.name: [] for parameter in structure.parameters}

@@ -1,7 +1,11 @@
-"""Elongations from forces: where on its law a link must be to give the measured force, its motion being known up to a drift.
+"""Elongations from forces, where they are known up to drift: Viterbi paths through candidates.
 
-Every short window has a few candidates (`drift_windows`). From window to window the drift is a random walk driven by the
-noise, so the Viterbi algorithm (Viterbi 1967) picks the most likely chain of candidates.
+Each short window has a few candidates (`drift_windows`). From window to window the drift is a random walk driven by the noise,
+so the Viterbi algorithm finds the most likely sequence of candidates.
+
+References
+----------
+A. J. Viterbi, IEEE Trans. Inf. Theory 13, 260 (1967).
 """
 
 from __future__ import annotations
@@ -15,20 +19,35 @@ from linkwise.likelihood.starts.drift_windows import DriftCandidates, DriftWindo
 from linkwise.likelihood.starts.inverse_dynamics import LinkSignals, window_half
 from linkwise.model.link import Link
 
-_PERIODS = 0.8  # length of a window: shorter ones have more candidates, in longer ones the drift is no line
+_PERIODS = (
+    0.8  # length of a window: shorter ones have more candidates, in longer ones the drift is not a line
+)
 _OVERLAP = 3
 _ROUNDS = 2  # of sharing candidates between neighbouring windows
-_LARGEST_MISFIT = 30.0  # times the noise of a window: a larger misfit of a candidate counts no more
+_LARGEST_MISFIT = 30.0  # times the noise of a window: upper limit of the misfit of a candidate
 _LARGEST_TRANSITION = 1e4
 
 
 def viterbi_path(
     windows: DriftWindows, candidates: DriftCandidates, signals: LinkSignals, link: int
 ) -> Floats:
-    """(2, K) what to add to the integrated elongation and its rate at the centre of every window.
+    """The sequence of candidates with the smallest misfit of the forces plus transition cost of a random walk.
 
-    The path through the candidates that minimises the misfit of the forces plus the transition cost of a random walk of
-    offset and slope.
+    Parameters
+    ----------
+    windows : DriftWindows
+        The K windows.
+    candidates : DriftCandidates
+        Their candidates.
+    signals : LinkSignals
+        Signals of all links.
+    link : int
+        Index of the link.
+
+    Returns
+    -------
+    array of shape (2, K)
+        Corrections of the integrated elongation and its rate at the centres of the windows.
     """
     length = len(windows.time)
     noise = float(np.median(candidates.cost.min(axis=0))) / max(length - windows.integration_order, 1)
@@ -56,12 +75,25 @@ def viterbi_path(
     path[-1] = total.argmin()
     for after, k in pairwise(range(len(path) - 1, -1, -1)):
         path[k] = back[path[after], after]
-    every = np.arange(len(path))
-    return np.stack([offset[path, every], slope[path, every]])
+    window = np.arange(len(path))
+    return np.stack([offset[path, window], slope[path, window]])
 
 
 def elongations_from_forces(signals: LinkSignals, links: tuple[Link, ...]) -> tuple[Floats, Floats]:
-    """Elongations and rates (L, N) of links whose coefficients are all numbers."""
+    """Elongations of links of known laws.
+
+    Parameters
+    ----------
+    signals : LinkSignals
+        Signals of the L links.
+    links : tuple of Link
+        The links, all coefficients numbers.
+
+    Returns
+    -------
+    d, v : array of shape (L, N)
+        Elongations in m and rates in m/s.
+    """
     d, v = signals.d.copy(), signals.v.copy()
     sample = np.arange(signals.d.shape[1])
     for number, link in enumerate(links):

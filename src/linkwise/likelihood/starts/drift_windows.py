@@ -1,8 +1,8 @@
-"""Short windows of a link, and the lines that its law leaves to the elongation in each.
+"""Short windows of a link, and lines that may be added to its elongation in each.
 
 In a window the elongation is d(t) = D(t) + o + s t, with D integrated from a velocity (s = 0) or an acceleration, and the law
-must give the measured force. A law that is not monotone has several solutions at one moment; over a window most of them are
-ruled out.
+must give the measured force. A law that is not monotone has several solutions at one moment; a whole window excludes most of
+them.
 """
 
 from __future__ import annotations
@@ -28,10 +28,24 @@ _SAME = 1e-3  # of the largest offset: minima that are closer count as one
 
 @dataclass(frozen=True, eq=False)
 class DriftWindows:
-    """K windows of T samples of a link: `d`, `v` (K, T) without a line, `force` (K, T), `time` (T,) in s from the centre.
+    """K windows of T samples of a link.
 
-    `removed_line` (2, K) is that line, by its value and slope at the centre; `center` (K,) the sample at the centre;
-    `integration_order` how many of value and slope are unknown; `step` the sampling interval in s.
+    Attributes
+    ----------
+    d, v : array of shape (K, T)
+        Elongations in m and rates in m/s without a line.
+    force : array of shape (K, T)
+        Forces in N.
+    time : array of shape (T,)
+        Times in s from the centre.
+    removed_line : array of shape (2, K)
+        Value and slope of the line at the centre.
+    center : array of int, shape (K,)
+        Samples at the centres.
+    integration_order : int
+        Number of unknowns of a line: 0, 1 (value) or 2 (value and slope).
+    step : float
+        Sampling interval in s.
     """
 
     d: Floats
@@ -45,7 +59,24 @@ class DriftWindows:
 
     @classmethod
     def of(cls, signals: LinkSignals, link: int, *, half: int, stride: int) -> DriftWindows:
-        """Windows of 2 `half` + 1 samples, `stride` apart, of one of the links."""
+        """Windows of one of the links.
+
+        Parameters
+        ----------
+        signals : LinkSignals
+            Signals of all links.
+        link : int
+            Index of the link.
+        half : int
+            Samples on each side of a centre.
+        stride : int
+            Distance of neighbouring windows in samples.
+
+        Returns
+        -------
+        DriftWindows
+            The windows.
+        """
         length = 2 * half + 1
         d, v, force = (
             sliding_window_view(signal[link], length)[::stride]
@@ -70,16 +101,34 @@ class DriftWindows:
         )
 
     def motion(self, line: Floats) -> tuple[Floats, Floats]:
-        """d, v (..., K, T) with a line (2, ..., K), given by value and slope at the centre, added."""
+        """Motion with a line added.
+
+        Parameters
+        ----------
+        line : array of shape (2, ..., K)
+            Value and slope at the centre.
+
+        Returns
+        -------
+        d, v : array of shape (..., K, T)
+            Elongations in m and rates in m/s.
+        """
         offset, slope = line[0][..., None], line[1][..., None]
         return self.d + offset + slope * self.time, self.v + slope
 
 
 @dataclass(frozen=True, eq=False)
 class DriftCandidates:
-    """C candidates in each of K windows: `lines` (2, C, K) and their squared force error `cost` (C, K).
+    """C lines in each of K windows.
 
-    `spread` (2, C, K) is the standard deviation of a line for a force error of 1 N.
+    Attributes
+    ----------
+    lines : array of shape (2, C, K)
+        Value in m and slope in m/s at the centre.
+    cost : array of shape (C, K)
+        Squared force errors in N^2.
+    spread : array of shape (2, C, K)
+        Standard deviations of the lines for a force error of 1 N.
     """
 
     lines: Floats
@@ -90,9 +139,23 @@ class DriftCandidates:
 def drift_candidates(
     windows: DriftWindows, link: Link, values: dict[str, float], *, rounds: int = 0
 ) -> DriftCandidates:
-    """The best lines of every window under the law with coefficients `values`: grid search, then Levenberg-Marquardt.
+    """The best lines of each window, by grid search and Levenberg-Marquardt iterations.
 
-    In each of so many `rounds` a window also tries the lines of its neighbours.
+    Parameters
+    ----------
+    windows : DriftWindows
+        The windows.
+    link : Link
+        The link.
+    values : dict of str to float
+        Its coefficients.
+    rounds : int, optional
+        How often a window also tries the lines of its neighbours.
+
+    Returns
+    -------
+    DriftCandidates
+        The lines.
     """
     if windows.integration_order == 0:
         line = np.zeros((2, 1, len(windows.d)))

@@ -1,8 +1,8 @@
 """Inverse dynamics of a tree of links: their forces, and their elongations up to a polynomial, from sensors on every mass.
 
-Accelerations of all masses give the force of every link, B f = w - M a, if the links form no circles. An elongation is known
-from displacements, up to a constant from velocities, and up to a line from accelerations; the last two drift with the noise
-that is integrated.
+Accelerations of all masses give the force of every link by B f = w - M a if the links form no closed loops. An elongation is
+known from displacements, up to a constant from velocities, and up to a line from accelerations; the latter two drift with the
+integrated noise.
 """
 
 from __future__ import annotations
@@ -23,11 +23,18 @@ _SHORTEST = (
 
 @dataclass(frozen=True, eq=False)
 class LinkSignals:
-    """`d`, `v`, `force` (L, N) of the links in m, m/s, N; `step` in s.
+    """Signals of L links.
 
-    `integration_order` (L,) is the number of integrations behind the elongation, which is known up to a polynomial with as
-    many coefficients. `random_walk_intensity` (L,) is the standard deviation of the noise that drives this polynomial, in
-    units of its highest derivative, per sample.
+    Attributes
+    ----------
+    d, v, force : array of shape (L, N)
+        Elongations in m, rates in m/s and forces in N.
+    integration_order : array of int, shape (L,)
+        Number of integrations behind each elongation, which is known up to a polynomial with as many coefficients.
+    random_walk_intensity : array of shape (L,)
+        Standard deviation per sample of the noise that drives this polynomial, in the unit of its highest derivative.
+    step : float
+        Sampling interval in s.
     """
 
     d: Floats
@@ -39,7 +46,20 @@ class LinkSignals:
 
 
 def determines_links(record: Record, structure: Structure) -> bool:
-    """Whether inverse dynamics applies: every mass has a sensor and a known value, and the links form a tree on a support."""
+    """Whether inverse dynamics applies: each mass is known and has a sensor, and the links form a tree on a support.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
     if not all(any(f"{kind}:{name}" in record.channels for kind in "xva") for name in structure.mass_names):
         return False
     if any(mass.mass.value is None for mass in structure.masses):
@@ -51,15 +71,40 @@ def determines_links(record: Record, structure: Structure) -> bool:
 
 
 def needs_integration(record: Record, structure: Structure) -> bool:
-    """Whether inverse dynamics applies, with the displacement of some mass known by integration only."""
+    """Whether inverse dynamics applies and some displacement is known by integration only.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
     displaced = all(f"x:{name}" in record.channels for name in structure.mass_names)
     return not displaced and determines_links(record, structure)
 
 
 def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) -> LinkSignals:
-    """The signals of the links; `sigma` are the standard deviations of the noise by channel, in SI units.
+    """Signals of the links, where `determines_links` holds.
 
-    `determines_links` must hold.
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+    sigma : dict of str to float
+        Standard deviations of the noise by channel, in SI units.
+
+    Returns
+    -------
+    LinkSignals
+        The signals.
     """
     motions, orders, noise = [], [], []
     for name in structure.mass_names:
@@ -90,7 +135,22 @@ def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) 
 
 
 def masses_from_links(record: Record, structure: Structure, d: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Displacements and velocities (n, N) of the masses from elongations and rates (L, N) of a tree of links."""
+    """Motion of the masses from that of a tree of links.
+
+    Parameters
+    ----------
+    record : Record
+        The record, for the motion of the base.
+    structure : Structure
+        The structure.
+    d, v : array of shape (L, N)
+        Elongations in m and rates in m/s.
+
+    Returns
+    -------
+    x, x_rate : array of shape (n, N)
+        Displacements in m and velocities in m/s.
+    """
     base = record.channel("x:base") if "x:base" in record.channels else np.zeros(len(record))
     at_rest = np.zeros((len(record), structure.size))
     d_of_base = structure.elongations(at_rest, base).T
@@ -100,7 +160,22 @@ def masses_from_links(record: Record, structure: Structure, d: Floats, v: Floats
 
 
 def window_half(signals: LinkSignals, link: int, periods: float) -> int:
-    """Half the samples of a window over so many `periods` of a link's motion, counted by zero crossings above the drift."""
+    """Half width of a window over some periods of the motion of a link, by its zero crossings.
+
+    Parameters
+    ----------
+    signals : LinkSignals
+        Signals of all links.
+    link : int
+        Index of the link.
+    periods : float
+        Number of periods.
+
+    Returns
+    -------
+    int
+        Samples on each side of the centre.
+    """
     motion = highpass(signals.d[link], 1.0 / signals.step, DRIFT_FREQUENCY)
     crossings = int(np.count_nonzero(np.diff(np.signbit(motion))))
     longest = (len(motion) - 1) // 4

@@ -1,7 +1,7 @@
-"""Where annealing starts: states at the nodes from the sensors, and the scale on which a defect is natural.
+"""Starting states of annealing at the nodes, and the scales of defects.
 
-A displacement is smoothed and differentiated, a velocity smoothed and integrated once, an acceleration twice, with the drift
-of the integrals removed. A mass without a sensor starts at rest; annealing moves it.
+Displacements are smoothed and differentiated, velocities smoothed and integrated once, accelerations twice, and the drift
+of the integrals is removed. A mass without a sensor starts at rest.
 """
 
 from __future__ import annotations
@@ -25,7 +25,15 @@ _UNMEASURED = (
 
 @dataclass(frozen=True, eq=False)
 class StartStates:
-    """Displacements and velocities `x`, `v` (n, N) of all masses in m and m/s, and the natural `scale` (2n,) of a defect."""
+    """Starting states of all masses.
+
+    Attributes
+    ----------
+    x, v : array of shape (n, N)
+        Displacements in m and velocities in m/s.
+    scale : array of shape (2 n,)
+        Scales of the defects in m and m/s.
+    """
 
     x: Floats
     v: Floats
@@ -33,10 +41,26 @@ class StartStates:
 
 
 def start_states(record: Record, structure: Structure, sigma: dict[str, float], samples: int) -> StartStates:
-    """The motion from the sensors. `samples` is the length of a segment, over which a velocity defect builds up.
+    """Starting states from the sensors of a record.
 
-    `sigma` are the standard deviations of the noise by channel. If `structure` has all its numbers and every mass a sensor,
-    elongations are computed from forces (`drift_tracking`) where displacements were not measured.
+    Elongations follow from forces (`drift_tracking`) where displacements were not measured, every mass has a sensor and all
+    coefficients are numbers.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+    sigma : dict of str to float
+        Standard deviations of the noise by channel, in SI units.
+    samples : int
+        Samples in a segment, over which a defect of the velocity accumulates.
+
+    Returns
+    -------
+    StartStates
+        The states.
     """
     kinds = {
         name: [kind for kind in "xva" if f"{kind}:{name}" in record.channels] for name in structure.mass_names
@@ -97,7 +121,20 @@ def _has_all_numbers(structure: Structure) -> bool:
 
 
 def segment_nodes(states: Sequence[StartStates], samples: int) -> Floats:
-    """(2, n, K) the states at the first sample of every segment, record after record."""
+    """States at the first sample of every segment, record after record.
+
+    Parameters
+    ----------
+    states : sequence of StartStates
+        The states of each record.
+    samples : int
+        Samples in a segment.
+
+    Returns
+    -------
+    array of shape (2, n, K)
+        Displacements in m and velocities in m/s.
+    """
     return np.concatenate(
         [np.stack([start.x[:, ::samples], start.v[:, ::samples]]) for start in states], axis=2
     )

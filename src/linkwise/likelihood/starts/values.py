@@ -1,4 +1,4 @@
-"""Starting values of the parameters for a likelihood fit: the one place that chooses where a search starts."""
+"""Starting values of the parameters for a likelihood fit."""
 
 from __future__ import annotations
 
@@ -29,11 +29,33 @@ def starting_values(
     *,
     weak: Callable[[Structure, Mapping[str, float]], ValuesAndDeviations] | None = None,
 ) -> tuple[Floats, Floats | None]:
-    """Starting values (p,) of the parameters of `structure` and, where they are known, their standard deviations (p,).
+    """Starting values of the parameters.
 
-    Values in `given`, by name, come first. The others come from the forces of the links where displacements were not measured
-    and accelerations determine the forces, else from the weak form (`weak` in place of the best weak fit to one of the
-    records), else from the starts that the structure states. Raises IdentificationError where a parameter has none of them.
+    Given values come first. The others come from inverse dynamics where displacements were not measured and accelerations
+    determine the forces, else from the weak form, else from the structure.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+    given : mapping of str to float, optional
+        Starting values by name of the parameter.
+    weak : callable, optional
+        Gives values and standard deviations by the weak form; by default the best of the weak fits to single records.
+
+    Returns
+    -------
+    values : array of shape (p,)
+        Starting values.
+    deviations : array of shape (p,) or None
+        Their standard deviations, where known.
+
+    Raises
+    ------
+    IdentificationError
+        If a parameter has no starting value.
     """
     given, parameters = dict(given or {}), structure.parameters
     known = {p.name: p.start for p in parameters if p.start is not None} | given
@@ -44,7 +66,7 @@ def starting_values(
         return np.array([values[p.name] for p in parameters]), None
     try:
         with one_blas_thread():
-            found, deviations = (weak or partial(_best_weak_fit, records))(structure, known)
+            estimated, deviations = (weak or partial(_best_weak_fit, records))(structure, known)
     except IdentificationError as error:
         missing = [p.name for p in parameters if p.name not in known]
         if missing:
@@ -54,7 +76,7 @@ def starting_values(
             ) from error
         return np.array([known[p.name] for p in parameters]), None
     return np.array(
-        [given.get(p.name, value) for p, value in zip(parameters, found, strict=True)]
+        [given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)]
     ), deviations
 
 

@@ -1,0 +1,104 @@
+"""Levenberg-Marquardt steps of multiple shooting within the bounds of the parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.normal_equations import Linearization
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import Iterate, Scales, Segments
+
+
+def damped_step(
+    segments: Segments,
+    linear: Linearization,
+    misfit: Misfit,
+    scales: Scales,
+    q: float,
+    damping: float,
+    length: float,
+) -> tuple[Iterate, float] | None:
+    """A damped Gauss-Newton step that ends at the bounds.
+
+    Parameters
+    ----------
+    segments : Segments
+        The records in segments.
+    linear : Linearization
+        Linearization at the present point.
+    misfit : Misfit
+        Misfit there.
+    scales : Scales
+        Units of the unknowns.
+    q : float
+        Relaxation.
+    damping : float
+        Levenberg-Marquardt parameter.
+    length : float
+        Fraction of the step to take.
+
+    Returns
+    -------
+    tuple of (Iterate, float) or None
+        The new point and the predicted reduction of the cost; None where the equations are not positive definite.
+    """
+    equations = linear.equations(q)
+    factor = equations.factor(linear.damping(damping))
+    if factor is None:
+        return None
+    lower, upper = bounds(segments)
+    old = misfit.point.border
+    free = np.ones(segments.parameters, bool)
+    while True:
+        solved = factor.solve(free)
+        if solved is None:
+            return None
+        nodes, border = length * solved[0], length * solved[1]
+        new = old + border * scales.theta
+        outside = free & ((new < lower) | (new > upper))
+        if not outside.any():
+            break
+        free &= ~outside
+    new = np.clip(new, lower, upper)
+    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
+    moved = (nodes * scales.state).T.reshape(2, n, -1)
+    point = Iterate(misfit.point.nodes + moved, *np.split(new, [p, p + segments.sensors.offsets]))
+    return point, (2.0 - length) * equations.drop(nodes, border)
+
+
+def bounds(segments: Segments) -> tuple[Floats, Floats]:
+    """Bounds of parameters, offsets and gains.
+
+    Parameters
+    ----------
+    segments : Segments
+        The records in segments.
+
+    Returns
+    -------
+    lower, upper : array of shape (p + o + g,)
+        The bounds; infinite for offsets and gains.
+    """
+    open_ = np.full(segments.sensors.offsets + segments.sensors.gains, np.inf)
+    parameters = segments.system.parameters
+    return np.concatenate([parameters.lower, -open_]), np.concatenate([parameters.upper, open_])
+
+
+def freedom_per_sample(segments: Segments) -> float:
+    """Degrees of freedom per sample: each chain of segments has one free state, and all share the parameters.
+
+    Parameters
+    ----------
+    segments : Segments
+        The records in segments.
+
+    Returns
+    -------
+    float
+        The share, below 1.
+    """
+    samples = int(segments.observed.sum())
+    return (
+        1.0 - float(segments.chains * 2 * segments.system.incidence.shape[0] + segments.parameters) / samples
+    )
