@@ -15,7 +15,20 @@ _DEGREE = 5
 
 
 def bridged(record: Record, channel: str) -> Floats:
-    """Samples (N,) of a channel with missing ones interpolated linearly: good enough for starting values only."""
+    """Samples of a channel with gaps interpolated linearly, for starting values.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    channel : str
+        Name of the channel.
+
+    Returns
+    -------
+    array of shape (N,)
+        The samples.
+    """
     values = record.channel(channel)
     missing = np.isnan(values)
     if missing.any():
@@ -25,7 +38,22 @@ def bridged(record: Record, channel: str) -> Floats:
 
 
 def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats, Floats]:
-    """Value, first and second derivative (N,) of a channel whose noise has the standard deviation `sigma`."""
+    """Smoothed channel and its derivatives, by a Savitzky-Golay filter.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    channel : str
+        Name of the channel.
+    sigma : float
+        Standard deviation of its noise.
+
+    Returns
+    -------
+    value, first, second : array of shape (N,)
+        The channel and its first and second time derivative.
+    """
     values = bridged(record, channel)
     highest = float(bandwidth(values, record.rate, [sigma])[0])
     half = min(savitzky_golay_half(highest, record.rate, degree=_DEGREE), (len(values) - 1) // 2)
@@ -34,10 +62,24 @@ def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats
 
 
 def integral(values: Floats, step: float) -> Floats:
-    """Integral (N,) of samples (N,) at intervals of `step` s from the first sample on, by Simpson's rule.
+    """Cumulative integral by Simpson's rule, from the first sample.
 
-    As `scipy.integrate.cumulative_simpson`, to the last digit; importing that takes longer than a fit. Each interval
-    belongs to the parabola through its ends and the sample after, or before; two samples give the trapezoidal rule.
+    Parameters
+    ----------
+    values : array of shape (N,)
+        The samples.
+    step : float
+        Sampling interval in s.
+
+    Returns
+    -------
+    array of shape (N,)
+        The integral, 0 at the first sample.
+
+    Notes
+    -----
+    The result is that of `scipy.integrate.cumulative_simpson`, to the last digit; importing that takes longer than a fit. Each
+    interval belongs to the parabola through its ends and the sample after or before it; two samples give the trapezoidal rule.
     """
     result = np.zeros(len(values))
     if len(values) < 3:
@@ -56,7 +98,22 @@ def _first_interval(values: Floats, step: float) -> Floats:
 
 
 def highpass(values: Floats, rate: float, cutoff: float) -> Floats:
-    """Samples (N,) without what is slower than `cutoff` Hz: a Gaussian in frequency, with mirrored ends."""
+    """High-pass filter: a Gaussian in frequency, with mirrored ends.
+
+    Parameters
+    ----------
+    values : array of shape (N,)
+        The samples.
+    rate : float
+        Sampling rate in Hz.
+    cutoff : float
+        Cut-off frequency in Hz.
+
+    Returns
+    -------
+    array of shape (N,)
+        The filtered samples.
+    """
     mirrored = np.concatenate([values, values[::-1]])
     frequency = np.fft.rfftfreq(len(mirrored), 1.0 / rate)
     gain = 1.0 - np.exp(-0.5 * (frequency / cutoff) ** 2)
@@ -64,7 +121,22 @@ def highpass(values: Floats, rate: float, cutoff: float) -> Floats:
 
 
 def channel_motion(record: Record, channel: str, sigma: float) -> Floats:
-    """(3, N) displacement, velocity and acceleration from a channel of any of the three; integrals start at 0."""
+    """Displacement, velocity and acceleration from one channel of any of the three.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    channel : str
+        Name of the channel.
+    sigma : float
+        Standard deviation of its noise.
+
+    Returns
+    -------
+    array of shape (3, N)
+        Displacement in m, velocity in m/s and acceleration in m/s^2; integrals start at 0.
+    """
     kind = Channel.parse(channel).kind
     if kind == "x":
         return np.stack(smoothed(record, channel, sigma))

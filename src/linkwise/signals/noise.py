@@ -1,7 +1,7 @@
 """White noise and bandwidth of channels, from the spectra of short blocks.
 
-Vibrations fill low frequencies, and transients high ones for a short time, but white noise fills all cells of the
-time-frequency plane alike. The noise level is that of the cells without motion.
+Vibrations occupy low frequencies, and transients high ones for a short time, while white noise has the same power in all cells
+of the time-frequency plane. The noise level is that of the cells without motion.
 """
 
 from __future__ import annotations
@@ -37,16 +37,24 @@ _FEWEST = {
 }  # complete blocks needed for an estimate, by length of a block
 _QUANTILE = 0.25  # of the cells; assumed to be free of motion ...
 _QUANTILE_LEVEL = 0.8  # ... and its value relative to the mean of noise: gamma distribution of shape 11
-_MOTION = 2.2  # a cell above this multiple of the noise level contains motion
+_MOTION = 2.2  # multiple of the noise level above which a cell contains motion
 _CHUNK = 64  # blocks transformed at once, so that they stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
 class BlockSpectra:
-    """Power spectra of C channels in B blocks of `block` samples that overlap by half, 1 for white noise of variance 1.
+    """Power spectra of C channels in B blocks that overlap by half, 1 for white noise of variance 1.
 
-    `mean` (C, K) is the average over the `counts` (C,) complete blocks in all bins between 0 Hz and half the sampling rate;
-    `cells` (C, B, G) is the power of every block in G groups of high bins, NaN where a sample is missing.
+    Attributes
+    ----------
+    block : int
+        Samples in a block.
+    mean : array of shape (C, K)
+        Mean over the complete blocks, in all bins between 0 Hz and half the sampling rate.
+    counts : array of int, shape (C,)
+        Number of complete blocks.
+    cells : array of shape (C, B, G)
+        Power of each block in G groups of high bins; NaN where a sample is missing.
     """
 
     block: int
@@ -56,22 +64,49 @@ class BlockSpectra:
 
 
 def noise_sigma(samples: ArrayLike) -> Floats:
-    """Standard deviation (C,) of the white measurement noise of each channel, in the unit of the samples.
+    """Standard deviation of the white measurement noise of channels.
 
-    `samples` is (N, C) or (N,), NaN where a sample is missing. Incomplete blocks are left out, and where gaps are frequent the
-    blocks are shorter; a channel with fewer than two complete blocks of 20 samples gives NaN. The error of the estimate is
-    about 1.2 % at N = 6001 and decreases with sqrt(N). For noise that is not white, the weakest quarter of the cells counts.
+    Parameters
+    ----------
+    samples : array_like of shape (N, C) or (N,)
+        The channels; NaN where a sample is missing.
+
+    Returns
+    -------
+    array of shape (C,)
+        Standard deviations in the unit of the samples; NaN for a channel with fewer than two complete blocks of 20 samples.
+
+    Notes
+    -----
+    Incomplete blocks are left out, and blocks are shorter where gaps are frequent. The standard error is about 1.2 % at N =
+    6001 and decreases with sqrt(N). For noise that is not white, the quarter of the cells with the least power determines
+    the result.
     """
     return _sigma(_channels(samples), None)
 
 
 def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Floats:
-    """Highest frequency (C,) in Hz at which the motion of each channel exceeds its noise.
+    """Highest frequency at which the motion of each channel exceeds its noise.
 
-    `samples` is (N, C) or (N,), `rate` the sampling rate in Hz, and `sigma` (C,) the noise where it is known; otherwise it is
-    estimated by `noise_sigma`. The result is the highest bin of the averaged spectrum with more than twice the power of the
-    white noise: half the sampling rate where motion fills the whole band, one bin where nothing exceeds the noise. Incomplete
-    blocks of 256 samples (fewer in a short record) are left out. Raises RecordError where no block is complete.
+    Parameters
+    ----------
+    samples : array_like of shape (N, C) or (N,)
+        The channels; NaN where a sample is missing.
+    rate : float
+        Sampling rate in Hz.
+    sigma : array_like of shape (C,), optional
+        Standard deviations of the noise; estimated by `noise_sigma` by default.
+
+    Returns
+    -------
+    array of shape (C,)
+        Frequencies in Hz: the highest bin of the averaged spectrum with more than twice the power of the white noise; half the
+        sampling rate where motion fills the whole band, one bin where nothing exceeds the noise.
+
+    Raises
+    ------
+    RecordError
+        If a channel has no complete block of 256 samples (fewer in a short record).
     """
     highest = noise_and_bandwidth(samples, rate, sigma)[1]
     incomplete = np.flatnonzero(np.isnan(highest))
@@ -86,9 +121,23 @@ def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -
 def noise_and_bandwidth(
     samples: ArrayLike, rate: float, stated: ArrayLike | None = None
 ) -> tuple[Floats, Floats]:
-    """`noise_sigma` (C,) and `bandwidth` (C,) of `samples` (N, C) or (N,) from the same spectra, NaN without a complete block.
+    """Noise and bandwidth of channels from the same spectra.
 
-    Noise that is `stated` (C,) and not NaN is not estimated.
+    Parameters
+    ----------
+    samples : array_like of shape (N, C) or (N,)
+        The channels; NaN where a sample is missing.
+    rate : float
+        Sampling rate in Hz.
+    stated : array_like of shape (C,), optional
+        Standard deviations of the noise; NaN for those to estimate.
+
+    Returns
+    -------
+    sigma : array of shape (C,)
+        As from `noise_sigma`.
+    highest : array of shape (C,)
+        As from `bandwidth`; NaN without a complete block.
     """
     channels = _channels(samples)
     spectra = _spectra(channels, _block(channels))

@@ -1,6 +1,6 @@
 """Smoothers with derivatives: local polynomials (Savitzky-Golay) and a smoothing spline with cross-validated smoothness.
 
-Both take evenly sampled channels (N, C) without gaps and are linear, so they act on noise as filters do.
+Both take evenly sampled channels without gaps and are linear, so they act on noise as filters do.
 """
 
 from __future__ import annotations
@@ -26,10 +26,34 @@ _SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/20
 def savitzky_golay(
     samples: ArrayLike, rate: float, *, half: int, degree: int = 5
 ) -> tuple[Floats, Floats, Floats]:
-    """Value, first and second time derivative, each (N, C), of the polynomial fitted to 2 `half` + 1 samples around each.
+    """Savitzky-Golay filter with derivatives.
 
-    Closer than `half` to an end, the polynomial of the first or last complete window is evaluated off its centre (Savitzky and
-    Golay 1964). `rate` in Hz. Raises RecordError for a window longer than the record or too short for the degree.
+    Closer than half a window to an end, the polynomial of the first or last complete window is evaluated off its centre.
+
+    Parameters
+    ----------
+    samples : array_like of shape (N, C) or (N,)
+        The channels, without gaps.
+    rate : float
+        Sampling rate in Hz.
+    half : int
+        Samples on each side of the centre of a window.
+    degree : int, optional
+        Degree of the polynomial.
+
+    Returns
+    -------
+    value, first, second : array of shape (N, C)
+        The smoothed channels and their first and second time derivative.
+
+    Raises
+    ------
+    RecordError
+        If samples are missing, or the window is longer than the record or too short for the degree.
+
+    References
+    ----------
+    A. Savitzky and M. J. E. Golay, Anal. Chem. 36, 1627 (1964).
     """
     values = _columns(samples)
     length = 2 * half + 1
@@ -57,10 +81,28 @@ def savitzky_golay(
 
 
 def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> int:
-    """Half width in samples of the Savitzky-Golay window for motion up to `bandwidth` in Hz, at the sampling rate in Hz.
+    """Half width of a Savitzky-Golay window for motion of given bandwidth.
 
-    The -3 dB cut-off is at 1.4 times the bandwidth, since the second derivative is attenuated well before the value. Schafer,
-    "What is a Savitzky-Golay filter?", 2011, Eq. (12): f_c = (degree + 1) / (3.2 half - 4.6) in half sampling rates.
+    The -3 dB cut-off is at 1.4 times the bandwidth, since the second derivative is attenuated well before the value.
+
+    Parameters
+    ----------
+    bandwidth : float
+        Highest frequency of the motion in Hz.
+    rate : float
+        Sampling rate in Hz.
+    degree : int, optional
+        Degree of the polynomial.
+
+    Returns
+    -------
+    int
+        Samples on each side of the centre.
+
+    References
+    ----------
+    R. W. Schafer, IEEE Signal Process. Mag. 28 (4), 111 (2011), Eq. (12): f_c = (degree + 1) / (3.2 half - 4.6) in half
+    sampling rates.
     """
     cut = 2 * _MARGIN * bandwidth / rate
     even = degree // 2 * 2  # by symmetry the value is smoothed as with the even degree below
@@ -69,9 +111,16 @@ def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> in
 
 @dataclass(frozen=True, eq=False)
 class SmoothingSpline:
-    """Quintic B-splines with a knot at every sample, `coefficients` (N + 4, C); `smoothing` (C,) is the weight of the penalty.
+    """Smoothing splines of C channels: quintic B-splines with a knot at every sample.
 
-    The weight lies between 1e-8, which interpolates, and 1e12, which passes 1/200 of the sampling rate.
+    Attributes
+    ----------
+    coefficients : array of shape (N + 4, C)
+        Coefficients of the B-splines.
+    rate : float
+        Sampling rate in Hz.
+    smoothing : array of shape (C,)
+        Weights of the penalty, from 1e-8, which interpolates, to 1e12, which passes 1/200 of the sampling rate.
     """
 
     coefficients: Floats
@@ -79,30 +128,73 @@ class SmoothingSpline:
     smoothing: Floats
 
     def value(self) -> Floats:
-        """(N, C) smoothed samples."""
+        """Smoothed samples.
+
+        Returns
+        -------
+        array of shape (N, C)
+            The samples.
+        """
         return _stencil(self.coefficients, _VALUE)
 
     def first(self) -> Floats:
-        """(N, C) first derivative by time."""
+        """First time derivative.
+
+        Returns
+        -------
+        array of shape (N, C)
+            The derivative, in units per s.
+        """
         return _stencil(self.coefficients, _SLOPE) * self.rate
 
     def second(self) -> Floats:
-        """(N, C) second derivative by time."""
+        """Second time derivative.
+
+        Returns
+        -------
+        array of shape (N, C)
+            The derivative, in units per s^2.
+        """
         return _stencil(self.coefficients, _CURVATURE) * self.rate**2
 
     @property
     def reach(self) -> int:
-        """Samples within which an end makes the slope worse, for the smoothest channel: past it by less than a fifth."""
+        """Number of samples at each end with a less accurate first derivative, for the smoothest channel.
+
+        Beyond it the error is larger than inside by less than a fifth.
+        """
         smoothest = max(float(np.max(self.smoothing)), 1e-3)
         return ceil(5 * float(smoothest ** (0.5 / _PENALTY)))
 
 
 def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None = None) -> SmoothingSpline:
-    """The spline that minimises sum (y - s)^2 + smoothing * sum (fourth difference of the coefficients)^2, channel by channel.
+    """Smoothing spline, channel by channel.
 
-    `samples` (N, C) or (N,), `rate` in Hz. With `smoothing` None each channel takes the weight of smallest generalised
-    cross-validation N rss / (N - trace)^2 among 41 from 1e-8 to 1e12; the trace of the smoother is that of its spectrum
-    (Eilers, Marx 1996; exact up to the two ends). Raises RecordError for fewer than 16 samples or a weight outside that range.
+    It minimises sum (y - s)^2 + smoothing * sum (fourth difference of the coefficients)^2.
+
+    Parameters
+    ----------
+    samples : array_like of shape (N, C) or (N,)
+        The channels, without gaps.
+    rate : float
+        Sampling rate in Hz.
+    smoothing : float, optional
+        Weight of the penalty, from 1e-8 to 1e12. By default the one of 41 in that range that minimises the generalised
+        cross-validation score N rss / (N - trace)^2, with the trace of the smoother from its spectrum, exact up to the ends.
+
+    Returns
+    -------
+    SmoothingSpline
+        The splines.
+
+    Raises
+    ------
+    RecordError
+        If there are fewer than 16 samples, samples are missing, or the weight is out of range.
+
+    References
+    ----------
+    P. H. C. Eilers and B. D. Marx, Stat. Sci. 11, 89 (1996).
     """
     values = _columns(samples)
     if len(values) < 16:

@@ -138,9 +138,28 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
 
 
 def finite_differences(samples: Floats, rate: float, derivative: int, *, order: int = 4) -> Floats:
-    """The first or second time derivative (N, ...) of samples (N, ...) at `rate` Hz, of `order` 2, 4 or 6 up to both ends.
+    """Finite differences of given order, up to both ends.
 
-    Raises RecordError for another order or derivative, or too few samples.
+    Parameters
+    ----------
+    samples : array of shape (N, ...)
+        The samples.
+    rate : float
+        Sampling rate in Hz.
+    derivative : {1, 2}
+        Order of the derivative.
+    order : {2, 4, 6}, optional
+        Order of accuracy.
+
+    Returns
+    -------
+    array of shape (N, ...)
+        The derivative, in units per s or s^2.
+
+    Raises
+    ------
+    RecordError
+        If an order is not available or there are too few samples.
     """
     if order not in (2, 4, 6) or derivative not in (1, 2):
         raise RecordError(
