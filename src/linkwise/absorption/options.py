@@ -104,7 +104,7 @@ class AbsorptionOptions:
         TypeError
             If a keyword is unknown.
         """
-        names = {each.name for each in fields(cls)}
+        names = {option.name for option in fields(cls)}
         own: dict[str, Any] = {name: value for name, value in keywords.items() if name in names}
         drives: dict[str, Any] = {name: value for name, value in keywords.items() if name not in names}
         return cls(**own, excitation=Excitation.of(**drives))

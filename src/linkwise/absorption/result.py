@@ -129,7 +129,7 @@ class AbsorptionRun:
 
     def share(self, link: str) -> float:
         """The part of `total` that the link named `link` has dissipated by the end."""
-        names = [each.name for each in self.structure.links]
+        names = [link.name for link in self.structure.links]
         return float(self.dissipated[-1, names.index(link)] / self.total)
 
 

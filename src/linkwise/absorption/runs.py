@@ -76,7 +76,7 @@ def batch_runs(
     batch = run_batch(schedules, [link.tops for link in potentials.barriers])
     base = schedule.excitation.base
     x_base = None if base is None else base.value(schedule.times)
-    start = np.stack([each.start for each in schedules], axis=1)[None]
+    start = np.stack([schedule.start for schedule in schedules], axis=1)[None]
     size = schedule.structure.size
     x_base_at_start = None if base is None else base.value(np.zeros(1))
     energy = (

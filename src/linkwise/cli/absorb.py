@@ -55,8 +55,8 @@ class RepetitionOptions:
 
 def _dampings(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> dict[str, float]:
     """Dampings in N s/m by link."""
-    found = pairs(texts, "--harvester", "nes1=0.01")
-    return {name: number(value, "--harvester", "nes1=0.01") for name, value in found.items()}
+    texts_by_link = pairs(texts, "--harvester", "nes1=0.01")
+    return {name: number(value, "--harvester", "nes1=0.01") for name, value in texts_by_link.items()}
 
 
 def _values(text: str) -> list[float]:
@@ -184,16 +184,16 @@ def absorb(
     process = drawing_beside(output, f"linkwise.report.absorption_folder:{kind}", ABSORPTION)
     keywords = {**asked, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
-        found = _answer(structure, repetition, {**keywords, "progress": step})
+        result = _answer(structure, repetition, {**keywords, "progress": step})
     if process is not None:
-        process.draw(found)
+        process.draw(result)
     deliver(
-        to_json(lw.absorption_of(found)) if as_json else str(found),
+        to_json(lw.absorption_of(result)) if as_json else str(result),
         output,
-        lambda folder, step: getattr(folders, kind).write(found, folder, progress=step, process=process),
+        lambda folder, step: getattr(folders, kind).write(result, folder, progress=step, process=process),
         quiet=as_json,
     )
-    return exit_code(found.verdicts)
+    return exit_code(result.verdicts)
 
 
 def _answer(

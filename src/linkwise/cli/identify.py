@@ -197,37 +197,37 @@ def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
 
 
 def _profiles(estimate: lw.Estimate, step: lw.Progress) -> dict[str, tuple[float, float]]:
-    """Profile intervals of all unknowns that have one; what cannot be followed is told, Ctrl-C leaves the rest out."""
-    found: dict[str, tuple[float, float]] = {}
+    """Profile intervals of all unknowns that have one, with a note on those that have none; Ctrl-C leaves the rest out."""
+    intervals: dict[str, tuple[float, float]] = {}
     if not estimate.trusted:
-        return found
+        return intervals
     names = [parameter.name for parameter in estimate.parameters]
     try:
         for number, name in enumerate(names):
             step(lw.ProgressReport(number / len(names), f"profile of {name}"))
             try:
-                found[name] = lw.profile_interval(estimate, name)
+                intervals[name] = lw.profile_interval(estimate, name)
             except lw.IdentificationError as error:
                 tell(f"note: {error}")
     except KeyboardInterrupt:
-        tell(f"note: interrupted; {len(names) - len(found)} profile intervals are left out")
-    return found
+        tell(f"note: interrupted; {len(names) - len(intervals)} profile intervals are left out")
+    return intervals
 
 
 def _profile_lines(estimate: lw.Estimate, profiles: dict[str, tuple[float, float]]) -> list[str]:
-    """Profile intervals, marking those that the standard error does not tell."""
+    """Profile intervals, marking those that differ from the intervals of the standard errors."""
     if not profiles:
         return []
     width = max(map(len, profiles))
     lines = ["\n95 % intervals that follow the likelihood (profiles)"]
     for name, ends in profiles.items():
-        each = estimate.coefficient(name)
-        asymmetric = each.interval is not None and any(
-            abs(end - other) > _DIFFERS * (each.interval[1] - each.value)
-            for end, other in zip(ends, each.interval, strict=True)
+        coefficient = estimate.coefficient(name)
+        asymmetric = coefficient.interval is not None and any(
+            abs(end - standard) > _DIFFERS * (coefficient.interval[1] - coefficient.value)
+            for end, standard in zip(ends, coefficient.interval, strict=True)
         )
         mark = "  differs from the table: trust this one" if asymmetric else ""
-        lines.append(f"  {name:{width}}  {ends[0]:.6g} to {ends[1]:.6g} {each.unit}{mark}")
+        lines.append(f"  {name:{width}}  {ends[0]:.6g} to {ends[1]:.6g} {coefficient.unit}{mark}")
     return lines
 
 

@@ -66,18 +66,18 @@ def limit(
       linkwise limit chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 20 --sensors a:m2 --unknown nes
       linkwise limit chain.toml --duration 2 --rate 500 --force m1="5*sin(30*t)" --noise-of x:m1=1e-5 --sensors x:m1
     """
-    asked = {**sampling.keywords(), **drive.keywords()}
+    keywords = {**sampling.keywords(), **drive.keywords()}
     if segment is not None:
-        asked["segment"] = segment
+        keywords["segment"] = segment
     with progress("simulating the test") as step, unstarted_is_usage():
-        found = lw.limit(
+        result = lw.limit(
             lw.read_structure(structure),
             noise=_noise(noise, noise_of),
             unknown=unknown,
             progress=step,
-            **asked,
+            **keywords,
         )
-    click.echo(to_json(found.to_dict()) if as_json else str(found))
+    click.echo(to_json(result.to_dict()) if as_json else str(result))
 
 
 def _noise(decibel: float | None, of: tuple[str, ...]) -> float | dict[str, float]:

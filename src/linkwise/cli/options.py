@@ -60,13 +60,13 @@ def number(text: str, option: str, example: str) -> float:
 
 def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
     """Repeated `NAME=VALUE`; a name given twice is wrong usage."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in texts:
         name, value = split(text, option, example)
-        if name in found:
-            raise click.UsageError(f"{option} is given twice for {name!r}: {found[name]} and {value}.")
-        found[name] = value
-    return found
+        if name in values:
+            raise click.UsageError(f"{option} is given twice for {name!r}: {values[name]} and {value}.")
+        values[name] = value
+    return values
 
 
 def grouped(

@@ -55,10 +55,10 @@ def simulate(
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
     """
     subject = lw.read_structure(structure)
-    asked = {**sampling.keywords(), **drive.keywords()}
+    keywords = {**sampling.keywords(), **drive.keywords()}
     with progress("simulating") as step:
         with unstarted_is_usage():
-            record = lw.simulate(subject, **asked, progress=step)
+            record = lw.simulate(subject, **keywords, progress=step)
         if noise is not None:
             record = record.with_noise(noise, seed=seed)
         output.parent.mkdir(parents=True, exist_ok=True)
@@ -67,7 +67,7 @@ def simulate(
         summary = _summary(record, output)
     if noise is not None:
         summary["noise"] = {"decibel": noise, "seed": seed}
-    click.echo(to_json(summary) if as_json else _told(subject, summary))
+    click.echo(to_json(summary) if as_json else _summary_text(subject, summary))
 
 
 def _summary(record: lw.Record, output: Path) -> dict[str, Any]:
@@ -94,13 +94,13 @@ def _summary(record: lw.Record, output: Path) -> dict[str, Any]:
     }
 
 
-def _told(structure: lw.Structure, summary: dict[str, Any]) -> str:
+def _summary_text(structure: lw.Structure, summary: dict[str, Any]) -> str:
     energy = summary["energy"]
-    lost = sum(energy["dissipated"].values())
+    total = sum(energy["dissipated"].values())
     lines = [
         f"{structure.name or 'structure'}: {structure.size} masses, {len(structure.links)} links",
         f"record      {summary['samples']} samples at {summary['rate']:g} Hz of {_listed(summary['channels'])}",
-        f"energy      {energy['put_in']:.4g} J put in, {lost:.4g} J dissipated, {energy['stored']:.4g} J stored at the end; "
+        f"energy      {energy['put_in']:.4g} J put in, {total:.4g} J dissipated, {energy['stored']:.4g} J stored at the end; "
         f"the balance closes to {energy['closure']:.0e} of the input",
         _horizon(summary["horizon"]),
     ]

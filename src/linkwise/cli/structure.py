@@ -36,11 +36,11 @@ def bnes(dof: int, unknown: str | None, output: Path | None, as_json: bool) -> N
       linkwise structure bnes --dof 10 --unknown nes -o chain.toml
     """
     chain = lw.bnes_chain(dof)
-    asked = chain.unknown(unknown) if unknown else chain
+    written = chain.unknown(unknown) if unknown else chain
     if output is not None:
         with atomic_file(output) as partial:
-            lw.write_structure(asked, partial)
-    text = lw.format_structure(asked)
+            lw.write_structure(written, partial)
+    text = lw.format_structure(written)
     if as_json:
         click.echo(to_json(tomllib.loads(text)))
     elif output is None:
@@ -86,12 +86,12 @@ def _rests(subject: lw.Structure) -> dict[str, Any] | None:
     """Stable equilibria and their modes as plain data; None where coefficients are unknown or masses too many."""
     if subject.parameters or subject.size > MANY:
         return None
-    found = lw.equilibria(subject)
-    stable = [rest for rest in found if rest.stable]
+    points = lw.equilibria(subject)
+    stable = [rest for rest in points if rest.stable]
     return {
         "stable": len(stable),
-        "unstable": len(found) - len(stable),
-        "note": found.note,
+        "unstable": len(points) - len(stable),
+        "note": points.note,
         "first": [_rest(subject, rest) for rest in stable[:SHOWN]],
     }
 

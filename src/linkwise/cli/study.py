@@ -63,12 +63,12 @@ def study(
         raise click.UsageError(
             "--workers are processes of this machine, --scheduler has its own; give one of them."
         )
-    asked = lw.read_study(name)
-    asked = asked.quickly() if quick else asked
+    definition = lw.read_study(name)
+    definition = definition.quickly() if quick else definition
     if export:
-        _require_stored(asked, output)
+        _require_stored(definition, output)
     else:
-        _run(asked, output, workers, scheduler)
+        _run(definition, output, workers, scheduler)
     summary = lw.study_summary(output)
     if not as_json:  # before the files, which may fail
         click.echo(f"{summary}\n")
@@ -80,12 +80,12 @@ def study(
     return UNTRUSTED if summary.failed_cells else 0
 
 
-def _require_stored(asked: lw.Study, output: Path) -> None:
+def _require_stored(study: lw.Study, output: Path) -> None:
     """UsageError where what is to be exported is not what the folder holds."""
     stored = lw.stored_study(output)
-    if stored.name != asked.name:
+    if stored.name != study.name:
         raise click.UsageError(
-            f'{output} holds the study "{stored.name}", not "{asked.name}"; name that one.'
+            f'{output} holds the study "{stored.name}", not "{study.name}"; name that one.'
         )
     if not lw.read_rows(output):
         raise lw.LinkwiseError(
@@ -93,17 +93,17 @@ def _require_stored(asked: lw.Study, output: Path) -> None:
         )
 
 
-def _run(asked: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
+def _run(study: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
     """Run what is left of the study; where it is interrupted, say how far it came."""
     last: list[lw.ProgressReport] = []
     try:
-        with progress(f"{asked.name}: starting workers") as step:
+        with progress(f"{study.name}: starting workers") as step:
 
             def show(report: lw.ProgressReport) -> None:
                 last[:] = [report]
                 step(report)
 
-            lw.run_study(asked, output, workers=workers, scheduler=scheduler, progress=show)
+            lw.run_study(study, output, workers=workers, scheduler=scheduler, progress=show)
     except KeyboardInterrupt:
         done = f"{last[0].activity.partition(',')[0]} are" if last else "What was finished is"
         tell(f"{done} in {output}; the same command goes on from there.")

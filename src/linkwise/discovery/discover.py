@@ -120,7 +120,7 @@ def discover(
     candidates = candidates_for(records, masses, terms)
     checks = check_data(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
-    records = [_channels_of(each, candidates.masses) for each in records]
+    records = [_channels_of(record, candidates.masses) for record in records]
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     with one_blas_thread():
         screened = _Screened.of(records, candidates)

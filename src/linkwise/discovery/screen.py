@@ -56,7 +56,7 @@ def screen(
     many = len(candidates.masses) > _TOGETHER
     tested = _screen_mass_by_mass(records, motions, candidates) if many else frozenset(candidates.by_name)
     equations = _equations(records, motions, candidates.structure(candidates.on_links_of(tested)))
-    regression = WeakRegression.of([(each.patches, each) for each in equations])
+    regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
     springs = _exchanged(regression, candidates, _significant(regression, candidates, _LIMIT))
     damped = _with_dampers(regression, candidates, springs)
     kept = frozenset(regression.names[k] for k in _connected(regression, candidates, damped))
@@ -68,7 +68,7 @@ def z_scores(
 ) -> dict[str, float]:
     """|z| of the significant candidates when all are regressed at once, by name; empty if the equations are singular."""
     equations = _equations(records, motions, candidates.full_structure)
-    regression = WeakRegression.of([(each.patches, each) for each in equations])
+    regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
     significant = _significant(regression, candidates, _LIMIT)
     for bias in _BIAS:
         try:
@@ -84,7 +84,7 @@ def weak_start(
 ) -> tuple[Floats, Floats]:
     """The parameters (p,) of `structure` by the weak form and their standard deviations (p,), with the least noise bias."""
     equations = _equations(records, motions, structure)
-    regression = WeakRegression.of([(each.patches, each) for each in equations])
+    regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
     for bias in _BIAS:
         try:
             solution = regression.quadratic(bias).solve(range(len(regression.names)))
@@ -105,7 +105,7 @@ def _screen_mass_by_mass(
     """The candidates that are significant in the equation of at least one mass."""
     equations = _equations(records, motions, candidates.full_structure, together=1)
     names: set[str] = set()
-    for patches in zip(*(each.patches for each in equations), strict=True):
+    for patches in zip(*(equation.patches for equation in equations), strict=True):
         regression = WeakRegression.of(
             [([patch], each) for patch, each in zip(patches, equations, strict=True)]
         )

@@ -67,5 +67,5 @@ def _compared(motion: OrbitEnvelope, without: OrbitEnvelope, paper: str) -> str:
     ]
     listed = ", ".join(f"{mass} {100.0 * share:.0f} %" for mass, share in shares)
     higher = [mass for mass, share in shares if share > 1.0]
-    told = f" That does not hold for {', '.join(higher)} of this orbit." if higher else " So it is here."
-    return f"Root mean square over {motion.record.duration:g} s against the same mass without sinks: {listed}. {paper}{told}"
+    remark = f" That does not hold for {', '.join(higher)} of this orbit." if higher else " So it is here."
+    return f"Root mean square over {motion.record.duration:g} s against the same mass without sinks: {listed}. {paper}{remark}"

@@ -30,16 +30,16 @@ class Claim:
 
 
 def claims(table: StudyTable, paper: PaperStudy, comparison: Table2) -> tuple[Claim, ...]:
-    """All that can be claimed of a study, what it was made for first."""
-    found = [_complete(table)]
+    """The claims that a study tests, what it was made for first."""
+    made = [_complete(table)]
     if comparison.cells:
-        found = [
+        made = [
             *(_far_below(table, paper, method) for method in paper.likelihood),
             *([_reproduced(comparison)] if comparison.classical else []),
             *(_informed(table, paper, method) for method in paper.informed),
-            *found,
+            *made,
         ]
-    return (*found, *_trusted(table, paper))
+    return (*made, *_trusted(table, paper))
 
 
 def _complete(table: StudyTable) -> Claim:
@@ -58,28 +58,28 @@ def _complete(table: StudyTable) -> Claim:
 def _far_below(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
     level = DECIBELS[-1]
     cells = [table.cell(name, level, method) for name in paper.masses]
-    told = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
-    asked = (
+    errors = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
+    required = (
         f"{BELOW:g} times below the {INFORMED_NMSE:g} % that the paper's physics-informed SINDy keeps there"
     )
-    if not told:
-        return Claim(f"{method} at {level:g} dB: nothing to tell yet. It is to stay {asked}.", None)
-    least = min(INFORMED_NMSE / value for value in told.values())
-    worst = max(told, key=lambda masses: told[masses])
+    if not errors:
+        return Claim(f"{method} at {level:g} dB: nothing to tell yet. It is to stay {required}.", None)
+    least = min(INFORMED_NMSE / value for value in errors.values())
+    worst = max(errors, key=lambda masses: errors[masses])
     text = (
-        f"{method} at {level:g} dB: at most {told[worst]:.2g} % ({worst} masses), {_rounded_down(least)} times below "
+        f"{method} at {level:g} dB: at most {errors[worst]:.2g} % ({worst} masses), {_rounded_down(least)} times below "
         f"the paper's physics-informed {INFORMED_NMSE:g} %"
     )
     missed = [
         f"{masses} masses ({INFORMED_NMSE / value:.3g} times)"
-        for masses, value in told.items()
+        for masses, value in errors.items()
         if INFORMED_NMSE / value < BELOW
     ]
     if missed:
         return Claim(f"{text}; it misses {BELOW:g} times in the cells of {', '.join(missed)}.", False)
-    absent = _absent(paper, told)
+    absent = _absent(paper, errors)
     if absent:
-        return Claim(f"{text}; there is nothing yet for {absent}. It is to stay {asked}.", None)
+        return Claim(f"{text}; there is nothing yet for {absent}. It is to stay {required}.", None)
     return Claim(f"{text} in every cell; {BELOW:g} times was asked for.", True)
 
 
@@ -87,17 +87,17 @@ def _reproduced(comparison: Table2) -> Claim:
     best = comparison.best
     if best is None:
         return Claim("Table 2: no convention of the classical method has a number for any cell.", None)
-    within, told, count = comparison.within(best), comparison.told(best), len(comparison.cells)
+    within, counted, count = comparison.within(best), comparison.counted(best), len(comparison.cells)
     factor = comparison.typical_factor(best)
     text = (
         f'Table 2 is reproduced best by "{best}" (of {len(comparison.classical)} ways to run SINDy): '
         f"{within} of {count} cells within a factor {NEAR:g}, the median factor is {factor:.2g}"
     )
     enough = within >= MOST * count
-    if told < count and not enough:
+    if counted < count and not enough:
         return Claim(
-            f"{text}; {count - told} cells have no number yet.",
-            None if within + count - told >= MOST * count else False,
+            f"{text}; {count - counted} cells have no number yet.",
+            None if within + count - counted >= MOST * count else False,
         )
     return Claim(f"{text}{'' if enough else f'; {np.ceil(MOST * count):.0f} were asked for'}.", enough)
 
@@ -105,45 +105,45 @@ def _reproduced(comparison: Table2) -> Claim:
 def _informed(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
     level = DECIBELS[-1]
     cells = [table.cell(name, level, method) for name in paper.masses]
-    told = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
-    if not told:
+    errors = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
+    if not errors:
         return Claim(
             f"{method} at {level:g} dB: nothing to tell yet; the paper has around {INFORMED_NMSE:g} %.", None
         )
     text = (
-        f"{method} at {level:g} dB: {min(told.values()):.2g} to {max(told.values()):.2g} %; "
+        f"{method} at {level:g} dB: {min(errors.values()):.2g} to {max(errors.values()):.2g} %; "
         f"the paper has around {INFORMED_NMSE:g} %"
     )
-    off = [f"{masses} masses" for masses, value in told.items() if not near(value, INFORMED_NMSE)]
+    off = [f"{masses} masses" for masses, value in errors.items() if not near(value, INFORMED_NMSE)]
     if off:
         return Claim(f"{text}, which {', '.join(off)} miss by more than a factor {NEAR:g}.", False)
-    absent = _absent(paper, told)
+    absent = _absent(paper, errors)
     return Claim(f"{text}{f'; nothing yet for {absent}' if absent else ''}.", None if absent else True)
 
 
 def _trusted(table: StudyTable, paper: PaperStudy) -> list[Claim]:
     """Whether linkwise's own estimators stand by their answers."""
-    found = []
+    claims_of_trust = []
     for method in (*paper.weak, *paper.likelihood):
         answers = [row for cell in _of(table, method) for row in cell.answers]
         doubtful = [row for row in answers if row.status != "converged"]
         if answers:
             text = f"{method} stands by {len(answers) - len(doubtful)} of its {len(answers)} answers"
-            found.append(
+            claims_of_trust.append(
                 Claim(
                     f"{text}{'; the others say that they are not to be trusted' if doubtful else ''}.",
                     not doubtful,
                 )
             )
-    return found
+    return claims_of_trust
 
 
 def _of(table: StudyTable, method: str) -> Sequence[Cell]:
     return [cell for cell in table.cells if cell.method == method]
 
 
-def _absent(paper: PaperStudy, told: dict[int, float]) -> str:
-    return ", ".join(f"{masses} masses" for masses in paper.masses.values() if masses not in told)
+def _absent(paper: PaperStudy, errors: dict[int, float]) -> str:
+    return ", ".join(f"{masses} masses" for masses in paper.masses.values() if masses not in errors)
 
 
 def _rounded_down(value: float) -> str:

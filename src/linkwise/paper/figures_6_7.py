@@ -40,22 +40,24 @@ def _figure(
     subject = study.subject(name)
     structure = subject.structure
     link = _median_link(judged)  # one link for all curves: each has its own range of motion
-    found: list[IdentifiedForce] = []
-    told: list[str] = []
+    forces: list[IdentifiedForce] = []
+    errors: list[str] = []
     for level, row in rows.items():
         if row is not None:
-            one = structure.with_values(row.coefficients).link(link)
+            identified = structure.with_values(row.coefficients).link(link)
             label = f"SINDy, {level:g} dB"
-            found.append(IdentifiedForce(one, label, _LEVELS[level], dashed=True, in_both=level in shown))
-            told.append(f"{row.links[link]:.3g} % at {level:g} dB")
+            forces.append(
+                IdentifiedForce(identified, label, _LEVELS[level], dashed=True, in_both=level in shown)
+            )
+            errors.append(f"{row.links[link]:.3g} % at {level:g} dB")
     for method in paper.likelihood[:1]:
         ours = _middle(table, name, DECIBELS[-1], method)
         if ours is not None:
-            one = structure.with_values(ours.coefficients).link(link)
-            found.append(IdentifiedForce(one, f"{method}, {DECIBELS[-1]:g} dB", IDENTIFIED))
-            told.append(f"{method} {ours.links[link]:.3g} % at {DECIBELS[-1]:g} dB")
-    title = f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(told)}"
-    return identified_forces_figure(structure.link(link), found, _visited(subject, link), title=title)
+            identified = structure.with_values(ours.coefficients).link(link)
+            forces.append(IdentifiedForce(identified, f"{method}, {DECIBELS[-1]:g} dB", IDENTIFIED))
+            errors.append(f"{method} {ours.links[link]:.3g} % at {DECIBELS[-1]:g} dB")
+    title = f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(errors)}"
+    return identified_forces_figure(structure.link(link), forces, _visited(subject, link), title=title)
 
 
 def _visited(subject: Subject, link: str) -> tuple[float, float]:

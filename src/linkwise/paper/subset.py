@@ -28,13 +28,13 @@ class PaperStudy:
     @classmethod
     def of(cls, study: Study) -> PaperStudy:
         """What `study` has of it: a chain counts with the masses, links, release, length and rate of the paper."""
-        found = {one.name: one.structure.size for one in study.subjects if _is_paper(one)}
+        masses = {subject.name: subject.structure.size for subject in study.subjects if _is_paper(subject)}
 
         def named(kind: str) -> tuple[str, ...]:
             return tuple(method.name for method in study.methods if method.document()["kind"] == kind)
 
         return cls(
-            dict(sorted(found.items(), key=lambda item: item[1])),
+            dict(sorted(masses.items(), key=lambda item: item[1])),
             named("monomial"),
             named("physics-informed"),
             named("weak"),

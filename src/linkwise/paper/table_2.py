@@ -18,12 +18,12 @@ NEAR = 3.0  # a cell is reproduced within this factor
 
 @dataclass(frozen=True)
 class Table2Cell:
-    """One cell of Table 2: the paper's NMSE in %, and by method the cell of the study that stands beside it."""
+    """One cell of Table 2: the paper's NMSE in %, and by method the cell of the study."""
 
     masses: int
     snr_db: float
     paper: float
-    found: Mapping[str, Cell]
+    cells: Mapping[str, Cell]
 
     @property
     def where(self) -> str:
@@ -32,10 +32,10 @@ class Table2Cell:
 
     def nmse(self, method: str) -> float | None:
         """The median NMSE in % of a method, None where there is none."""
-        return self.found[method].nmse if method in self.found else None
+        return self.cells[method].nmse if method in self.cells else None
 
     def ratio(self, method: str) -> float | None:
-        """Found over printed."""
+        """The median NMSE of a method over that of the paper; None where there is none."""
         nmse = self.nmse(method)
         return None if nmse is None else nmse / self.paper
 
@@ -57,20 +57,20 @@ class Table2:
         cells = []
         for decibel in DECIBELS:
             for name, masses in paper.masses.items():
-                found = {
+                study_cells = {
                     method: cell
                     for method in table.methods
                     if (cell := table.cell(name, decibel, method)) is not None
                 }
-                if found:
-                    cells.append(Table2Cell(masses, decibel, TABLE_2[masses, decibel], found))
+                if study_cells:
+                    cells.append(Table2Cell(masses, decibel, TABLE_2[masses, decibel], study_cells))
         return cls(tuple(cells), paper.classical)
 
     def within(self, method: str) -> int:
         """Cells that a method reproduces within the factor `NEAR`."""
         return sum(cell.near(method) for cell in self.cells)
 
-    def told(self, method: str) -> int:
+    def counted(self, method: str) -> int:
         """Cells in which a method has a median."""
         return sum(cell.nmse(method) is not None for cell in self.cells)
 
@@ -82,9 +82,11 @@ class Table2:
     @cached_property
     def best(self) -> str | None:
         """The classical method that reproduces most cells, of equals the one with the smallest typical factor."""
-        told = [method for method in self.classical if self.told(method)]
+        methods = [method for method in self.classical if self.counted(method)]
         return min(
-            told, key=lambda one: (-self.within(one), self.typical_factor(one) or np.inf), default=None
+            methods,
+            key=lambda method: (-self.within(method), self.typical_factor(method) or np.inf),
+            default=None,
         )
 
 
@@ -98,24 +100,29 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
 
     Empty where the cell is near, or where nothing was run.
     """
-    found = cell.found.get(method)
-    if found is None or not found.done or cell.near(method):
+    study_cell = cell.cells.get(method)
+    if study_cell is None or not study_cell.done or cell.near(method):
         return ""
-    if found.nmse is None:
-        return f"{len(found.failures)} of {found.done} cycles gave no answer"
-    ratio = found.nmse / cell.paper
-    told = f"{1.0 / ratio:.3g} times below the paper" if ratio < 1.0 else f"{ratio:.3g} times above the paper"
-    readings = {name: count(found.answers) for name, count in _COUNTED.items()}
+    if study_cell.nmse is None:
+        return f"{len(study_cell.failures)} of {study_cell.done} cycles gave no answer"
+    ratio = study_cell.nmse / cell.paper
+    deviation = (
+        f"{1.0 / ratio:.3g} times below the paper" if ratio < 1.0 else f"{ratio:.3g} times above the paper"
+    )
+    readings = {name: count(study_cell.answers) for name, count in _COUNTED.items()}
     readings |= {other: cell.nmse(other) for other in classical if other != method}
     fitting = [f"{name} ({_percent(value)})" for name, value in readings.items() if near(value, cell.paper)]
-    share = found.share_above(cell.paper)
+    share = study_cell.share_above(cell.paper)
     single = f"{100.0 * share:.0f} % of single cycles lie above the paper's value"
     if fitting:
-        return f"{told}; {single}; within a factor {NEAR:g} would be {', '.join(fitting)}"
+        return f"{deviation}; {single}; within a factor {NEAR:g} would be {', '.join(fitting)}"
     known = {name: value for name, value in readings.items() if value}
     closest = min(known, key=lambda name: abs(np.log(known[name] / cell.paper)), default=None)
     rest = "" if closest is None else f", the closest being {closest} ({_percent(known[closest])})"
-    return f"{told}; {single}; no mean, no other choice of sink and no other convention comes within a factor {NEAR:g}{rest}"
+    return (
+        f"{deviation}; {single}; no mean, no other choice of sink and no other convention comes within a factor {NEAR:g}"
+        f"{rest}"
+    )
 
 
 def _each(pick: Callable[[Row], float | None]) -> Callable[[Sequence[Row]], float | None]:

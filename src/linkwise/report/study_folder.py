@@ -88,8 +88,14 @@ def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> No
         for cell in comparison.cells:
             line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
             for method in methods:
-                found = cell.found[method]
-                numbers = (found.nmse, found.low, found.high, cell.ratio(method), found.seconds)
+                study_cell = cell.cells[method]
+                numbers = (
+                    study_cell.nmse,
+                    study_cell.low,
+                    study_cell.high,
+                    cell.ratio(method),
+                    study_cell.seconds,
+                )
                 line += ["" if value is None else f"{value:.6g}" for value in numbers]
-                line += [found.done, len(found.failures)]
+                line += [study_cell.done, len(study_cell.failures)]
             writer.writerow(line)

@@ -85,19 +85,19 @@ class StudyReport:
 
 
 def study_page(
-    told: StudyReport, illustrations: Mapping[str, Sequence[Illustration]], *, version: str
+    report: StudyReport, illustrations: Mapping[str, Sequence[Illustration]], *, version: str
 ) -> str:
     """The page as text: HTML that asks nobody for anything. `illustrations` are figures by the heading above them."""
-    comparison, table = told.comparison, told.table
+    comparison, table = report.comparison, report.table
     return TEMPLATES.get_template("study.html.jinja").render(
-        told=told,
-        study=told.study,
+        report=report,
+        study=report.study,
         methods=[method for method in table.methods if method not in comparison.classical],
         conventions=[(name, name.removeprefix("classical, ")) for name in comparison.classical],
-        meanings={name: _meaning(told.study, name) for name in comparison.classical},
-        rows=[_row(told, number) for number in range(len(comparison.cells))],
+        meanings={name: _meaning(report.study, name) for name in comparison.classical},
+        rows=[_row(report, number) for number in range(len(comparison.cells))],
         reasons=_reasons(comparison),
-        others=_others(told),
+        others=_others(report),
         illustrations=illustrations,
         missing=_missing(table),
         failures=_failures(table),
@@ -132,8 +132,8 @@ class TableRow:
     spreads: Mapping[str, str]
 
 
-def _row(told: StudyReport, number: int) -> TableRow:
-    cells, best = told.comparison.cells, told.comparison.best
+def _row(report: StudyReport, number: int) -> TableRow:
+    cells, best = report.comparison.cells, report.comparison.best
     cell = cells[number]
     ratio = None if best is None else cell.ratio(best)
     return TableRow(
@@ -143,8 +143,8 @@ def _row(told: StudyReport, number: int) -> TableRow:
         paper=f"{cell.paper:g}",
         ratio="–" if ratio is None else f"{ratio:.2g}",
         near=best is not None and cell.near(best),
-        values={method: percent(cell.nmse(method)) for method in told.table.methods},
-        spreads={method: _spread(found) for method, found in cell.found.items()},
+        values={method: percent(cell.nmse(method)) for method in report.table.methods},
+        spreads={method: _spread(study_cell) for method, study_cell in cell.cells.items()},
     )
 
 
@@ -159,8 +159,8 @@ def _reasons(comparison: Table2) -> list[tuple[str, str]]:
     best = comparison.best
     if best is None:
         return []
-    told = [(cell.where, explanation(cell, best, comparison.classical)) for cell in comparison.cells]
-    return [(where, text) for where, text in told if text]
+    explanations = [(cell.where, explanation(cell, best, comparison.classical)) for cell in comparison.cells]
+    return [(where, text) for where, text in explanations if text]
 
 
 def _meaning(study: Study, method: str) -> str:
@@ -172,43 +172,43 @@ def _meaning(study: Study, method: str) -> str:
 
 def _missing(table: StudyTable) -> list[str]:
     """What was not run or not to the end, by noise level and method."""
-    told = []
+    sentences = []
     for method in table.methods:
         for level in table.decibels:
             cells = [table.cell(name, level, method) for name in table.structures]
             lacking = [cell for cell in cells if cell is not None and cell.done < cell.expected]
             if lacking:
                 listed = ", ".join(f"{cell.structure} ({cell.done} of {cell.expected})" for cell in lacking)
-                told.append(f"{method} at {level:g} dB: {listed}")
-    return told
+                sentences.append(f"{method} at {level:g} dB: {listed}")
+    return sentences
 
 
 def _failures(table: StudyTable) -> list[str]:
     """Cases without an answer by method and reason: how many, and where."""
-    found: dict[tuple[str, str], list[Cell]] = {}
+    failed: dict[tuple[str, str], list[Cell]] = {}
     counts: Counter[tuple[str, str]] = Counter()
     for cell in table.cells:
         for reason, count in cell.reasons:
-            found.setdefault((cell.method, reason), []).append(cell)
+            failed.setdefault((cell.method, reason), []).append(cell)
             counts[cell.method, reason] += count
-    told = []
-    for (method, reason), cells in found.items():
+    sentences = []
+    for (method, reason), cells in failed.items():
         where = "; ".join(f"{cell.structure}, {cell.snr_db:g} dB" for cell in cells[:_LISTED])
         more = f" and {len(cells) - _LISTED} more cells" if len(cells) > _LISTED else ""
         why = reason or "the error is no number"
-        told.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
-    return told
+        sentences.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
+    return sentences
 
 
-def _others(told: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
+def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
     """What Table 2 does not have: the medians of all methods."""
     return [
         (
             name,
             level,
-            {method: percent(_nmse(told.table, name, level, method)) for method in told.table.methods},
+            {method: percent(_nmse(report.table, name, level, method)) for method in report.table.methods},
         )
-        for name, level in told.beyond
+        for name, level in report.beyond
     ]
 
 
