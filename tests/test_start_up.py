@@ -31,6 +31,14 @@ def test_start_loads_nothing_heavy(code: str) -> None:
     assert HEAVY & set(result.stdout.split()) == set()
 
 
+def test_result_folders_load_nothing_that_draws() -> None:
+    """Figures may be drawn by another process."""
+    folders = ("estimate", "discovery", "absorption")
+    result = run("; ".join(f"import linkwise.report.{name}_folder" for name in folders) + LOADED)
+    assert result.returncode == 0, result.stderr
+    assert {"linkwise", "jinja2"} <= set(result.stdout.split()) and "matplotlib" not in result.stdout.split()
+
+
 @pytest.mark.parametrize("arguments", [["-c", "import linkwise"], ["-m", "linkwise", "--help"]])
 def test_start_takes_little_processor_time(arguments: list[str]) -> None:
     """At most 0.3 s above bare Python; processor time, so that a busy machine is no failure."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +18,8 @@ import pytest
 from linkwise.report.drawing_process import DrawingProcess, drawing_process
 from linkwise.report.result_folder import ResultFolder
 
-NAMES = {"first", "second", "third"}
+NAMES = {"first", "second", "third", "fourth", "fifth", "sixth"}
+FEW = {"first", "second"}
 FOLDER = """
 import os, signal, sys
 from functools import partial
@@ -50,7 +51,7 @@ FOLDER = ResultFolder(
 FAILURES = {
     "ends on import": ("if SECOND: os._exit(1)", ""),
     "is killed while it draws": ("", "if SECOND: os.kill(os.getpid(), signal.SIGKILL)"),
-    "ends after its first figure": ("", "if SECOND and name != 'first': os._exit(0)"),
+    "ends after its first figure": ("", "if SECOND and name != 'fifth': os._exit(0)"),
     "raises": ("", "if SECOND: raise ValueError(name)"),
     "speaks": ("if SECOND: os.write(1, b'not a figure')", "if SECOND: print('not a figure', flush=True)"),
     "returns no figure": ("", "if SECOND: return None"),
@@ -61,8 +62,8 @@ FAILURES = {
 def kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., str]]:
     """Makes a kind of result folder in a temporary module, which may do things on import and when it draws."""
 
-    def make(on_import: str = "", on_drawing: str = "") -> str:
-        code = FOLDER.format(on_import=on_import, on_drawing=on_drawing, names=sorted(NAMES))
+    def make(on_import: str = "", on_drawing: str = "", names: Collection[str] = NAMES) -> str:
+        code = FOLDER.format(on_import=on_import, on_drawing=on_drawing, names=sorted(names))
         (tmp_path / "temporary_folder.py").write_text(code, encoding="utf-8")
         return "temporary_folder:FOLDER"
 
@@ -102,6 +103,14 @@ def test_each_figure_is_drawn_once(kind: Callable[..., str], tmp_path: Path) -> 
         process.draw(log)
         folder_of(name).write(log, tmp_path / "both", process=process)
     assert sorted(line.split()[1] for line in log.read_text().splitlines()) == sorted(NAMES)
+
+
+def test_few_figures_are_left_to_the_second_process(kind: Callable[..., str], tmp_path: Path) -> None:
+    log, name = tmp_path / "log", kind(names=FEW)
+    with closing(DrawingProcess(name)) as process:
+        process.draw(log)
+        folder_of(name).write(log, tmp_path / "both", process=process)
+    assert sorted(log.read_text().splitlines()) == sorted(f"second {each}" for each in FEW)
 
 
 @pytest.mark.parametrize("failure", FAILURES)

@@ -7,10 +7,11 @@ from matplotlib.figure import Figure
 
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_curve import ForceCurve, force_curve
-from linkwise.model.structure import Link, Structure
+from linkwise.model.structure import Structure
 from linkwise.plot.downsample import scattered
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, VISITED, WELL, scale
 from linkwise.plot.style import axes_for, axes_inches, legend_below, sheet, wrapped
+from linkwise.plot.titles import force_title
 
 
 def force(
@@ -89,11 +90,6 @@ def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = Non
             figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
         legend_below(figure, panels[0])
     return figure
-
-
-def force_title(link: Link) -> str:
-    """Name, ends and law of the link."""
-    return f"{link.name} ({' – '.join(link.between)}):  {link.law.text}"
 
 
 def _scales(curve: ForceCurve) -> tuple[float, str, float, str]:

@@ -28,6 +28,7 @@ _STYLE: Any = {
     "axes.spines.top": False,
     "axes.titlesize": TITLE_SIZE,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # else every drawing measures all ticks, to keep above those on top, which no figure has
     "figure.dpi": 150,
     "font.size": 9,
     "grid.alpha": 0.35,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -13,10 +14,18 @@ from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep_text import map_headline, map_rows
 from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
-from linkwise.plot import crossings_figure, decay_figure, energy_figure, map_figure
+from linkwise.lazy import LazyFunction
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.sheet import sheet
+
+if TYPE_CHECKING:
+    from linkwise.plot import crossings_figure, decay_figure, energy_figure, map_figure
+else:  # matplotlib loads where a figure is drawn, which may be another process
+    crossings_figure = LazyFunction("linkwise.plot", "crossings_figure")
+    decay_figure = LazyFunction("linkwise.plot", "decay_figure")
+    energy_figure = LazyFunction("linkwise.plot", "energy_figure")
+    map_figure = LazyFunction("linkwise.plot", "map_figure")
 
 Answer = Absorption | AbsorptionIntervals
 

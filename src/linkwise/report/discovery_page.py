@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -20,11 +21,18 @@ from linkwise.discovery.text import (
     term_rows,
 )
 from linkwise.estimates.estimate import Estimate
-from linkwise.plot import evidence_figure, graph_figure, path_figure
+from linkwise.lazy import LazyFunction
 from linkwise.registry import Registry
 from linkwise.report.estimate_page import estimate_figures, page_parts
 from linkwise.report.section import Build, Reported, Section, figure_section, sections_of
 from linkwise.report.templates import TEMPLATES
+
+if TYPE_CHECKING:
+    from linkwise.plot import evidence_figure, graph_figure, path_figure
+else:  # matplotlib loads where a figure is drawn, which may be another process
+    evidence_figure = LazyFunction("linkwise.plot", "evidence_figure")
+    graph_figure = LazyFunction("linkwise.plot", "graph_figure")
+    path_figure = LazyFunction("linkwise.plot", "path_figure")
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 

@@ -1,7 +1,8 @@
 """A second process that draws figures of a result: it loads what draws while the first one still computes the result.
 
-Then both draw, each figure once: the second process from the first figure on, this one from the last. Whatever the second
-does not deliver, because it could not start, was killed or knows the figure under another name, is drawn here.
+Few figures are all left to it; of many both draw, each figure once: the second process from the first figure on, this one
+from the last, after it has loaded matplotlib too. Whatever the second does not deliver, because it could not start, was
+killed or knows the figure under another name, is drawn here.
 """
 
 from __future__ import annotations

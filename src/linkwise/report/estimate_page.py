@@ -6,22 +6,29 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
-from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
+from linkwise.lazy import LazyFunction
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
-from linkwise.plot import force_figure, histories_figure
-from linkwise.plot.link_force import force_title
+from linkwise.plot.titles import force_title
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.templates import TEMPLATES
 from linkwise.text import format_error, format_value
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from linkwise.plot import force_figure, histories_figure
+else:  # matplotlib loads where a figure is drawn, which may be another process
+    force_figure = LazyFunction("linkwise.plot", "force_figure")
+    histories_figure = LazyFunction("linkwise.plot", "histories_figure")
 
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")

@@ -14,16 +14,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
+from linkwise.lazy import lazy_module
 from linkwise.model.structure import Structure
-from linkwise.plot.interactive import interactive_html
-from linkwise.plot.style import encoded
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.report.drawing_process import DrawingProcess, Picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from linkwise.plot import interactive, style
+else:  # matplotlib loads where a figure is drawn, which may be another process
+    interactive = lazy_module("linkwise.plot.interactive")
+    style = lazy_module("linkwise.plot.style")
+
+_FEW = 4  # figures: loading matplotlib in a second process, too, takes as long as drawing so many
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -81,7 +89,7 @@ def write_figures(
     """Draw the figures of the sections and save each as NAME.png and NAME.svg in `folder`.
 
     Returns what a page shows of each, by the name of its section. `progress` is told the fraction done. Where a `process`
-    draws the same figures from the first one on, this one draws from the last one on, and what is left over.
+    draws the same figures from the first one on, this one draws what that leaves over and, of many, from the last one on.
     """
     draws = drawings(sections)
     pictures: dict[str, Picture] = {}
@@ -91,7 +99,7 @@ def write_figures(
         pictures[name] = draws[name]()
 
     if process is not None:
-        for name in reversed(draws):
+        for name in reversed(draws if len(draws) > _FEW else ()):
             if process.claim(name):
                 draw(name)
         pictures |= {name: picture for name, picture in process.pictures().items() if name in draws}
@@ -115,9 +123,9 @@ def drawings(sections: Mapping[str, Section]) -> dict[str, Callable[[], Picture]
 def _picture(name: str, section: Section) -> Picture:
     assert section.figure is not None
     figure = section.figure()
-    png, svg = encoded(figure)
+    png, svg = style.encoded(figure)
     if section.interactive:
-        return Picture(png, svg, interactive_html(figure, name))
+        return Picture(png, svg, interactive.interactive_html(figure, name))
     image = Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
     return Picture(png, svg, str(image))
 
