@@ -40,6 +40,15 @@ class Equivalent:
     See Also
     --------
     equivalent : Compute it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> lw.equivalent(estimate.link("nes1"), [0.005], 5.0).stiffness_band.shape
+    (1, 2)
     """
 
     amplitude: Floats

@@ -42,6 +42,16 @@ class CoefficientEstimate:
         Standard error; None for known ones and where none can be trusted.
     interval : tuple of float or None
         Ends of the 95 % interval; None likewise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> alpha = estimate.coefficient("nes1.alpha")
+    >>> alpha.known, alpha.unit
+    (False, 'N/m')
     """
 
     name: str
@@ -66,6 +76,16 @@ class DerivedQuantity:
         The unit.
     interval : tuple of float or None
         Ends of the 95 % interval by the delta method; None where none can be trusted.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> barrier = estimate.link("nes1").barrier
+    >>> barrier.name, barrier.unit
+    ('barrier', 'J')
     """
 
     name: str
@@ -92,6 +112,16 @@ class LinkEstimate:
         Their covariance; None where no interval can be trusted.
     moving_mass : float
         Reduced mass of the two ends in kg, which sets the in-well frequencies.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> link = estimate.link("nes1")
+    >>> link.kind, link.free
+    ('bistable', ('alpha', 'beta', 'c'))
     """
 
     link: Link

@@ -32,6 +32,16 @@ class LinkMotion:
         Smallest and largest elongation in m; may be wider than the range of a smoothed `d`.
     compute_residual : callable
         Computes the residuals M a + B f - w of the masses, shape (R, n), in N: NaN where not measured, None for no mass.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> motion = estimate.motion
+    >>> motion.d.shape == motion.v.shape
+    True
     """
 
     structure: Structure

@@ -122,6 +122,15 @@ class DenseSystem(LinearSystem):
     ------
     IdentificationError
         If shapes do not match, a name is used twice, or an entry is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> matrix = np.column_stack([np.ones(50), np.arange(50.0)])
+    >>> system = lw.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), units=("N", "N/s"), targets=("f",))
+    >>> {name: round(value, 9) for name, value in lw.LeastSquares().fit(system).terms("f").items()}
+    {'a': 1.0, 'b': 2.0}
     """
 
     matrix: Floats
@@ -182,6 +191,16 @@ class StreamedSystem(LinearSystem):
     ------
     IdentificationError
         If a name is used twice or the number of units differs from that of the columns.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(
+    ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a")
+    ... )
+    >>> system = lw.monomial_equations(lw.differentiate(record), order=2)
+    >>> system.rows, system.stored().matrix.shape
+    (1001, (1001, 15))
     """
 
     compute: Callable[[Rows], tuple[Floats, Floats]]

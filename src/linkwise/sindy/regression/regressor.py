@@ -32,6 +32,15 @@ class SupportCandidate:
         The same in the rows held out.
     bic : float
         Bayesian information criterion on the rows held out; smaller is better.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> matrix = np.column_stack([np.ones(50), np.arange(50.0)])
+    >>> fit = lw.Stlsq().fit(lw.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), targets=("f",)))
+    >>> [candidate.terms for candidate in fit.paths[0]]
+    [2, 1, 0]
     """
 
     support: Bools
@@ -64,6 +73,15 @@ class RegressionFit:
         Threshold or penalty in force; 0 where there is none.
     paths : tuple of tuple of SupportCandidate
         For each target the supports that were compared; empty where the setting was given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> matrix = np.column_stack([np.ones(50), np.arange(50.0)])
+    >>> system = lw.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), targets=("f",))
+    >>> print(lw.LeastSquares().fit(system).text(digits=3))
+    f = 2*b + 1*a
     """
 
     names: tuple[str, ...]
@@ -143,6 +161,12 @@ class Regressor(ABC):
     ----------
     title : str
         Short description for messages and reports, set on the class.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> isinstance(lw.Stlsq(), lw.Regressor), lw.Stlsq.title
+    (True, 'sequentially thresholded least squares')
     """
 
     title: ClassVar[str]
