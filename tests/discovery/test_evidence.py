@@ -171,6 +171,7 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
     evidence = term_evidence(made, pool, trusted=True)
     kept = [term for term in evidence if term.kept]
     assert {term.name for term in kept if term.certain} == certain
+    # 50^2 would be lost without both, of which no penalty takes more than a few tens
     assert len(kept) == 2 and min(term.margin for term in kept) > 1000.0
     (dropped,) = (term for term in evidence if not term.kept)
     assert dropped.margin > CERTAIN and dropped.certain == (lean == 0.0)

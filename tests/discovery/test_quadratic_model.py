@@ -60,7 +60,7 @@ def test_another_scatter_gives_the_sandwich() -> None:
     quadratic = QuadraticModel(regression.quadratic.names, h, g, scatter)
     inverse = np.linalg.inv(h)
     deviation = np.sqrt((inverse @ scatter @ inverse).diagonal())
-    np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=1e-6)
+    np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=SAME)
     numbers, values, z, _ = quadratic.additions([0, 2, 3])
     for number, value, each in zip(some(numbers.tolist()), values, z, strict=True):
         block = np.ix_([0, 2, 3, number], [0, 2, 3, number])
@@ -75,7 +75,7 @@ def test_a_column_that_is_another_one_cannot_be_told() -> None:
     numbers, values, z, part = doubled.quadratic.additions([0, 1])
     assert numbers.tolist() == [2, 3]
     assert np.isfinite(values[0]) and z[0] != 0.0
-    assert np.isnan(values[1]) and z[1] == 0.0 and abs(part[1]) < 1e-9
+    assert np.isnan(values[1]) and z[1] == 0.0 and abs(part[1]) < SAME
 
 
 def test_columns_that_move_together_have_no_solution() -> None:

@@ -97,6 +97,7 @@ def test_the_order_of_the_records_does_not_matter() -> None:
     one, other = lw.identify([weak_hit, strong_hit], asked), lw.identify([strong_hit, weak_hit], asked)
     assert one.trusted and other.trusted
     np.testing.assert_allclose(one.values, other.values, rtol=1e-3)  # both within their errors of one optimum
+    # extremes of motions that differ by a part of the noise, 3 % of their deviation
     assert one.link("nes1").d_range == pytest.approx(other.link("nes1").d_range, rel=1e-2)
     assert one.findings == other.findings == ()
 
@@ -114,7 +115,9 @@ def test_the_expected_cost_of_noise_is_that_of_many_draws() -> None:
     draws = np.random.default_rng(0).standard_normal(400_000)
     for loss in (Gaussian(), Huber(), Huber(0.7), Student(), Student(2.0)):
         costs = loss.costs(draws)
-        assert loss.expected == pytest.approx(costs.mean(), abs=5.0 * costs.std() / np.sqrt(len(draws)))
+        assert loss.expected == pytest.approx(
+            costs.mean(), abs=5.0 * costs.std() / np.sqrt(len(draws))
+        )  # of the mean
 
 
 def test_a_base_known_by_its_acceleration_alone_is_refused_with_the_way_out() -> None:

@@ -105,7 +105,7 @@ def test_a_gap_is_found_with_its_stiffness() -> None:
     fit = lw.identify(shaken(true).with_noise(40.0, seed=1), asked)
     assert np.abs(errors(fit, true)).max() < WITHIN
     gap = fit.coefficient("link.g")
-    assert present(gap.standard_error) < 2e-5  # 20 um in 4 mm
+    assert present(gap.standard_error) < 2e-5  # in 4 mm; 1.3e-5 to 1.6e-5 on seeds 2000 to 2007
 
 
 def test_friction_is_found_with_the_width_of_its_step() -> None:
@@ -113,7 +113,7 @@ def test_friction_is_found_with_the_width_of_its_step() -> None:
     asked = starting(true, k=600.0, F=2.0, s=0.2)
     fit = lw.identify(shaken(true).with_noise(40.0, seed=2), asked)
     assert np.abs(errors(fit, true)).max() < WITHIN
-    assert present(fit.coefficient("link.s").standard_error) < 0.02
+    assert present(fit.coefficient("link.s").standard_error) < 0.006  # 0.0046 to 0.0048 on seeds 2000 to 2007
 
 
 def test_a_shared_coefficient_is_one_unknown() -> None:
@@ -155,7 +155,7 @@ def test_a_mass_is_found_where_a_force_sets_the_scale() -> None:
     fit = lw.identify(record, true.unknown("all", "mass:m1", "mass:m2"))
     assert np.abs(errors(fit, true)).max() < WITHIN
     low, high = present(fit.coefficient("m2.mass").interval)
-    assert high - low < 0.02 * 0.2
+    assert high - low < 6e-4  # kg of 0.2; 3.9e-4 to 4.1e-4 on seeds 2000 to 2007
 
 
 # --- inputs ----------------------------------------------------------------------------------------------------------
@@ -177,6 +177,9 @@ def test_a_structure_on_a_moving_base() -> None:
 
 def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=7)
+    record = replace(
+        record, noise=dict(present(record.simulated).noise)
+    )  # a level found anew moves every interval
     values = record.values.copy()
     values[500:560] = np.nan  # 60 ms of both, five periods of the frame in all
     values[np.random.default_rng(1).random(len(values)) < 0.1, 1] = np.nan
@@ -184,9 +187,10 @@ def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.R
     assert np.abs(errors(fit, chain)).max() < WITHIN
     assert fit.samples == np.isfinite(values).sum()
     whole = lw.identify(record, chain.unknown("all"))
-    # what is lost widens the intervals a little
+    # information is lost with samples, at most as many as the poorer channel has lost; 4 to 6 % on seeds 2000 to 2005
     ratio = np.sqrt(np.diag(fit.covariance) / np.diag(whole.covariance))
-    assert (ratio > 1.0).all() and (ratio < 1.5).all()
+    share = np.mean(np.isfinite(values), axis=0).min()
+    assert (ratio > 1.0).all() and (ratio < 1.0 / np.sqrt(share)).all()
 
 
 def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
@@ -201,7 +205,8 @@ def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     joint = np.linalg.inv(both.covariance)
     # Fisher's information adds up. The noise is one figure for both records, which were at different levels
     assert (np.diag(both.covariance) < np.min([np.diag(each.covariance) for each in alone], axis=0)).all()
-    assert np.trace(np.linalg.solve(information, joint)) / 5 == pytest.approx(1.0, abs=0.5)
+    # and moves the sum by 0.2 % at most on seeds 2000 to 2007
+    assert np.trace(np.linalg.solve(information, joint)) / 5 == pytest.approx(1.0, abs=0.01)
 
 
 # --- sensors ---------------------------------------------------------------------------------------------------------
@@ -215,7 +220,8 @@ def test_an_offset_of_a_channel_is_found(chain: lw.Structure, clean: lw.Record) 
     fit = lw.identify(shifted, chain.unknown("all"), offsets=["x:m2"])
     assert np.abs(errors(fit, chain)).max() < WITHIN
     (remark,) = [line for line in fit.findings if "x:m2 is off by" in line]
-    assert float(remark.split("off by ")[1].split()[0]) == pytest.approx(0.002, abs=2e-5)
+    # off by 0 to 2.8e-5 on seeds 2000 to 2007
+    assert float(remark.split("off by ")[1].split()[0]) == pytest.approx(0.002, abs=6e-5)
     assert not lw.identify(shifted, chain.unknown("all")).trusted
 
 
@@ -273,10 +279,12 @@ def test_outliers_bend_the_gaussian_and_not_the_robust(
     plain, robust = lw.identify(spoiled, asked), lw.identify(spoiled, asked, loss=loss)
     assert not plain.trusted
     true = np.array([chain.coefficient(p.name).value for p in asked.parameters])
-    wrong, right = (np.abs(fit.values - true) / np.abs(true) for fit in (plain, robust))
-    assert right.max() < 0.5 * wrong.max()
     deviation = np.sqrt(np.diag(lw.identify(replace(record, noise={}), asked).covariance))
-    assert np.abs((robust.values - true) / deviation).max() < 2.0 * WITHIN
+    wrong, right = (np.abs(fit.values - true) / deviation for fit in (plain, robust))
+    # on seeds 2000 to 2005 the Gaussian is off by 6.3 to 16.6 deviations of the record without outliers, the others by 0.8
+    # to 2.3, which is 6 to 35 % of it
+    assert wrong.max() > WITHIN > right.max()
+    assert right.max() < 0.5 * wrong.max()
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
@@ -285,6 +293,7 @@ def test_noise_stated_wrong_is_caught(chain: lw.Structure, clean: lw.Record, fac
     stated = {name: factor * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = lw.identify(replace(record, noise=stated), chain.unknown("all"))
     assert fit.status == "chi-square off" and "no interval is given" in fit.message
+    # 4002 samples: 4.5 of sqrt(2/4002)
     assert fit.chi_square_per_sample == pytest.approx(1.0 / factor**2, rel=0.1)
     assert fit.coefficient("nes1.alpha").interval is None
     told = lw.identify(replace(record, noise=dict(present(record.simulated).noise)), chain.unknown("all"))
@@ -359,7 +368,8 @@ def test_an_interrupt_returns_the_best_so_far(chain: lw.Structure, clean: lw.Rec
     assert len(seen) == 2 and seen[0].step == 0 and seen[0].q > seen[1].q
     assert fit.status == "not converged" and "nterrupted" in fit.message and "best so far" in fit.message
     assert fit.coefficient("nes1.alpha").interval is None
-    assert fit.coefficient("nes1.alpha").value == pytest.approx(-100.0, rel=0.2)
+    # after two steps 1 to 20 % are left on seeds 2000 to 2007; the starting value may be off by any factor
+    assert fit.coefficient("nes1.alpha").value == pytest.approx(-100.0, rel=0.4)
 
 
 def test_steps_that_run_out_give_no_interval(
@@ -380,7 +390,7 @@ def test_progress_tells_every_step(chain: lw.Structure, clean: lw.Record) -> Non
     lw.identify(record, chain.unknown("all"), progress=lambda report: seen.append(report.detail))
     assert [each.step for each in seen] == list(range(len(seen)))
     assert seen[0].q == 0.1 and seen[-1].q == pytest.approx(1e-5)
-    assert seen[-1].data_per_sample == pytest.approx(1.0, abs=0.1)
+    assert seen[-1].data_per_sample == pytest.approx(1.0, abs=0.1)  # 4002 samples: 4.5 of sqrt(2/4002)
 
 
 def test_without_any_start_it_says_which_is_missing() -> None:

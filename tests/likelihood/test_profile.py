@@ -87,7 +87,7 @@ def test_differs_where_the_likelihood_is_no_parabola(
     assert len(told) == len(reports)
     assert [report.fraction for report in reports] == sorted(report.fraction for report in reports)
     assert reports[-1].activity == f"link.F = {told[-1]:.6g}"
-    assert low < 40.0 < high
+    assert low < 40.0 < high  # the true F
     assert found.value - low < 0.9 * 1.96 * found.standard_error  # a small F bends the motion visibly
     assert high - found.value > 1.1 * 1.96 * found.standard_error  # a large one does not
     assert min(told) <= low and max(told) >= high

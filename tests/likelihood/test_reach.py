@@ -14,6 +14,7 @@ from problems import chain_record
 import linkwise as lw
 
 FIRST = 1000  # seed
+LARGEST_NMSE = 1e-2  # % at 20 dB, that of the worst seed in bench_likelihood.py; ten decibels less noise are a tenth of it
 
 
 def off(structure: lw.Structure, seed: int, factor: float) -> dict[str, float]:
@@ -40,7 +41,7 @@ def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
             clean.with_noise(20.0, seed=seed), chain.unknown("all"), starts=off(chain, seed, 2.0)
         )
         assert fit.trusted, f"seed {seed}: {fit.message}"
-        assert sinks(4, fit, clean) < 1e-2
+        assert sinks(4, fit, clean) < LARGEST_NMSE
 
 
 def test_a_hidden_primary_is_found_through_its_sink() -> None:
@@ -64,7 +65,7 @@ def test_mixed_sensors_need_no_start(sensors: tuple[str, ...]) -> None:
     clean = chain_record(2, sensors=sensors)
     fit = lw.identify(clean.with_noise(30.0, seed=FIRST), lw.bnes_chain(2).unknown("all"))
     assert fit.trusted
-    assert sinks(2, fit, clean) < 1e-3
+    assert sinks(2, fit, clean) < LARGEST_NMSE / 10
 
 
 def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> None:
@@ -82,4 +83,5 @@ def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> N
     assert (
         len(steps) < 60
     )  # 38 here, 38 to 40 on the first 30 to 50 % of the record; times are in bench_measured.py
+    # 0.306 to 0.310 mV from all of it or its first 30 or 50 %; the record's description gives 0.3 mV for these terms
     assert lw.free_run(fit.structure, record[seen:], settling=50).rmse["x:m1"] < 3.5e-4

@@ -209,7 +209,10 @@ def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it
     took = fit.misfit.cost(fit.optimum.q) - again.misfit.cost(again.optimum.q)
     # two fits end within 0.02 of their least cost each; beyond, the parabola is the cost to the third order in the force
     assert took == pytest.approx(z**2, rel=0.01)
-    assert abs(values[-1] - again.values[-1]) < 0.05 * error[-1]
+    assert (
+        abs(values[-1] - again.values[-1]) < 0.05 * error[-1]
+    )  # the same third order, of a value of ten deviations
+    # far from chance, and the truth within four deviations (6e-5)
     assert abs(z) > 8.0 and abs(values[-1] - 250.0) < 4.0 * error[-1]
     elsewhere = local_quadratic(fit.optimum, [replace(missing, ends=(1, -1)).force])
     assert np.linalg.solve(elsewhere.curvature, elsewhere.slope)[-1] != pytest.approx(values[-1], rel=0.1)
@@ -235,7 +238,9 @@ def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int) -> None:
         return float(np.abs(found - (np.sin(3.0 * middles), 3.0 * np.cos(3.0 * middles))[row]).max())
 
     orders = [np.log2(error(steps) / error(2 * steps)) for steps in (5, 10, 20)]
-    assert np.all(np.abs(np.array(orders) - 6.0) < 0.2), orders
+    assert np.all(np.abs(np.array(orders) - 6.0) < 0.2), (
+        orders
+    )  # the declared order; the next term falls by 2^2 a halving
 
 
 def test_masses_at_rest_and_no_forces_do_no_harm(

@@ -145,7 +145,7 @@ def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, 
 
     def close(ours: np.ndarray, rows: slice, columns: slice) -> None:
         difference = (ours - hessian[rows, columns]) / np.outer(scale[rows], scale[columns])
-        assert np.abs(difference).max() < 1e-3
+        assert np.abs(difference).max() < 1e-3  # tangents in single precision, of order 4 in a sample
 
     border = slice(size, None)
     for k in some(range(segments.count)):
@@ -212,7 +212,8 @@ def test_the_truth_leaves_nothing(
     # inputs between samples come from a spline, which stands on one side only at the ends of a record
     ends = [0, FIRST - 1, FIRST, FIRST + SECOND - 1]
     inner = np.delete(misfit.residuals, ends, axis=2)
-    assert np.abs(inner).max() < 0.05
+    # in deviations of the noise: 1e-3 is what the steps may leave, and at the ends at most as much as the noise
+    assert np.abs(inner).max() < 1e-3
     assert np.abs(misfit.residuals).max() < 1.0
 
 
@@ -253,8 +254,9 @@ def test_losses_cost_what_their_densities_say() -> None:
         eps = 1e-6
         for value in some(r[np.abs(r) != 1.5]):  # Huber's corner bends within the difference
             slope = (loss.total(np.array([value + eps])) - loss.total(np.array([value - eps]))) / (2 * eps)
+            # costs up to 36 are rounded to 8e-15, which makes 4e-9 of the quotient
             assert 2.0 * value * loss.weight(np.array([value]))[0] == pytest.approx(slope, abs=1e-7)
     assert Huber(1.5).total(np.array([1.0, 1.5])) == pytest.approx(1.0 + 2.25, rel=1e-12)
     assert Huber(1.5).total(np.array([10.0])) == pytest.approx(2 * 1.5 * 10 - 1.5**2, rel=1e-12)
     many = Student(1e6)  # many degrees of freedom are a Gaussian
-    assert many.total(np.array([3.0])) == pytest.approx(9.0, rel=1e-4)
+    assert many.total(np.array([3.0])) == pytest.approx(9.0, rel=1e-5)  # (r^2/2 - 1)/1e6 = 3.5e-6 less

@@ -34,6 +34,7 @@ def test_follows_the_reference_to_the_end_of_the_file(shared_reference: Path, n:
 
 
 def test_the_reference_would_tell_another_chain(shared_reference: Path) -> None:
+    """A mass that differs by 1e-12 of itself is enough to miss the bound above."""
     assert departure(shared_reference, 6, primary_mass=1.0 + 1e-12).max() > 1e-6
 
 

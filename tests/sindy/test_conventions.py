@@ -57,7 +57,7 @@ def test_noise_on_displacement_alone_reaches_the_derivatives(record: Record) -> 
     clean = differentiate(record)
     states = noisy_states(record, "displacement", 40.0, seed=1000, derivative="differences")
     noise = states.x - clean.x
-    assert np.abs(_deviations(states.x, clean.x, 40.0)).max() < 4
+    assert np.abs(_deviations(states.x, clean.x, 40.0)).max() < 4  # as above
     # White noise through the stencil (-1, 16, -30, 16, -1)/12: its sum of squares is the gain in variance.
     gain = 1414 / 144 * record.rate**4
     ratio = np.mean((states.a - clean.a)[3:-3] ** 2, axis=0) / np.mean(noise**2, axis=0)
@@ -144,6 +144,7 @@ def test_readings_differ_where_only_some_terms_are_wrong(record: Record, exact: 
     spoilt[exact.names.index("x1*x2**2"), column] *= 1.01
     ends = replace(exact, coefficients=spoilt)
     assert monomial_nmse(ends, CHAIN, "nes1", record) < 1e-12
+    # 1 % of one term: 4e-3 % here, where nothing is random, and 2e-3 % below
     assert monomial_nmse(ends, CHAIN, "nes1", record, reading="ends") > 1e-4
     spoilt[exact.names.index("x3**3"), column] = 1e7
     spoilt[exact.names.index("x1*x2**2"), column] /= 1.01
@@ -158,7 +159,7 @@ def test_ten_per_cent_of_a_force_are_one_per_cent_of_its_mean_square(
     wrong = replace(exact, coefficients=1.1 * exact.coefficients)
     truth = CHAIN.link("nes1").force(monomial_force(exact, CHAIN, "nes1", record)[0])
     expected = 100 * 0.01 * np.mean(truth**2) / np.var(truth)  # Eq. 8 by hand
-    assert monomial_nmse(wrong, CHAIN, "nes1", record) == pytest.approx(expected, rel=1e-6)
+    assert monomial_nmse(wrong, CHAIN, "nes1", record) == pytest.approx(expected, rel=1e-8)  # same numerics
 
 
 @pytest.mark.parametrize(("decibel", "paper"), [(40.0, 0.0018), (30.0, 0.0331), (20.0, 2.1564)])

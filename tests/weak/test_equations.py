@@ -65,7 +65,7 @@ def test_the_force_that_makes_a_motion_leaves_nothing(law: str, values: dict[str
     assert np.nanmax(np.abs(left)) < (1e-6 if exact else 1e-5) * np.abs(force).max()
     wrong = replace(record, values=record.values * [1.0, 1.01])
     left = weak_residual(equations(wrong, structure, Window.of_deviation(3.0, 1.0 / RATE)), np.zeros(0))
-    assert np.nanmax(np.abs(left)) > 5e-3 * np.abs(force).max()
+    assert np.nanmax(np.abs(left)) > 5e-3 * np.abs(force).max()  # half of the 1 % that the force is wrong by
 
 
 def test_the_motion_of_the_base_counts() -> None:
@@ -77,6 +77,7 @@ def test_the_motion_of_the_base_counts() -> None:
     record = lw.Record(0.0, RATE, ("x:m1", "x:base"), np.stack([x, base], axis=1))
     found = equations(record, structure)
     assert np.abs(weak_residual(found, np.zeros(0))).max() < 1e-6 * 2.0 * np.abs(a).max()
+    # straight lines between samples are off by (77 1e-3)^2/8 = 7e-4
     assert found.d[0] == pytest.approx(np.interp(found.time, time, x - base), abs=2e-3 * np.ptp(x - base))
 
 
@@ -162,8 +163,9 @@ def test_single_missing_samples_everywhere_leave_a_band() -> None:
     values = record.values.copy()
     values[100::150] = np.nan
     whole, broken = (read_displacements(each, chain) for each in (record, replace(record, values=values)))
-    assert broken.bandwidth == pytest.approx(whole.bandwidth, rel=0.25)
-    assert broken.variance == pytest.approx(whole.variance, rel=0.1)
+    # seeds 2000 to 2009: 0 to 3.3 % of the band, which moves by bins of a spectrum, and 0.1 to 7.9 % of the variance
+    assert broken.bandwidth == pytest.approx(whole.bandwidth, rel=0.07)
+    assert broken.variance == pytest.approx(whole.variance, rel=0.12)
 
 
 def test_a_record_without_displacements_says_what_it_holds() -> None:

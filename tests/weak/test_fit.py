@@ -77,6 +77,7 @@ def test_large_and_small_structures_are_solved_alike(
     links = [parameter.name.partition(".")[0] for parameter in chain.unknown("all").parameters]
     same = np.equal.outer(links, links)
     covariance: Any = sparse.covariance  # a sparse matrix here, an array above
+    # same numerics: an inverse loses more digits than a solution
     assert covariance.toarray()[same] == pytest.approx(dense.covariance[same], rel=1e-6)
     assert not covariance.toarray()[~same].any()
 
@@ -98,7 +99,7 @@ def test_a_parameter_at_its_bound_leaves_the_others_free(clean: lw.Record, chain
 
     bounded = fit(record, with_damper(UNKNOWN(lower=0.05)))
     given = fit(record, with_damper(lw.Coefficient.number(0.05)))
-    assert bounded.values == pytest.approx([*given.values, 0.05], rel=1e-9)
+    assert bounded.values == pytest.approx([*given.values, 0.05], rel=1e-9)  # same numerics
     assert bounded.free.tolist() == [True, True, False]
     assert not bounded.covariance[2].any() and (np.diag(bounded.covariance)[:2] > 0.0).all()
 
@@ -118,7 +119,10 @@ def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.
     assert len(both.values) == 3
     errors = np.sqrt(np.diag(one.covariance))
     pooled = 1.0 / np.sqrt(1.0 / errors[:3] ** 2 + 1.0 / errors[3:] ** 2)
-    assert np.sqrt(np.diag(both.covariance)) == pytest.approx(pooled, rel=0.25)
+    assert np.sqrt(np.diag(both.covariance)) == pytest.approx(
+        pooled, rel=0.06
+    )  # 1.2 to 2.6 % on seeds 2000 to 2005
+    # three coefficients within 3.5 standard errors: wrong once in 700
     assert np.abs((both.values - [-100.0, 1e6, 0.02]) / np.sqrt(np.diag(both.covariance))).max() < 3.5
 
 

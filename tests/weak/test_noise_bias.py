@@ -84,7 +84,7 @@ def test_products_lose_their_bias(laws: list[str], sigma: list[float]) -> None:
         error = samples.std(axis=0, ddof=1) / np.sqrt(SEEDS) + 1e-12 * np.abs(truth)  # constants only round
         off[what] = np.abs((samples.mean(axis=0) - truth)[shared] / error[shared])
     assert np.max(off["moments"]) < 4.5
-    assert np.max(off["products"]) > 40.0
+    assert np.max(off["products"]) > 40.0  # nine times what the moments may be off
 
 
 def test_terms_of_a_nonlinear_coefficient_lose_their_bias_to_second_order() -> None:
