@@ -16,6 +16,7 @@ from linkwise.likelihood.anneal import (
     AnnealingStatus,
     AnnealingStep,
 )
+from linkwise.likelihood.block_scores import error_ratios
 from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.model_error import lag_one_autocorrelation, with_model_error
@@ -78,7 +79,8 @@ class LikelihoodFit:
 
     `chi_square` compares what is left to the noise that was stated or found beforehand; `model_error` is the relaxation q of
     the flow where the laws alone leave residuals that are no noise, else 0, and `force_error` (n,) in N on each mass what
-    that means.
+    that means. The standard errors in `covariance` are then `error_ratios` (p,) times those of an error that is white noise,
+    as separate blocks of the records say; None where the records are too short for blocks.
     """
 
     values: Floats
@@ -91,6 +93,7 @@ class LikelihoodFit:
     chi_square_off: bool
     model_error: float
     force_error: Floats
+    error_ratios: Floats | None
     samples: int
     status: AnnealingStatus
     path: tuple[AnnealingStep, ...]
@@ -199,9 +202,13 @@ def _fitted(
         unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit)
         off = unexplained or (stated and abs(chi_square - 1.0) > limit)
     p = segments.system.parameters.size
+    ratios: Floats | None = np.ones(p)
+    if model_error > 0.0 and not _did_not_converge(fit):
+        ratios = _ratios_by_blocks(segments, fit, factor, annealer.loss)
+    widened = factor * (np.ones(p) if ratios is None else ratios)
     return LikelihoodFit(
         values=fit.point.theta,
-        covariance=factor**2 * fit.covariance[:p, :p],
+        covariance=fit.covariance[:p, :p] * np.outer(widened, widened),
         free=~fit.at_bound[:p],
         offsets=dict(zip(sensing.offsets, map(float, fit.point.offsets), strict=True)),
         gains=dict(zip(sensing.gains, map(float, fit.point.gains), strict=True)),
@@ -210,6 +217,7 @@ def _fitted(
         chi_square_off=off,
         model_error=model_error,
         force_error=_force_error(fit, segments.system, segments),
+        error_ratios=ratios,
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
@@ -217,6 +225,11 @@ def _fitted(
         misfit=fit.misfit,
         optimum=Optimum(segments, fit.point, fit.scales, fit.q, factor, annealer.loss),
     )
+
+
+def _ratios_by_blocks(segments: Segments, fit: AnnealingFit, noise: float, loss: Loss) -> Floats | None:
+    ratios = error_ratios(segments, fit.misfit, fit.scales, loss, q=fit.q, noise=noise, free=~fit.at_bound)
+    return None if ratios is None else ratios[: segments.system.parameters.size]
 
 
 def _annealed(

@@ -15,6 +15,7 @@ from linkwise.likelihood.segments import Iterate, Scales, Segments
 
 _LOOSENING = 3.0  # from rung to rung of the ladder of model errors
 _RUNGS = 19  # from q = 1e-5 to 4e3
+_WORSE = 0.1  # of the cost: a rung less than this above the best stands on a plateau, behind which the cost may fall
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,11 @@ def _ladder_search(
         noise, cost = _evidence(segments, fit, q, annealer.loss)
         if best is None or cost < best.cost:
             best, worse = ModelErrorCandidate(fit, q, noise, cost), 0
-        else:
+        elif cost > best.cost + _WORSE:
             worse += 1
         if worse == 2:
             return best
-    return None
+    return best if best is not None and best.q != rungs[-1] else None
 
 
 def _evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:

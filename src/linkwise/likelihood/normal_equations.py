@@ -13,9 +13,18 @@ from linkwise.likelihood.flow import CandidateForces, tangents
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import A, Scales, Segments, V, X
+from linkwise.likelihood.sensor_errors import SensorErrors
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
+
+
+def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
+    """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
+    m, K = 2 * segments.system.incidence.shape[0], segments.count
+    p = segments.parameters if parameters is None else parameters
+    size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
+    return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +93,15 @@ def linearise(
     loss: Loss,
     executor: Executor | None = None,
     pushes: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
 ) -> Linearization:
     """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
-    The sizes of `pushes` stand in the border behind theta.
+    The sizes of `pushes` and of `errors` stand in the border behind theta.
     """
     m, K = 2 * segments.system.incidence.shape[0], segments.count
-    p = segments.parameters + (0 if pushes is None else len(pushes.first))
-    size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
-    parts = [slice(first, min(first + size, K)) for first in range(0, K, size)]
+    p = segments.parameters + _added(pushes, errors)
+    parts = chunks(segments, p)
     data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
     linked = np.append(segments.linked, False)
     missed = np.zeros((K, m))
@@ -101,7 +110,7 @@ def linearise(
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> tuple[Floats, Floats, Floats, Floats]:
-        rows, ends = _chunk(segments, misfit, scales, loss, part, pushes)
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, pushes, errors)
         corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
         ends = np.concatenate([ends, missed[part, :, None]], axis=2)
         ends *= linked[part, None, None]
@@ -120,20 +129,22 @@ def linearise(
     return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
 
 
-def _chunk(
+def whitened_jacobian(
     segments: Segments,
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
     part: slice,
-    pushes: CandidateForces | None,
+    pushes: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
 ) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
     sensors, step = segments.sensors, segments.step[part] * segments.flow_steps_per_tangent
     M, C, K = segments.samples[..., part].shape
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    added = 0 if pushes is None else len(pushes.first)
-    P, width = 2 * n + segments.parameters + added, 2 * n + p + added
+    P = 2 * n + segments.parameters + _added(pushes, errors)
+    moving = 2 * n + p + (0 if pushes is None else len(pushes.first))
+    width = moving + (0 if errors is None else len(errors.channel))
     mechanics = segments.system.at(misfit.point.theta)
     residuals = misfit.residuals[..., part]
     root = np.sqrt(loss.weight(residuals)) * segments.observed[..., part]
@@ -155,16 +166,23 @@ def _chunk(
             if len(chosen[kind]):
                 factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
                 rows = motion[sensors.mass[chosen[kind]]] * factor[:, None]
-                jacobian[:, sample, chosen[kind], :width] = rows.transpose(2, 0, 1)
+                jacobian[:, sample, chosen[kind], :moving] = rows.transpose(2, 0, 1)
+    if errors is not None:
+        for number, channel in enumerate(errors.channel):
+            jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
     for channel in np.flatnonzero(sensors.offset >= 0):
         column = width + sensors.offset[channel]
         jacobian[:, :, channel, column] = whiten[:, channel].T * scales.theta[p + sensors.offset[channel]]
     _calibrate_gains(jacobian, segments, misfit, scales, root, part)
     ends = np.zeros((K, 2 * n, P))
-    ends[:, :n, :width] = state[0].transpose(2, 0, 1)
-    ends[:, n:, :width] = (state[1] * rates[V]).transpose(2, 0, 1)
+    ends[:, :n, :moving] = state[0].transpose(2, 0, 1)
+    ends[:, n:, :moving] = (state[1] * rates[V]).transpose(2, 0, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _added(pushes: CandidateForces | None, errors: SensorErrors | None) -> int:
+    return (0 if pushes is None else len(pushes.first)) + (0 if errors is None else len(errors.channel))
 
 
 def _calibrate_gains(

@@ -1,0 +1,123 @@
+"""What separate blocks of the records say of the unknowns: their scores and information, the states eliminated.
+
+Around an optimum each block b of segments pulls the unknowns by its score g_b (p,), with the information H_b (p, p), where
+the states follow the unknowns as the whole record tells them to. The scores of all blocks sum to zero at the optimum. Where
+the error of a law moves with the motion, they scatter more than the information says, which white noise would not do: the
+variance of an unknown is then that of the estimates with one block left out (jackknife over blocks), as in the covariance of
+White (1982) and its form for clustered data (Bell and McCaffrey, Survey Methodology 28, 2002).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from scipy.linalg import lapack
+
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.bordered_system import BorderedFactor
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.normal_equations import chunks, linearise, whitened_jacobian
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import Scales, Segments
+
+_BLOCKS = (
+    20,
+    10,
+)  # that are tried: short ones are many, long ones hold what residuals remember; each divides the one before
+_FEWEST = 5  # segments in the shortest block
+_LEVEL = 0.975
+
+
+@dataclass(frozen=True, eq=False)
+class BlockScores:
+    """`scores` (B, p) and `information` (B, p, p) of consecutive blocks, in scaled unknowns (theta, offsets, gains)."""
+
+    scores: Floats
+    information: Floats
+
+    def merged(self, blocks: int) -> BlockScores:
+        """The same in fewer blocks of about equal length."""
+        label = np.arange(len(self.scores)) * blocks // len(self.scores)
+        firsts = np.searchsorted(label, np.arange(blocks))
+        return BlockScores(np.add.reduceat(self.scores, firsts), np.add.reduceat(self.information, firsts))
+
+    def deviations(self, free: Bools) -> Floats:
+        """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
+        chosen, blocks = np.flatnonzero(free), len(self.scores)
+        whole = self.information.sum(axis=0)[np.ix_(chosen, chosen)]
+        moved = np.empty((blocks, len(chosen)))
+        for block, (score, information) in enumerate(zip(self.scores, self.information, strict=True)):
+            rest = whole - information[np.ix_(chosen, chosen)]
+            moved[block] = np.linalg.solve(rest, score[chosen])
+        variance = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (blocks - 1) / blocks
+        quantiles = scipy.stats.t.ppf(_LEVEL, blocks - 1) / scipy.stats.norm.ppf(_LEVEL)
+        out = np.zeros(len(free))
+        out[chosen] = quantiles * np.sqrt(variance)
+        return out
+
+
+def error_ratios(
+    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, *, q: float, noise: float, free: Bools
+) -> Floats | None:
+    """(p + o + g,) standard errors by blocks over those of white model error, at least 1; None for too few segments.
+
+    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound.
+    """
+    if segments.count < _FEWEST * _BLOCKS[0]:
+        return None
+    scores = block_scores(segments, misfit, scales, loss, q, _BLOCKS[0])
+    if scores is None:
+        return None
+    chosen = np.flatnonzero(free)
+    ratios = np.ones(len(free))
+    try:
+        inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
+        white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
+        for blocks in _BLOCKS:
+            deviations = scores.merged(blocks).deviations(free)[chosen]
+            ratios[chosen] = np.maximum(ratios[chosen], deviations / white)
+    except np.linalg.LinAlgError:
+        return None
+    return ratios
+
+
+def block_scores(
+    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, q: float, blocks: int
+) -> BlockScores | None:
+    """Scores of `blocks` consecutive blocks of segments at the optimum `misfit`; None where its equations are singular."""
+    factor = linearise(segments, misfit, scales, loss).equations(q).factor()
+    if factor is None:
+        return None
+    p, m, K = segments.parameters, len(scales.state), segments.count
+    follow = _state_sensitivities(factor)
+    following = np.concatenate([follow[:, 1:], np.zeros((p, 1, m))], axis=1)
+    linked = np.append(segments.linked, False)
+    missed = np.zeros((K, m))
+    missed[:-1] = misfit.defects.reshape(m, -1).T
+    label: Indices = np.arange(K) * blocks // K
+    scores, information = np.zeros((blocks, p)), np.zeros((blocks, p, p))
+    for part in chunks(segments):
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part)
+        node = follow[:, part].transpose(1, 2, 0)
+        data = rows[..., m:-1] - rows[..., :m] @ node
+        defect = ends[..., m:] - ends[..., :m] @ node + following[:, part].transpose(1, 2, 0)
+        defect *= linked[part, None, None] / q
+        score = np.einsum("krp,kr->kp", data, rows[..., -1])
+        score += np.einsum("krp,kr->kp", defect, missed[part] / q)
+        np.add.at(scores, label[part], score)
+        np.add.at(
+            information,
+            label[part],
+            data.transpose(0, 2, 1) @ data + defect.transpose(0, 2, 1) @ defect,
+        )
+    return BlockScores(scores, information)
+
+
+def _state_sensitivities(factor: BorderedFactor) -> Floats:
+    """(p, K, m): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
+    K, m = factor.shape
+    p = len(factor.schur)
+    follow, _ = lapack.dtbtrs(factor.chol, factor.forward[:p].T, uplo="L", trans="T")
+    return np.ascontiguousarray(follow.T).reshape(p, K, m)

@@ -1,0 +1,63 @@
+"""Errors that sensors may have: what each would add to the samples of its channel, per unit of its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import A, Segments, V, X
+
+KINDS = ("gain", "offset", "drift", "delay")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorErrors:
+    """c errors of unit size: `channel` (c,), `kind` (c,) one of KINDS, and `values` (M, c, K) what they add to its samples.
+
+    A gain is relative, an offset in the unit of the channel, a drift the change from the start of a record to its end, a
+    delay in s.
+    """
+
+    channel: Indices
+    kind: tuple[str, ...]
+    values: Floats
+
+    @classmethod
+    def of(cls, segments: Segments, misfit: Misfit) -> SensorErrors:
+        """All kinds of errors of all channels along the fitted motion."""
+        ramp = _ramp(segments)
+        values: list[Floats] = []
+        for kind, mass in zip(segments.sensors.kind, segments.sensors.mass, strict=True):
+            shown, rate = _motion(segments, misfit, int(kind), int(mass))
+            values += [shown, np.ones_like(shown), ramp, -rate]
+        channels = len(segments.sensors.kind)
+        return cls(np.repeat(np.arange(channels), len(KINDS)), KINDS * channels, np.stack(values, axis=1))
+
+
+def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
+    """(M, K) what a sensor of this kind shows of a mass, and its rate."""
+    orbit, every = misfit.trajectories, slice(None, segments.steps, segments.refine)
+    x = orbit.states[every, 0, mass]
+    v = orbit.states[every, 1, mass] / segments.step
+    a = orbit.accelerations[every, mass]
+    if kind == X:
+        return x, v
+    if kind == V:
+        return v, a
+    assert kind == A
+    series = np.gradient(a.T.ravel()).reshape(a.T.shape).T
+    return a, series / (segments.step * segments.refine)
+
+
+def _ramp(segments: Segments) -> Floats:
+    """(M, K) from -1/2 at the start of each chain of segments to 1/2 at its end."""
+    M, K = len(segments.samples), segments.count
+    edges = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1, [K]])
+    ramp = np.empty((K, M))
+    for first, last in pairwise(edges.tolist()):
+        ramp[first:last] = np.linspace(-0.5, 0.5, (last - first) * M).reshape(-1, M)
+    return ramp.T
