@@ -48,11 +48,13 @@ if TYPE_CHECKING:
         StructureError,
         StudyError,
     )
+    from linkwise.estimates.cause import Cause
     from linkwise.estimates.describing_function import Equivalent, equivalent
-    from linkwise.estimates.estimate import Estimate, NoiseEstimate
+    from linkwise.estimates.estimate import Estimate
     from linkwise.estimates.estimator import Estimator
     from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
     from linkwise.estimates.link_motion import LinkMotion
+    from linkwise.estimates.noise_estimate import NoiseEstimate
     from linkwise.estimates.uncertainty import Posterior, read_posterior
     from linkwise.expression.tree import Expression
     from linkwise.files import read_record, write_record
@@ -135,6 +137,7 @@ __all__ = [
     "AbsorptionRun",
     "AnnealingStep",
     "Case",
+    "Cause",
     "Cell",
     "Channel",
     "Coefficient",

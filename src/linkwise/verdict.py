@@ -51,6 +51,10 @@ class Verdict(Enum):
         "What the laws leave of the record follows the motion: a term or a link is missing, or a sensor is not what it is "
         "taken for. Intervals would count it as noise."
     )
+    MEASUREMENT_ERROR = (
+        "An error of a sensor, of an applied force or of a stated mass would explain what the laws leave of the record better "
+        "than any missing term. Correct it, or let it be found with the rest."
+    )
     COLOURED_RESIDUALS = (
         "The residuals are not white, as the noise is taken to be, so intervals would be too narrow. Look at the sensors for "
         "a filter or a drift, and at the laws for a missing term."

@@ -12,8 +12,8 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.estimates.estimate import NoiseEstimate
 from linkwise.estimates.link_estimate import LinkEstimate
+from linkwise.estimates.noise_estimate import NoiseEstimate
 
 ALPHA, BETA, MOVING = -100.0, 1e6, 0.0099
 COVARIANCE = (
@@ -160,6 +160,8 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
         "links",
         "verdicts",
         "trusted",
+        "model_error_percent",
+        "diagnosis",
     }
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}
     assert set(result["noise"]["x:m1"]) == {"sigma", "unit", "snr_db"}

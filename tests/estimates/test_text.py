@@ -9,8 +9,8 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.estimates.estimate import NoiseEstimate
 from linkwise.estimates.link_motion import LinkMotion
+from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.text import format_error, format_value
 
 GOOD = """\

@@ -2,14 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.model.structure import Link
 
 _SIGNIFICANT = 3.0  # standard errors of the mean power: by chance once in 740 links that dissipate nothing
+_ROUNDING = 1e-12  # of the largest power
+
+
+def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[CoefficientEstimate]:
+    """Coefficients that are negative by more than their interval and whose force alone would then supply energy at all times.
+
+    Such are those of dampers and friction: a positive one opposes the motion everywhere.
+
+    Parameters
+    ----------
+    link : LinkEstimate
+        The link.
+    d, v : array of shape (R,)
+        Elongations in m and rates in m/s.
+
+    Yields
+    ------
+    CoefficientEstimate
+        The coefficient.
+    """
+    law, values = link.link.law, link.link.values
+    moving, resting = (law.partials(d, rate, values).by_coefficient for rate in (v, np.zeros_like(v)))
+    for coefficient in link.coefficients:
+        name = coefficient.name.rpartition(".")[2]
+        if coefficient.interval is None or coefficient.interval[1] >= 0.0 or name in law.nonlinear:
+            continue
+        power = np.nan_to_num((moving[name] - resting[name]) * v)
+        if np.all(power >= -_ROUNDING * np.max(np.abs(power))) and power.any():
+            yield coefficient
 
 
 def supplied_power(link: Link, free: Sequence[str], covariance: Floats, d: Floats, v: Floats) -> float | None:

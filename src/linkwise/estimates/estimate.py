@@ -14,86 +14,22 @@ from scipy.sparse import csc_array
 from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StructureError
+from linkwise.estimates.cause import Cause
 from linkwise.estimates.document import coefficient_document, link_document
-from linkwise.estimates.energy_supply import supplied_power
+from linkwise.estimates.energy_supply import active_coefficients, supplied_power
 from linkwise.estimates.findings import link_findings
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
+from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.html import JudgedView
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted, status_of
 
 _ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the square of it is zero
-
-
-@dataclass(frozen=True)
-class NoiseEstimate:
-    """Noise of a channel.
-
-    Attributes
-    ----------
-    sigma : float
-        Standard deviation in the SI unit of the channel.
-    unit : str
-        The unit.
-    snr_db : float
-        Signal-to-noise ratio in dB, of the mean square of the motion to that of the noise.
-    """
-
-    sigma: float
-    unit: str
-    snr_db: float
-
-    @classmethod
-    def of(cls, record: Record, name: str, sigma: float) -> NoiseEstimate:
-        """Noise of a channel of a record.
-
-        Parameters
-        ----------
-        record : Record
-            The record.
-        name : str
-            Name of the channel.
-        sigma : float
-            Standard deviation of the noise in its SI unit.
-
-        Returns
-        -------
-        NoiseEstimate
-            The noise.
-        """
-        return cls.from_power(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
-
-    @classmethod
-    def from_power(cls, power: float, name: str, sigma: float) -> NoiseEstimate:
-        """Noise of a channel of known mean square.
-
-        Parameters
-        ----------
-        power : float
-            Mean square of the samples, noise included.
-        name : str
-            Name of the channel.
-        sigma : float
-            Standard deviation of the noise in its SI unit.
-
-        Returns
-        -------
-        NoiseEstimate
-            The noise.
-        """
-        motion = power - sigma**2
-        ratio = (
-            10.0 * np.log10(motion / sigma**2)
-            if sigma > 0.0 and motion > 0.0
-            else (np.inf if sigma == 0.0 else -np.inf)
-        )
-        return cls(float(sigma), Channel.parse(name).unit, float(ratio))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +66,11 @@ class Estimate(JudgedView):
         Profile-likelihood interval, for `profile_interval`; None without a likelihood.
     remarks, notes : tuple of str
         Findings of the method; notes of the records on what was assumed or changed when they were read.
+    model_error : float
+        Part of the forces that the laws leave, by root mean squares; 0 where they explain the record to within its noise.
+    diagnosis : tuple of Cause
+        What would explain what the laws leave: errors of sensors, masses and applied forces, and missing terms, the largest
+        gain in likelihood first.
 
     Examples
     --------
@@ -162,6 +103,8 @@ class Estimate(JudgedView):
     intervals: bool = True
     profile: Callable[[str, float, Progress], tuple[float, float]] | None = None
     notes: tuple[str, ...] = ()
+    model_error: float = 0.0
+    diagnosis: tuple[Cause, ...] = ()
 
     asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
     moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))
@@ -247,7 +190,13 @@ class Estimate(JudgedView):
         )
         supplies = self.supplies
         of_links = (line for link in self.links for line in link_findings(link, supplies.get(link.link.name)))
-        return (*self.remarks, *bounds, *of_links)
+        active = (
+            f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: it would feed energy into the "
+            "motion, as no damper and no friction does. A term, a link or an applied force that is missing can look like that."
+            for index, link in enumerate(self.links)
+            for coefficient in active_coefficients(link, self.motion.d[:, index], self.motion.v[:, index])
+        )
+        return (*self.remarks, *bounds, *of_links, *active)
 
     def coefficient(self, name: str) -> CoefficientEstimate:
         """Estimate of a coefficient.
@@ -332,6 +281,8 @@ class Estimate(JudgedView):
                 name: {"sigma": n.sigma, "unit": n.unit, "snr_db": n.snr_db} for name, n in self.noise.items()
             },
             "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
+            "model_error_percent": 100.0 * self.model_error,
+            "diagnosis": [cause.to_dict() for cause in self.diagnosis],
             "findings": list(self.findings),
             "notes": list(self.notes),
             "masses": {mass.name.removesuffix(".mass"): coefficient_document(mass) for mass in self.masses},

@@ -10,6 +10,7 @@ from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantit
 from linkwise.text import align_columns, as_text, format_error, format_value
 
 _MANY = 12  # channels or links that are shown
+_CAUSES = 4  # of what is left, that are shown
 _WIDTH = 100  # at which sentences are broken
 _HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
@@ -37,6 +38,8 @@ def text_table(estimate: Estimate) -> str:
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:
         blocks.append(f"... and {len(shown) - _MANY} more links; the result folder lists all of them")
+    if len(estimate.diagnosis) > 1:
+        blocks.append(_diagnosis(estimate))
     if estimate.findings:
         blocks.append(
             "\n".join(fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in estimate.findings)
@@ -52,6 +55,11 @@ def _verdict(estimate: Estimate) -> str:
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
     summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
     return f"{head}\n{fill(summary, _WIDTH)}"
+
+
+def _diagnosis(estimate: Estimate) -> str:
+    rows = [(cause.description, f"{cause.gain:.3g}") for cause in estimate.diagnosis[:_CAUSES]]
+    return "\n".join(align_columns([("what is left would be explained by", "gain"), *rows]))
 
 
 def _noise(estimate: Estimate) -> str:

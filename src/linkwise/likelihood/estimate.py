@@ -11,9 +11,10 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import Estimate, NoiseEstimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
+from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.judgement import judged
 from linkwise.likelihood.local_optima import lower_of_two
@@ -108,11 +109,11 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
     """What a fit of `structure` to `records` says, and how far it can be trusted."""
     found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(found)
-    verdict, message = judged(fit, identified)
+    judgement = judged(fit, identified, records[0].responses)
     return Estimate(
         method="ml",
-        fit_verdicts=(verdict,),
-        message=message,
+        fit_verdicts=(judgement.verdict,),
+        message=judgement.message,
         seconds=0.0,
         given_structure=structure,
         parameters=structure.parameters,
@@ -126,6 +127,8 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         record=records[0],
         remarks=_remarks(fit),
         profile=partial(profile_ends, fit.optimum),
+        model_error=judgement.model_error,
+        diagnosis=judgement.diagnosis,
     )
 
 

@@ -2,43 +2,78 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from linkwise.likelihood.anneal import AnnealingStatus
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import is_regular
-from linkwise.likelihood.missing_forces import MissingForce, missing_force
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
 from linkwise.verdict import Verdict
 
-_LITTLE = 0.1  # of the forces on a mass: a model error beyond it is no small one
+_LARGEST_ERROR = 0.1
+"""Of the forces on a mass: the largest model error that is trusted. Intervals count the error to first order; what they leave
+out is of the size of its square, 1 % of the forces at this limit, a tenth of what they count."""
+_LARGEST_TERM = 0.05
+"""Of the force in a link: the largest missing term that is trusted. A larger one is no small error of the law: offered, it
+would change the coefficients by as much as an engineer would notice."""
 _CHANCE = 3.0  # standard deviations of chi-square within which what is left needs no second look
 
 
-def judged(fit: LikelihoodFit, identified: Structure) -> tuple[Verdict, str]:
-    """The verdict on a fit, and in words what it means for this one."""
+@dataclass(frozen=True)
+class Judgement:
+    """The `verdict` on a fit and in words what it means for this one; `model_error`, the part of the forces that the laws
+    leave, and what would explain it, the largest gain first.
+    """
+
+    verdict: Verdict
+    message: str
+    model_error: float = 0.0
+    diagnosis: tuple[Cause, ...] = ()
+
+
+def judged(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Judgement:
+    """What may be said of a fit to the response `channels` of a record."""
     if fit.status is not AnnealingStatus.CONVERGED:
         reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
-        return Verdict.NOT_CONVERGED, reason
+        return Judgement(Verdict.NOT_CONVERGED, reason)
+    imperfect = fit.model_error > 0.0 or fit.chi_square > 1.0 + _CHANCE * np.sqrt(2.0 / fit.samples)
+    causes = diagnose(fit, identified, channels, terms=imperfect)
+    share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
+    verdict, message = _judged(fit, share, causes)
+    return Judgement(verdict, message, share, causes)
+
+
+def _judged(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple[Verdict, str]:
+    explained = "The laws explain the record to within its noise"
+    if fit.model_error > 0.0:
+        explained = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
     if fit.chi_square_off:
         return Verdict.NOISE_MISMATCH, (
             f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise, so no interval is given: the noise is not what "
             "was stated or found, a term is missing from a law, or a link from the structure. The values are the best of "
-            "these laws."
+            f"these laws.{_likeliest(causes)}"
         )
-    explained, share = "The laws explain the record to within its noise", 0.0
-    if fit.model_error > 0.0:
-        share = _share(fit, identified)
-        explained = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
-        if share > _LITTLE:
-            reason = f"{explained}; that is too much for intervals: a term or a link is missing."
-            return Verdict.UNEXPLAINED_FORCES, reason
-    if fit.model_error > 0.0 or fit.chi_square > 1.0 + _CHANCE * np.sqrt(2.0 / fit.samples):
-        missing = missing_force(fit.optimum, identified)
-        if missing is not None:
-            return Verdict.SYSTEMATIC_MISFIT, f"{explained}, but {_systematic(missing)}"
-    if is_coloured(fit.misfit.residuals):
+    if causes and causes[0].is_instrument:
+        return Verdict.MEASUREMENT_ERROR, (
+            f"{explained}, but {_would_explain(causes[0])}, more than any missing term. Coefficients would be wrong by more "
+            "than their intervals say, so none is given: correct it, or let it be found with the rest."
+        )
+    if share > _LARGEST_ERROR:
+        return Verdict.UNEXPLAINED_FORCES, (
+            f"{explained}; that is too much for intervals: a term or a link is missing.{_likeliest(causes)}"
+        )
+    if causes and (fit.model_error == 0.0 or causes[0].share > _LARGEST_TERM):
+        return Verdict.SYSTEMATIC_MISFIT, (
+            f"{explained}, but what they leave follows the motion: {_would_explain(causes[0])}. Intervals would count that as "
+            "noise, so none is given; a term or a link is missing, or a sensor is not what it is taken for."
+        )
+    if fit.model_error <= AnnealingSchedule.final_q and is_coloured(fit.misfit.residuals):
         return Verdict.COLOURED_RESIDUALS, (
             f"{explained}, but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so "
             "none is given. A filter or a drift of a sensor, or a term that is missing, leaves such residuals."
@@ -48,16 +83,31 @@ def judged(fit: LikelihoodFit, identified: Structure) -> tuple[Verdict, str]:
             f"{explained}, but around the values found the likelihood has other optima or none of the shape that intervals "
             "assume, so no interval is given. Give starts that are nearer, a shorter piece of the record, or less noise."
         )
-    if share > 0.0:
-        return Verdict.MODEL_ERROR_NEEDED, f"{explained}, a model error that all intervals count in."
+    if fit.model_error > 0.0:
+        return Verdict.MODEL_ERROR_NEEDED, (
+            f"{explained}, a model error that all intervals count in. {_widened(fit)}{_likeliest(causes)}"
+        )
     return Verdict.CONVERGED, f"{explained}."
 
 
-def _systematic(missing: MissingForce) -> str:
+def _would_explain(cause: Cause) -> str:
+    return f"{cause.description} would lower -2 log likelihood by {cause.gain:.3g}"
+
+
+def _likeliest(causes: Sequence[Cause]) -> str:
+    return f" Most of what is left would be explained by {causes[0].description}." if causes else ""
+
+
+def _widened(fit: LikelihoodFit) -> str:
+    """How much wider than those of a white model error the intervals are."""
+    if fit.error_ratios is None:
+        return (
+            "The record is too short to compare separate blocks of it, so the intervals take that error for white noise, and "
+            "may be too narrow."
+        )
     return (
-        f"what they leave follows the motion: a force like {missing.term} in {missing.link} would lower -2 log likelihood by "
-        f"{missing.gain:.3g}. Intervals would count that as noise, so none is given; a term or a link is missing, or a sensor "
-        "is not what it is taken for."
+        "By what separate blocks of the record say, the standard errors are up to "
+        f"{float(np.max(fit.error_ratios)):.2g} times those of an error that is white noise."
     )
 
 

@@ -17,7 +17,8 @@ from linkwise.expression import Program
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.flow import CandidateForces, Inputs, Trajectories
 from linkwise.likelihood.normal_equations import linearise
-from linkwise.likelihood.residuals import evaluate
+from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.model.law import VARIABLES, Law
 from linkwise.runtime import one_blas_thread
 
@@ -51,35 +52,50 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
     Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
     """
     with one_blas_thread():
-        segments, scales = optimum.segments, optimum.scales
-        misfit = evaluate(segments, optimum.point, scales, optimum.loss)
-        pushes, units = _candidate_forces(optimum, misfit.trajectories, forces)
-        linear = linearise(segments, misfit, scales, optimum.loss, pushes=pushes)
-        factor = linear.equations(optimum.q).factor()
-        if factor is None:
-            raise np.linalg.LinAlgError("the equations at the optimum are not positive")
-        p, f = segments.system.parameters.size, len(forces)
-        own, beside = slice(0, p + f), slice(p + f, None)
-        curvature, slope = factor.schur[own, own], factor.reduced[own]
-        if factor.schur[beside, beside].size:  # offsets and gains of sensors
-            found = np.linalg.solve(
-                factor.schur[beside, beside],
-                np.column_stack([factor.schur[beside, own], factor.reduced[beside]]),
-            )
-            curvature = curvature - factor.schur[own, beside] @ found[:, :-1]
-            slope = slope - factor.schur[own, beside] @ found[:, -1]
-    unit = np.concatenate([scales.theta[:p], units])
+        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+        pushes, units = candidate_forces(optimum, misfit, forces)
+        curvature, slope = widened(optimum, misfit, pushes)
+    unit = np.concatenate([optimum.scales.theta[: len(slope) - len(forces)], units])
     curvature = curvature / np.outer(unit, unit) / optimum.noise**2
-    here = np.concatenate([optimum.point.theta, np.zeros(f)])
+    here = np.concatenate([optimum.point.theta, np.zeros(len(forces))])
     return LocalQuadratic(curvature, slope / unit / optimum.noise**2 + curvature @ here)
 
 
-def _candidate_forces(
-    optimum: Optimum, orbit: Trajectories, forces: Sequence[CandidateForce]
+def widened(
+    optimum: Optimum, misfit: Misfit, pushes: CandidateForces, errors: SensorErrors | None = None
+) -> tuple[Floats, Floats]:
+    """Curvature and slope at `optimum` in p scaled parameters, the sizes of `pushes` and those of `errors`.
+
+    Nodes, and the offsets and gains that are found with the parameters, are at their best. Raises numpy.linalg.LinAlgError
+    where the equations are singular.
+    """
+    segments = optimum.segments
+    linear = linearise(segments, misfit, optimum.scales, optimum.loss, pushes=pushes, errors=errors)
+    factor = linear.equations(optimum.q).factor()
+    if factor is None:
+        raise np.linalg.LinAlgError("the equations at the optimum are not positive")
+    added = len(pushes.first) + (0 if errors is None else len(errors.channel))
+    own = slice(0, segments.system.parameters.size + added)
+    beside = slice(own.stop, None)
+    curvature, slope = factor.schur[own, own], factor.reduced[own]
+    if factor.schur[beside, beside].size:  # offsets and gains of sensors
+        found = np.linalg.solve(
+            factor.schur[beside, beside],
+            np.column_stack([factor.schur[beside, own], factor.reduced[beside]]),
+        )
+        curvature = curvature - factor.schur[own, beside] @ found[:, :-1]
+        slope = slope - factor.schur[own, beside] @ found[:, -1]
+    return curvature, slope
+
+
+def candidate_forces(
+    optimum: Optimum, misfit: Misfit, forces: Sequence[CandidateForce]
 ) -> tuple[CandidateForces, Floats]:
     """The forces along the orbit, and the size of each that is one unit: the reciprocal of its root mean square."""
     segments = optimum.segments
-    ends, middles = _states(orbit, segments.flow_steps_per_tangent, segments.step, segments.inputs)
+    ends, middles = _states(
+        misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
+    )
     first = np.array([force.first for force in forces], dtype=int)
     second = np.array([force.second for force in forces], dtype=int)
     starts = np.empty((len(ends), len(forces), segments.count))
@@ -129,7 +145,11 @@ def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Floats, F
     """(J + 1, 2, 1, K) and (J, 2, 1, K) of the base, at rest where it has no record."""
     if inputs.base is None:
         return np.zeros((ends, 2, 1, count)), np.zeros((ends - 1, 2, 1, count))
-    last = inputs.base[-1:, 4]
-    at_ends = np.concatenate([inputs.base[::refine, 0], last])
-    middles = inputs.base[:, 2] if refine == 1 else inputs.base[refine // 2 :: refine, 0]
+    at_ends, middles = at_ends_and_middles(inputs.base, refine)
     return at_ends[:, :, None], middles[:, :, None]
+
+
+def at_ends_and_middles(points: Floats, refine: int) -> tuple[Floats, Floats]:
+    """(J + 1, ...) and (J, ...) of an input (J refine, 5, ...) that is given at the POINTS of every step of the flow."""
+    ends = np.concatenate([points[::refine, 0], points[-1:, 4]])
+    return ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0]

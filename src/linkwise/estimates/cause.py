@@ -1,0 +1,75 @@
+"""What would explain a part of what an estimate leaves: errors of sensors, masses and applied forces, and missing terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An error that would explain a part of what a fit leaves.
+
+    Attributes
+    ----------
+    kind : str
+        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` of a channel, ``"mass"``, ``"force gain"`` or ``"force delay"``
+        of an applied force, or a missing ``"term"`` of a link.
+    where : str
+        The channel, mass or link.
+    size : float
+        The error, in `unit`: relative for gains and masses, the root mean square of the force for a term.
+    unit : str
+        SI unit of `size`, ``"1"`` for a ratio.
+    gain : float
+        What it would take off -2 log likelihood.
+    standard_error : float
+        Of `size`.
+    term : str
+        The form of a missing term, else empty.
+    share : float
+        Of a missing term: its part of the force in its link, both root mean squares.
+    """
+
+    kind: str
+    where: str
+    size: float
+    unit: str
+    gain: float
+    standard_error: float
+    term: str = ""
+    share: float = 0.0
+
+    @property
+    def is_instrument(self) -> bool:
+        """Whether it lies in what was recorded or stated, not in a law."""
+        return self.kind != "term"
+
+    @property
+    def description(self) -> str:
+        """In words, with its size."""
+        size, place = abs(self.size), self.where
+        match self.kind:
+            case "term":
+                return f"a force like {self.term} in {place} of {size:.3g} N"
+            case "gain":
+                return f"a gain of {place} that is off by {100.0 * self.size:+.3g} %"
+            case "mass":
+                return f"a mass of {place} that is off by {100.0 * self.size:+.3g} %"
+            case "force gain":
+                return f"a scale of {place} that is off by {100.0 * self.size:+.3g} %"
+            case "delay" | "force delay":
+                return f"a delay of {1e3 * self.size:.3g} ms in {place}"
+            case "drift":
+                return f"a drift of {self.size:.3g} {self.unit} in {place}"
+        return f"an offset of {self.size:.3g} {self.unit} in {place}"
+
+    def to_dict(self) -> dict[str, str | float]:
+        """What result.json holds of it."""
+        return {
+            "cause": self.kind if not self.term else f"term {self.term}",
+            "where": self.where,
+            "size": self.size,
+            "unit": self.unit,
+            "gain": self.gain,
+            "message": f"{self.description} would lower -2 log likelihood by {self.gain:.3g}",
+        }

@@ -1,0 +1,75 @@
+"""Noise of one channel, as an estimate reports it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """Noise of a channel.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation in the SI unit of the channel.
+    unit : str
+        The unit.
+    snr_db : float
+        Signal-to-noise ratio in dB, of the mean square of the motion to that of the noise.
+    """
+
+    sigma: float
+    unit: str
+    snr_db: float
+
+    @classmethod
+    def of(cls, record: Record, name: str, sigma: float) -> NoiseEstimate:
+        """Noise of a channel of a record.
+
+        Parameters
+        ----------
+        record : Record
+            The record.
+        name : str
+            Name of the channel.
+        sigma : float
+            Standard deviation of the noise in its SI unit.
+
+        Returns
+        -------
+        NoiseEstimate
+            The noise.
+        """
+        return cls.from_power(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
+
+    @classmethod
+    def from_power(cls, power: float, name: str, sigma: float) -> NoiseEstimate:
+        """Noise of a channel of known mean square.
+
+        Parameters
+        ----------
+        power : float
+            Mean square of the samples, noise included.
+        name : str
+            Name of the channel.
+        sigma : float
+            Standard deviation of the noise in its SI unit.
+
+        Returns
+        -------
+        NoiseEstimate
+            The noise.
+        """
+        motion = power - sigma**2
+        ratio = (
+            10.0 * np.log10(motion / sigma**2)
+            if sigma > 0.0 and motion > 0.0
+            else (np.inf if sigma == 0.0 else -np.inf)
+        )
+        return cls(float(sigma), Channel.parse(name).unit, float(ratio))

@@ -1,0 +1,183 @@
+"""What could explain what a fit leaves: score tests for errors of sensors, masses and applied forces, and for missing terms.
+
+Each cause is one more column in the linearised equations at the optimum, and its gain is what its best size would take off
+-2 log likelihood, all coefficients fitted anew to first order (Rao 1948). A gain follows chi-square with one degree of
+freedom where the cause is not there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.flow import CandidateForces
+from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.score_test import CandidateForce, at_ends_and_middles, candidate_forces, widened
+from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.model.law import Law
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+from linkwise.runtime import one_blas_thread
+
+_TERMS = tuple(
+    map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
+)
+_COLLINEAR = 1e-6  # of its own curvature: what is left of a cause beside the coefficients of the laws
+_LINKS = 40  # that are tested, in the structure's order
+_CHANCE = 25.0  # square of the standard errors that one cause reaches by chance once in 1.7 million
+_UNITS = {"gain": "1", "delay": "s", "mass": "1", "force gain": "1", "force delay": "s", "term": "N"}
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    kind: str
+    where: str
+    unit: str
+    term: str = ""
+
+
+def diagnose(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
+) -> tuple[Cause, ...]:
+    """The causes that are significant, that with the largest gain first; missing terms only where `terms` is true."""
+    optimum = fit.optimum
+    try:
+        with one_blas_thread():
+            return _diagnosed(optimum, identified, channels, terms)
+    except np.linalg.LinAlgError:
+        return ()
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
+def _diagnosed(
+    optimum: Optimum, identified: Structure, channels: Sequence[str], terms: bool
+) -> tuple[Cause, ...]:
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    hypotheses, pushes, units = _forces(optimum, misfit, identified, terms)
+    errors = SensorErrors.of(optimum.segments, misfit)
+    curvature, slope = widened(optimum, misfit, pushes, errors)
+    hypotheses += [
+        _Hypothesis(kind, channels[channel], _UNITS.get(kind) or Channel.parse(channels[channel]).unit)
+        for kind, channel in zip(errors.kind, errors.channel.tolist(), strict=True)
+    ]
+    units = np.concatenate([units, np.ones(len(errors.kind))])
+    gains, sizes, deviations = _single_tests(curvature, slope, optimum.segments.system.parameters.size)
+    gains, deviations = gains / optimum.noise**2, deviations * optimum.noise
+    order = [
+        number for number in np.argsort(-gains).tolist() if gains[number] > _CHANCE + 2.0 * np.log(len(gains))
+    ]
+    forces = dict(zip((link.name for link in identified.links), _link_forces(optimum, misfit), strict=True))
+    sizes, deviations = sizes * units, deviations * units
+    return tuple(
+        _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces)
+        for number in order
+    )
+
+
+def _cause(
+    hypothesis: _Hypothesis, gain: float, size: float, deviation: float, forces: dict[str, float]
+) -> Cause:
+    force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
+    return Cause(
+        kind=hypothesis.kind,
+        where=hypothesis.where,
+        size=float(size),
+        unit=hypothesis.unit,
+        gain=float(gain),
+        standard_error=float(deviation),
+        term=hypothesis.term,
+        share=abs(float(size)) / force if force > 0.0 else 0.0,
+    )
+
+
+def _link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
+    """Root mean square of the force in each link along the fitted motion, in N."""
+    mechanics, motion = optimum.segments.system.at(optimum.point.theta), misfit.trajectories.links
+    force, power = np.empty(motion.shape[2:]), np.zeros(motion.shape[2])
+    for d, v in motion:
+        mechanics.force(d, v, force)
+        power += np.mean(force**2, axis=1)
+    return list(np.sqrt(power / len(motion)))
+
+
+def _forces(
+    optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
+) -> tuple[list[_Hypothesis], CandidateForces, Floats]:
+    """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
+    hypotheses: list[_Hypothesis] = []
+    forces: list[CandidateForce] = []
+    if terms:
+        for link, (first, second) in zip(
+            identified.links[:_LINKS], identified.topology.ends.tolist(), strict=False
+        ):
+            for law in _TERMS:
+                hypotheses.append(_Hypothesis("term", link.name, "N", law.text))
+                forces.append(CandidateForce(first, second, law))
+    of_terms, _ = candidate_forces(optimum, misfit, forces)
+    units = [1.0] * len(
+        forces
+    )  # a term is told by the root mean square of its force, which is its scale here
+    starts, middles, masses = [of_terms.starts], [of_terms.middles], []
+    for hypothesis, mass, at_ends, between in _inertia_and_inputs(optimum, misfit, identified):
+        scale = float(np.sqrt(np.mean(at_ends**2)))
+        if not 0.0 < scale < np.inf:
+            continue
+        hypotheses.append(hypothesis)
+        masses.append(mass)
+        units.append(1.0 / scale)
+        starts.append(at_ends[:, None] / scale)
+        middles.append(between[:, None] / scale)
+    nobody = np.full(len(masses), -1)
+    pushes = CandidateForces(
+        np.concatenate([of_terms.first, nobody]),
+        np.concatenate([of_terms.second, np.array(masses, dtype=int)]),
+        np.concatenate(starts, axis=1),
+        np.concatenate(middles, axis=1),
+    )
+    return hypotheses, pushes, np.array(units)
+
+
+def _inertia_and_inputs(
+    optimum: Optimum, misfit: Misfit, identified: Structure
+) -> Iterator[tuple[_Hypothesis, int, Floats, Floats]]:
+    """What a relative error of a mass, or of an applied force, or a delay of it, does to the mass: at ends and middles."""
+    segments, names = optimum.segments, identified.mass_names
+    stride = segments.flow_steps_per_tangent
+    orbit = misfit.trajectories.thinned(stride)
+    for i, name in enumerate(names):
+        inertia = -float(identified.mass_values[i])
+        ends, middles = orbit.accelerations[:, i] * inertia, orbit.middle_accelerations[:, i] * inertia
+        yield _Hypothesis("mass", name, _UNITS["mass"]), i, ends, middles
+    if segments.inputs.force is None:
+        return
+    step = segments.step * stride
+    for i, name in enumerate(names):
+        ends, middles = at_ends_and_middles(segments.inputs.force[:, :, i], stride)
+        if not ends.any():
+            continue
+        yield _Hypothesis("force gain", f"force:{name}", _UNITS["force gain"]), i, ends, middles
+        both = np.empty((len(ends) + len(middles), ends.shape[-1]))
+        both[::2], both[1::2] = ends, middles
+        rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
+        yield _Hypothesis("force delay", f"force:{name}", _UNITS["force delay"]), i, -rate[::2], -rate[1::2]
+
+
+def _single_tests(curvature: Floats, slope: Floats, parameters: int) -> tuple[Floats, Floats, Floats]:
+    """What each cause alone would take off the cost with the coefficients fitted anew, its size, and the deviation of it."""
+    scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
+    scaled, push = curvature / np.outer(scale, scale), slope / scale
+    own, beside = slice(0, parameters), slice(parameters, None)
+    found = np.linalg.lstsq(scaled[own, own], np.column_stack([scaled[own, beside], push[own]]), rcond=1e-12)[
+        0
+    ]
+    left = scaled[beside, beside].diagonal() - np.einsum("ij,ij->j", scaled[own, beside], found[:, :-1])
+    score = push[beside] - scaled[beside, own] @ found[:, -1]
+    tested = left > _COLLINEAR
+    left = np.where(tested, left, 1.0)
+    gain = np.where(tested, score**2 / left, 0.0)
+    return gain, score / left / scale[beside], 1.0 / np.sqrt(left) / scale[beside]

@@ -1,0 +1,126 @@
+"""What would explain what a fit leaves: errors put into a record are named, with their size, and clean records show none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import chain_record
+
+import linkwise as lw
+
+SNR, SEED = 30.0, 41
+LOST, FOUND = (
+    5.0,
+    0.2,
+)  # standard errors between size and truth; and of the size, for faults that are not small
+
+
+def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray], channel: str = "x:m2") -> lw.Record:
+    """The record of the two-mass chain with one channel changed before noise is added."""
+    clean = chain_record(2)
+    column = clean.channels.index(channel)
+    values = clean.values.copy()
+    values[:, column] = change(values[:, column], clean)
+    return replace(clean, values=values, simulated=None).with_noise(SNR, seed=SEED)
+
+
+def delayed(samples: float) -> Callable[[np.ndarray, lw.Record], np.ndarray]:
+    def change(x: np.ndarray, record: lw.Record) -> np.ndarray:
+        return np.asarray(np.interp(record.time - samples * record.step, record.time, x))
+
+    return change
+
+
+FAULTS = {
+    "gain": (lambda x, record: 1.01 * x, 0.01, 1.0),
+    "delay": (delayed(0.5), 0.5e-3, 1e-3),
+    "offset": (lambda x, record: x + 5e-4, 5e-4, 1e-2),
+    "drift": (
+        lambda x, record: x + 1e-3 * (record.time / record.time[-1] - 0.5),
+        1e-3,
+        1e-2,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
+    change, size, _ = FAULTS[kind]
+    fit = lw.identify(faulty(change), lw.bnes_chain(2).unknown("all"))
+    assert not fit.trusted and fit.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR
+    named = [cause for cause in fit.diagnosis if cause.kind == kind and cause.where == "x:m2"]
+    assert (
+        named and fit.diagnosis.index(named[0]) < 2
+    )  # where two sensors move together, the other one's is as good
+    assert named[0].size == pytest.approx(size, abs=LOST * named[0].standard_error + FOUND * size)
+    assert f"{fit.diagnosis[0].description}" in fit.message
+    told = fit.to_dict()["diagnosis"][0]
+    assert {"cause", "where", "size", "unit", "gain", "message"} == set(told) and told["gain"] > 25.0
+
+
+@pytest.mark.parametrize("seed", range(900, 906))
+def test_a_clean_record_has_no_cause(seed: int) -> None:
+    fit = lw.identify(chain_record(2).with_noise(SNR, seed=seed), lw.bnes_chain(2).unknown("all"))
+    assert fit.trusted and fit.diagnosis == () and fit.to_dict()["diagnosis"] == []
+    assert fit.to_dict()["model_error_percent"] == 0.0
+
+
+OSCILLATOR = """
+[[mass]]
+name = "m1"
+mass = 1.0
+[[link]]
+name = "spring"
+between = ["m1", "ground"]
+law = "k*d + c*v + k3*d**3"
+coefficients = { k = 1000.0, c = 2.0, k3 = 4e5 }
+"""
+RATE, DURATION = 200.0, 20.0
+
+
+def driven(
+    structure: lw.Structure, seed: int = 1, change: Callable[[np.ndarray], np.ndarray] | None = None
+) -> lw.Record:
+    """The oscillator under a random force from 1 to 12 Hz, whose channel is changed after the simulation."""
+    samples = round(RATE * DURATION) + 1
+    rng, frequency = np.random.default_rng(seed), np.fft.rfftfreq(samples, 1.0 / RATE)
+    band = (frequency > 1.0) & (frequency < 12.0)
+    spectrum = (rng.normal(size=len(frequency)) + 1j * rng.normal(size=len(frequency))) * band
+    force = np.fft.irfft(spectrum, samples)
+    force *= 5.0 / force.std()
+    clean = lw.simulate(
+        structure,
+        forces={"m1": lw.Sampled(0.0, RATE, force, band_limited=True)},
+        duration=DURATION,
+        rate=RATE,
+    )
+    record = clean.with_noise(40.0, seed=seed)
+    if change is None:
+        return record
+    values = clean.values.copy()
+    values[:, clean.channels.index("x:m1")] = record.channel("x:m1")
+    column = clean.channels.index("force:m1")
+    values[:, column] = change(values[:, column])
+    return replace(clean, values=values, simulated=None)
+
+
+def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
+    structure = lw.parse_structure(OSCILLATOR, "test")
+    scaled = lw.identify(driven(structure, change=lambda force: 1.02 * force), structure.unknown("all"))
+    assert {cause.kind for cause in scaled.diagnosis[:2]} <= {
+        "mass",
+        "force gain",
+        "gain",
+    }  # one ratio of them is seen
+    late = lw.identify(
+        driven(structure, change=lambda force: np.concatenate([force[:1], force[:-1]])),
+        structure.unknown("all"),
+    )
+    kinds = [cause.kind for cause in late.diagnosis[:2]]
+    assert set(kinds) <= {"force delay", "delay"}  # a force that is late, or a response that is early
+    assert abs(late.diagnosis[0].size) == pytest.approx(1.0 / RATE, rel=0.1)
+    right = lw.identify(driven(structure), structure.unknown("all"))
+    assert right.trusted and right.diagnosis == ()
