@@ -139,9 +139,9 @@ def run_ensemble(
 
 def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:
     """The distinct objects of a sequence, and the number among them of each of its members."""
-    distinct = {id(each): each for each in objects}
+    distinct = {id(member): member for member in objects}
     number = {key: place for place, key in enumerate(distinct)}
-    return list(distinct.values()), np.array([number[id(each)] for each in objects], dtype=np.intp)
+    return list(distinct.values()), np.array([number[id(member)] for member in objects], dtype=np.intp)
 
 
 def _baseline(

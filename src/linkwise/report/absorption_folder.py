@@ -94,18 +94,18 @@ def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
     """map.csv: a line for every point of the grid, the swept parameters first."""
     swept = reported.result
     grids = np.meshgrid(*(axis.values for axis in swept.axes), indexing="ij")
-    names = [axis.name for axis in swept.axes] + [each.name for each in swept.quantities]
+    names = [axis.name for axis in swept.axes] + [quantity.name for quantity in swept.quantities]
     table = [grid.ravel() for grid in grids] + list(swept.values.reshape(-1, len(swept.quantities)).T)
     _write_columns(folder / "map.csv", names, table)
 
 
 def _write_histories(answer: Answer, folder: Path) -> None:
     """decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
-    found = without_intervals(answer)
+    absorption = without_intervals(answer)
     bands = (answer.lower, answer.upper) if isinstance(answer, AbsorptionIntervals) else ()
-    names, columns = ["time"], [found.time]
-    for number, mass in enumerate(found.masses):
-        for side, label in ((found.with_sinks, ""), (found.without, " without sinks")):
+    names, columns = ["time"], [absorption.time]
+    for number, mass in enumerate(absorption.masses):
+        for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
             names += [f"x:{mass.name}{label}", f"envelope:{mass.name}{label}"]
             columns += [
                 side.x[:, side.structure.mass_names.index(mass.name)],
@@ -115,8 +115,8 @@ def _write_histories(answer: Answer, folder: Path) -> None:
             names.append(f"envelope:{mass.name} {label}")
             columns.append(np.ascontiguousarray(end[:, number]))
     _write_columns(folder / "decay.csv", names, columns)
-    names, columns = ["time"], [found.time]
-    for side, label in ((found.with_sinks, ""), (found.without, " without sinks")):
+    names, columns = ["time"], [absorption.time]
+    for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
         names += [
             f"{what}{label}" for what in ("put in", "stored", *(link.name for link in side.structure.links))
         ]
@@ -126,7 +126,7 @@ def _write_histories(answer: Answer, folder: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("sink", "time"))
         writer.writerows(
-            (csv_cell(work.sink.link), f"{time:.12g}") for work in found.sinks for time in work.crossings
+            (csv_cell(work.sink.link), f"{time:.12g}") for work in absorption.sinks for time in work.crossings
         )
 
 

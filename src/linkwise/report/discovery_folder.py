@@ -63,22 +63,22 @@ def _write_data(reported: Reported[Discovery], folder: Path) -> None:
     write_numbers(reported.result.estimate, folder)
 
 
-def _by_names_found(found: Discovery) -> Discovery:
-    """The discovery with the truth of a simulated record under the names of the links found, for figures to show beside."""
-    estimate = found.estimate
+def _with_aligned_truth(discovery: Discovery) -> Discovery:
+    """The discovery with the truth of a simulated record under the names of the discovered links, for figures."""
+    estimate = discovery.estimate
     simulated = estimate.record.simulated
     if simulated is None:
-        return found
-    beside = replace(simulated, structure=align_truth(estimate.structure, simulated.structure))
-    return replace(found, estimate=replace(estimate, record=replace(estimate.record, simulated=beside)))
+        return discovery
+    aligned = replace(simulated, structure=align_truth(estimate.structure, simulated.structure))
+    return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=aligned)))
 
 
-def _write_terms(found: Discovery, path: Path) -> None:
+def _write_terms(discovery: Discovery, path: Path) -> None:
     """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
     names = [field.name for field in fields(TermEvidence) if field.name != "between"]
     rows = [
         [*(getattr(term, name) for name in names), *term.between, term.certain, term.penalty]
-        for term in found.terms
+        for term in discovery.terms
     ]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -99,6 +99,6 @@ DISCOVERY_FOLDER: ResultFolder[Discovery] = ResultFolder(
     data=_write_data,
     figures=discovery_figures,
     page=discovery_page,
-    shown=_by_names_found,
+    shown=_with_aligned_truth,
 )
 """What `discover` hands over."""

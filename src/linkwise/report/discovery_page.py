@@ -68,8 +68,8 @@ def _doubts(reported: Reported[Discovery]) -> Section | None:
 
 def _path(reported: Reported[Discovery]) -> Section:
     """The path over model sizes and the next best models."""
-    found = reported.result
-    return Section("Why these terms", rows=runner_up_rows(found), figure=partial(path_figure, found))
+    discovery = reported.result
+    return Section("Why these terms", rows=runner_up_rows(discovery), figure=partial(path_figure, discovery))
 
 
 def _evidence(reported: Reported[Discovery]) -> Section:
@@ -97,10 +97,10 @@ SECTIONS: Registry[Build[Discovery]] = Registry(
 
 
 def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
-    """The estimate of a discovery, with the truth under the names of the links found."""
-    found, truth = reported.result, reported.truth
+    """The estimate of a discovery, with the truth under the names of the discovered links."""
+    discovery, truth = reported.result, reported.truth
     return Reported(
-        found.estimate, None if truth is None else align_truth(found.structure, truth), reported.nmse
+        discovery.estimate, None if truth is None else align_truth(discovery.structure, truth), reported.nmse
     )
 
 
@@ -123,11 +123,11 @@ def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]
     )
 
 
-def _rows(found: Discovery) -> list[tuple[str, ...]]:
+def _rows(discovery: Discovery) -> list[tuple[str, ...]]:
     """A row for every term; the first of a link names the link."""
     rows = []
-    for link in links_by_certainty(found):
-        title = (f"{link.link.name}{doubt_mark(found, link)}", " – ".join(link.link.between), link.kind)
-        for number, row in enumerate(term_rows(found, link)):
+    for link in links_by_certainty(discovery):
+        title = (f"{link.link.name}{doubt_mark(discovery, link)}", " – ".join(link.link.between), link.kind)
+        for number, row in enumerate(term_rows(discovery, link)):
             rows.append((*(title if number == 0 else ("", "", "")), *row))
     return rows

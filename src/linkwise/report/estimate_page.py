@@ -108,10 +108,10 @@ def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) 
 def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> dict[str, Any]:
     """What the page's template shows, by name, for this page and those that extend it."""
     estimate, truth = reported.result, reported.truth
-    identified_first = sorted(estimate.links, key=lambda each: not each.free)
+    identified_first = sorted(estimate.links, key=lambda link: not link.free)
     return {
         "estimate": estimate,
-        "links": [_link_section(reported, each.link.name, pictures) for each in identified_first],
+        "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
         "masses": [
             _row(mass, None if truth is None else _true_mass(truth, mass.name)) for mass in estimate.masses
         ],
@@ -130,9 +130,9 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
 def _pictured(estimate: Estimate) -> list[str]:
     """The links that get figures: those with something identified first, as many as anyone looks at."""
     links = sorted(
-        estimate.links, key=lambda each: all(coefficient.known for coefficient in each.coefficients)
+        estimate.links, key=lambda link: all(coefficient.known for coefficient in link.coefficients)
     )
-    return [each.link.name for each in links[:PICTURED]]
+    return [link.link.name for link in links[:PICTURED]]
 
 
 def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
@@ -143,44 +143,47 @@ def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
 
 
 def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> LinkSection:
-    found = reported.result.link(name)
+    estimate = reported.result.link(name)
     true = {} if reported.truth is None else reported.truth.link(name).values
-    derived = [*found.wells, *([found.barrier] if found.barrier else []), *found.frequencies]
+    derived = [*estimate.wells, *([estimate.barrier] if estimate.barrier else []), *estimate.frequencies]
     error = reported.nmse.get(name)
     return LinkSection(
-        title=force_title(found.link),
+        title=force_title(estimate.link),
         name=name,
-        rows=tuple(_row(each, true.get(each.name.rpartition(".")[2])) for each in found.coefficients),
-        derived=tuple(_derived(each) for each in derived),
-        visited=f"d from {found.d_range[0]:.3g} to {found.d_range[1]:.3g} m, "
-        f"v from {found.v_range[0]:.3g} to {found.v_range[1]:.3g} m/s",
+        rows=tuple(
+            _row(coefficient, true.get(coefficient.name.rpartition(".")[2]))
+            for coefficient in estimate.coefficients
+        ),
+        derived=tuple(_derived(quantity) for quantity in derived),
+        visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} m, "
+        f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} m/s",
         nmse="" if error is None else f"{error:.3g} %",
         pictures=tuple(f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures),
     )
 
 
-def _row(found: CoefficientEstimate, true: float | None) -> CoefficientRow:
-    error = found.standard_error
+def _row(coefficient: CoefficientEstimate, true: float | None) -> CoefficientRow:
+    error = coefficient.standard_error
     return CoefficientRow(
-        name=found.name,
-        value=format_value(found.value, error),
-        unit=found.unit,
+        name=coefficient.name,
+        value=format_value(coefficient.value, error),
+        unit=coefficient.unit,
         error="" if error is None else format_error(error),
         interval=""
-        if found.interval is None
-        else " … ".join(format_value(end, error) for end in found.interval),
-        known=found.known,
+        if coefficient.interval is None
+        else " … ".join(format_value(end, error) for end in coefficient.interval),
+        known=coefficient.known,
         true="" if true is None else format_value(true),
     )
 
 
-def _derived(found: DerivedQuantity) -> str:
-    if found.interval is None:
-        return f"{found.name}: {format_value(found.value)} {found.unit}"
-    low, high = found.interval
+def _derived(quantity: DerivedQuantity) -> str:
+    if quantity.interval is None:
+        return f"{quantity.name}: {format_value(quantity.value)} {quantity.unit}"
+    low, high = quantity.interval
     error = (high - low) / 4.0  # close enough for the number of digits
-    value, low_text, high_text = (format_value(number, error) for number in (found.value, low, high))
-    return f"{found.name}: {value} {found.unit} (95 %: {low_text} … {high_text})"
+    value, low_text, high_text = (format_value(number, error) for number in (quantity.value, low, high))
+    return f"{quantity.name}: {value} {quantity.unit} (95 %: {low_text} … {high_text})"
 
 
 def _true_mass(truth: Structure, name: str) -> float | None:

@@ -112,7 +112,9 @@ class ProcessExecutor(Executor):
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
         if not _is_broken(future):
             return FailureKind.CANNOT_RUN
-        running = [next((each for each in some if _is_broken(each)), None) for some in self._submitted]
+        running = [
+            next((future for future in futures if _is_broken(future)), None) for futures in self._submitted
+        ]
         return FailureKind.WORKER_DIED if future in running else FailureKind.NOT_STARTED
 
     def __exit__(

@@ -52,8 +52,8 @@ class Store:
         Cases with an internal error are run again, as it may have been corrected, and those at which workers died, as these
         may have had too little memory.
         """
-        found = self.database.execute(f"SELECT {', '.join(_KEY)} FROM rows WHERE NOT ({_IS_REPEATED})")
-        return {Case(*values) for values in found}
+        finished = self.database.execute(f"SELECT {', '.join(_KEY)} FROM rows WHERE NOT ({_IS_REPEATED})")
+        return {Case(*values) for values in finished}
 
     def rows(self) -> list[Row]:
         """All rows, in no particular order."""
@@ -226,10 +226,10 @@ def _definition(database: sqlite3.Connection) -> dict[str, Any]:
 
 
 def _entry(database: sqlite3.Connection, key: str) -> str:
-    found = database.execute("SELECT value FROM study WHERE key = ?", (key,)).fetchone()
-    if found is None:
+    row = database.execute("SELECT value FROM study WHERE key = ?", (key,)).fetchone()
+    if row is None:
         raise sqlite3.DatabaseError(f"the table study has no {key}")
-    return str(found[0])
+    return str(row[0])
 
 
 def _stored(folder: Path, database: sqlite3.Connection) -> Study:
@@ -274,7 +274,7 @@ def _values(row: Row) -> tuple[Any, ...]:
 
 
 def _rows(database: sqlite3.Connection) -> list[Row]:
-    found = database.execute(f"SELECT {', '.join(_FIELDS)} FROM rows")
+    records = database.execute(f"SELECT {', '.join(_FIELDS)} FROM rows")
     return [
         Row(
             **{
@@ -282,5 +282,5 @@ def _rows(database: sqlite3.Connection) -> list[Row]:
                 for name, value in zip(_FIELDS, values, strict=True)
             }
         )
-        for values in found
+        for values in records
     ]

@@ -77,11 +77,11 @@ class Timing:
 
     def _guess(self, method: str) -> float:
         """Time in s over the square of the number of masses, of the largest structure so far; 0 before any."""
-        alike = [cell for cell in self._seconds if cell[2] == method] or list(self._seconds)
-        if not alike:
+        cells = [cell for cell in self._seconds if cell[2] == method] or list(self._seconds)
+        if not cells:
             return 0.0
-        largest = max(self._masses[structure] for structure, _, _ in alike)
-        seconds = [self._seconds[cell] for cell in alike if self._masses[cell[0]] == largest]
+        largest = max(self._masses[structure] for structure, _, _ in cells)
+        seconds = [self._seconds[cell] for cell in cells if self._masses[cell[0]] == largest]
         return sum(seconds) / len(seconds) / largest**2
 
 
