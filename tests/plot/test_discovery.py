@@ -229,6 +229,10 @@ def test_result_json_holds_the_discovery(folder: Path, discovered: lw.Discovery,
 
 def test_terms_csv_has_every_candidate_that_was_tested(folder: Path, discovered: lw.Discovery) -> None:
     rows = list(csv.DictReader((folder / "terms.csv").read_text().splitlines()))
+    columns = (
+        "name link term unit kept told reliable value standard_error z margin first second certain price"
+    )
+    assert list(rows[0]) == columns.split()  # as version 0.1.0 wrote them: keys of files stay
     assert [row["name"] for row in rows] == [term.name for term in discovered.terms]
     assert [row["kept"] == "true" for row in rows] == [term.kept for term in discovered.terms]
     margins = [float(row["margin"]) for row in rows]

@@ -57,6 +57,10 @@ def write_discovery(
     return DISCOVERY_FOLDER.write(found, folder, truth=truth, progress=progress)
 
 
+_COLUMNS = {"identifiable": "told", "unambiguous": "reliable"}
+"""Columns of terms.csv whose attribute was renamed: keys of files stay."""
+
+
 def _write_data(reported: Reported[Discovery], folder: Path) -> None:
     """The candidates, and what is written of an estimate."""
     _write_terms(reported.result, folder / "terms.csv")
@@ -82,7 +86,9 @@ def _write_terms(discovery: Discovery, path: Path) -> None:
     ]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*names, "first", "second", "certain", "price"])
+        writer.writerow(
+            [*(_COLUMNS.get(name, name) for name in names), "first", "second", "certain", "price"]
+        )
         writer.writerows([_cell(value) for value in row] for row in rows)
 
 
