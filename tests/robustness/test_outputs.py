@@ -247,22 +247,25 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return ["identify", str(folder / "run.csv"), str(folder / "unknown.toml"), "--method", "weak"]
 
 
+@pytest.mark.parametrize("elsewhere", [True, False])
 @pytest.mark.parametrize("moment", [1, 2, 4, 7])
-def test_an_answer_is_printed_where_the_disk_is_full_after_the_fit(
+def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
     moment: int,
+    elsewhere: bool,
     asked: list[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """At the file `moment` of the result."""
+    """At the file `moment` of the result; `elsewhere` tells whether another disk has room."""
     folder = tmp_path / "answer"
     write(folder, "old")
     opened, left = open, moment
 
     def full(file: object, mode: str = "r", *rest: object, **named: object) -> object:
         nonlocal left
-        if "w" in mode and ".partial" in str(file) and "trial" not in str(file):
+        full_disk = not elsewhere or str(tmp_path / "kept") not in str(file)
+        if "w" in mode and ".partial" in str(file) and "trial" not in str(file) and full_disk:
             left -= 1
             if left <= 0:
                 raise OSError(ENOSPC, os.strerror(ENOSPC), str(file))
@@ -270,11 +273,43 @@ def test_an_answer_is_printed_where_the_disk_is_full_after_the_fit(
 
     monkeypatch.setattr("io.open", full)
     monkeypatch.setattr("builtins.open", full)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "kept"))
+    (tmp_path / "kept").mkdir()
     assert run([*asked, "-o", str(folder)]) == 1
     said = capsys.readouterr()
     assert "nes1.alpha" in said.out or "alpha" in said.out
-    assert said.err.strip() == f"linkwise: {folder}: the result could not be written: No space left on device"
-    assert whole(folder) == "old" and [entry.name for entry in tmp_path.iterdir()] == ["answer"]
+    note, error = said.err.strip().splitlines()
+    assert error == f"linkwise: {folder}: the result could not be written: No space left on device"
+    assert whole(folder) == "old" and {entry.name for entry in tmp_path.iterdir()} == {"answer", "kept"}
+    if elsewhere:
+        kept = Path(note.removeprefix("note: the result was kept in "))
+        assert kept.parent.parent == tmp_path / "kept" and lw.read_posterior(kept).names
+        assert set(json.loads((kept / "result.json").read_text())["files"]) < set(os.listdir(kept))
+    else:
+        assert note == "note: nothing was kept of the result but what is printed"
+        assert os.listdir(tmp_path / "kept") == []
+
+
+@pytest.mark.parametrize("fault", [RuntimeError("no such symbol"), MemoryError()])
+def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
+    fault: Exception,
+    asked: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def undrawn(*_: object) -> None:
+        raise fault
+
+    monkeypatch.setattr("linkwise.report.section.encoded", undrawn)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert run([*asked, "-o", str(tmp_path / "answer")]) == 1
+    note, error = capsys.readouterr().err.strip().splitlines()
+    place, _, what = note.removeprefix("note: the result was kept in ").partition(", ")
+    assert what == "without figures and page" and error.startswith("linkwise: ")
+    assert not (tmp_path / "answer").exists() and lw.read_posterior(place).names
+    files = json.loads((Path(place) / "result.json").read_text())["files"]
+    assert {*files, "result.json"} == set(os.listdir(place)) and "structure.toml" in files
 
 
 def test_an_answer_is_written_where_nobody_reads_what_is_printed(

@@ -191,6 +191,7 @@ def absorb(
         to_json(lw.absorption_of(result)) if as_json else str(result),
         output,
         lambda folder, step: getattr(folders, kind).write(result, folder, progress=step, process=process),
+        lambda folder: getattr(folders, kind).write_numbers(result, folder),
         quiet=as_json,
     )
     return exit_code(result.verdicts)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
@@ -10,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from linkwise.atomic import RESULT, check_result_folder
+from linkwise.atomic import RESULT, OutputError, check_result_folder
 from linkwise.lazy import lazy_module
 from linkwise.progress import Progress, silent
 from linkwise.report.drawing_process import DrawingProcess, drawing_process
@@ -44,11 +46,17 @@ def tell(message: str) -> None:
 
 
 def deliver(
-    answer: str, folder: Path | None, write: Callable[[Path, Progress], object], *, quiet: bool = False
+    answer: str,
+    folder: Path | None,
+    write: Callable[[Path, Progress], object],
+    write_numbers: Callable[[Path], object],
+    *,
+    quiet: bool = False,
 ) -> None:
     """Print an answer, then `write` its folder where one was asked for; each is done even where the other fails.
 
-    Unless `quiet` it is said where the folder is.
+    Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone, by
+    `write_numbers`. It is said where. Unless `quiet` it is said where the folder is.
     """
     unheard: OSError | None = None
     try:
@@ -57,12 +65,35 @@ def deliver(
     except OSError as error:
         unheard = error
     if folder is not None:
-        with progress("writing") as step:
-            write(folder, step)
+        try:
+            with progress("writing") as step:
+                write(folder, step)
+        except Exception as error:
+            whole = [lambda place: write(place, silent)] if isinstance(error, OutputError) else []
+            _keep(folder, [*whole, write_numbers])
+            raise
         if not quiet:
             tell(f"written to {folder}; open {folder / 'report.html'}")
     if unheard is not None:
         raise unheard
+
+
+def _keep(folder: Path, writers: Iterable[Callable[[Path], object]]) -> None:
+    """Keep what should have been in `folder` in a temporary one, by the first of the writers that succeeds, and say so."""
+    try:
+        home = Path(tempfile.mkdtemp(prefix="linkwise-"))
+    except OSError:
+        home = None
+    if home is not None:
+        place = home / (folder.resolve().name or "result")
+        for write in writers:
+            with suppress(Exception):  # that of the folder that was asked for is the one to tell
+                write(place)
+                what = "" if (place / "report.html").exists() else ", without figures and page"
+                tell(f"note: the result was kept in {place}{what}")
+                return
+        shutil.rmtree(home, ignore_errors=True)
+    tell("note: nothing was kept of the result but what is printed")
 
 
 def drawing_beside(folder: Path | None, kind: str, mark: str = RESULT) -> DrawingProcess | None:

@@ -163,6 +163,7 @@ def discover(
         lambda folder, step: folders.DISCOVERY_FOLDER.write(
             found, folder, truth=true, progress=step, process=process
         ),
+        lambda folder: folders.DISCOVERY_FOLDER.write_numbers(found, folder, truth=true),
         quiet=as_json,
     )
     return exit_code(found.verdicts)

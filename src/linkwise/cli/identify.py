@@ -172,6 +172,7 @@ def identify(
         lambda folder, step: folders.ESTIMATE_FOLDER.write(
             estimate, folder, truth=true, progress=step, process=process
         ),
+        lambda folder: folders.ESTIMATE_FOLDER.write_numbers(estimate, folder, truth=true),
         quiet=as_json,
     )
     return exit_code(estimate.verdicts)

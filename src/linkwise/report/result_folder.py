@@ -71,10 +71,22 @@ class ResultFolder(Generic[R]):
             pictures = write_figures(sections, partial, part(progress, 0.0, 0.9), process)
             progress(ProgressReport(0.9, "page"))
             (partial / "report.html").write_text(self.page(reported, pictures), encoding="utf-8")
-            files = sorted(path.name for path in partial.iterdir())
-            text = to_json({**document, "files": files}, indent=1) + "\n"
-            (partial / self.mark).write_text(text, encoding="utf-8")
+            self._conclude(document, partial)
         return Path(folder)
+
+    def write_numbers(self, result: R, folder: str | Path, *, truth: Structure | None = None) -> Path:
+        """Write the document and the data, without figures and page, as `write` does; returns the folder."""
+        document, reported = self._reported(result, truth)
+        with atomic_folder(Path(folder), self.mark) as partial:
+            self.data(reported, partial)
+            self._conclude(document, partial)
+        return Path(folder)
+
+    def _conclude(self, document: dict[str, Any], folder: Path) -> None:
+        """Write the document, which marks the folder as complete, with the names of the files that are there."""
+        files = sorted(path.name for path in folder.iterdir())
+        text = to_json({**document, "files": files}, indent=1) + "\n"
+        (folder / self.mark).write_text(text, encoding="utf-8")
 
     def drawings(self, result: R, truth: Structure | None = None) -> dict[str, Callable[[], Picture]]:
         """What draws the figures of a result, by the name of their files."""

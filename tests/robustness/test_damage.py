@@ -1,0 +1,31 @@
+"""Pairs of runs on one folder, kills during writing and full disks, a few of each; the benchmark has more."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from damaged_runs import ABSENT, MIXED, DamagedRuns, damage_counts
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> DamagedRuns:
+    return DamagedRuns(tmp_path_factory.mktemp("runs"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process there cannot be killed by a signal")
+def test_every_folder_is_whole_of_one_run_or_absent(runs: DamagedRuns) -> None:
+    pairs, kills, disks = damage_counts(runs, 1, 2, 2).values()
+    assert set(pairs) <= {"first", "second"}
+    assert set(kills) <= {"first", "second", ABSENT}
+    assert disks == {"second": 1, ABSENT: 1}  # an earlier result stays
+
+
+def test_a_mixed_folder_is_noticed(runs: DamagedRuns) -> None:
+    folder = runs.home / "mixed"
+    folder.mkdir()
+    for path in runs.folders["first"].iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    assert runs.state(folder) == "first"
+    (folder / "structure.toml").write_bytes((runs.folders["second"] / "structure.toml").read_bytes())
+    assert runs.state(folder) == MIXED
