@@ -6,19 +6,41 @@ LINKWISE_DAMAGE says how many pairs of runs and kills (default 50).
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from collections import Counter
 
-from damaged_runs import ABSENT, DamagedRuns, damage_counts
+import pytest
+from damaged_runs import ABSENT, DamagedRuns
 
 COUNT = int(os.environ.get("LINKWISE_DAMAGE", "50"))
 DISKS = 20
+ONE_RUN = {"first", "second"}
 
 
-def test_damage(tmp_path: Path) -> None:
-    found = damage_counts(DamagedRuns(tmp_path), COUNT, COUNT, DISKS)
-    print("\nwhat is in the folder afterwards")
-    for name, counter in found.items():
-        print(f"  {name:<28}", ", ".join(f"{count} {what}" for what, count in sorted(counter.items())))
-    for counter in found.values():
-        assert set(counter) <= {"first", "second", ABSENT}
-    assert ABSENT not in found["pairs of runs on one folder"]
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> DamagedRuns:
+    return DamagedRuns(tmp_path_factory.mktemp("runs"))
+
+
+def tell(what: str, states: Counter[str]) -> None:
+    print(
+        f"\n{states.total()} {what}; the folder is of",
+        ", ".join(f"{n} {s}" for s, n in sorted(states.items())),
+    )
+
+
+def test_pairs(runs: DamagedRuns) -> None:
+    states = Counter(runs.pair(number) for number in range(COUNT))
+    tell("pairs of runs", states)
+    assert set(states) <= ONE_RUN
+
+
+def test_kills(runs: DamagedRuns) -> None:
+    states = Counter(runs.kill(number) for number in range(COUNT))
+    tell("kills during writing, every other one over an earlier result (second)", states)
+    assert set(states) <= {*ONE_RUN, ABSENT}
+
+
+def test_full_disks(runs: DamagedRuns) -> None:
+    states = Counter(runs.full_disk(number, DISKS) for number in range(DISKS))
+    tell("full disks, every other one with an earlier result (second)", states)
+    assert states == {"second": DISKS // 2, ABSENT: DISKS // 2}

@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 import time
-from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -168,12 +167,3 @@ class DamagedRuns:
 
 def _contents(folder: Path) -> dict[str, bytes]:
     return {path.name: _TIMES.sub(b"", path.read_bytes()) for path in sorted(folder.iterdir())}
-
-
-def damage_counts(runs: DamagedRuns, pairs: int, kills: int, disks: int) -> dict[str, Counter[str]]:
-    """How often each kind of damage left which folder."""
-    return {
-        "pairs of runs on one folder": Counter(runs.pair(number) for number in range(pairs)),
-        "kills during writing": Counter(runs.kill(number) for number in range(kills)),
-        "full disks": Counter(runs.full_disk(number, disks) for number in range(disks)),
-    }

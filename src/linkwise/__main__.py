@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -27,7 +28,7 @@ def main() -> None:
 
 
 def _open_standard_streams() -> None:
-    """Let a standard stream that was closed lead nowhere, so that no file gets its number and its errors."""
+    """Let a closed standard stream lead nowhere, so that no file gets its number, and let all take any text."""
     for number in (0, 1, 2):
         try:
             os.fstat(number)
@@ -37,6 +38,10 @@ def _open_standard_streams() -> None:
         sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    if isinstance(
+        sys.stdout, io.TextIOWrapper
+    ):  # escape what its encoding cannot say: an answer is not lost for a name
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

@@ -74,6 +74,20 @@ def atomic_file(path: Path) -> Iterator[Path]:
     Missing parent folders are created. The suffix is kept, since writers choose the format by it. Each of several writers has
     its own temporary path, and the last one to finish wins. Raises OutputError where `path` is a device or a folder.
     """
+    with _own_file(path) as own:
+        yield own
+        own.replace(path.resolve())
+
+
+def check_file(path: Path) -> None:
+    """Check, before the work, that a file can be written to `path`; raises OutputError or OSError as `atomic_file` would."""
+    with _own_file(path) as own:
+        own.write_bytes(bytes(_TRIAL))
+
+
+@contextmanager
+def _own_file(path: Path) -> Iterator[Path]:
+    """A new temporary path next to the target of `path`."""
     place = path.resolve()
     if place.exists() and not place.is_file():
         raise OutputError(f"{path}: exists and is not a regular file; choose another name")
@@ -81,7 +95,6 @@ def atomic_file(path: Path) -> Iterator[Path]:
     partial = place.with_name(f".{place.stem}.{token_hex(4)}.partial{place.suffix}")
     try:
         yield partial
-        partial.replace(place)
     finally:
         partial.unlink(missing_ok=True)
 

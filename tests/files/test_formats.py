@@ -156,8 +156,9 @@ def test_writing_refuses_what_it_cannot_write(record: Record, tmp_path: Path) ->
         RecordError, match=r"records cannot be written as .tdms; use one of .csv, .mat, .h5, .hdf5, .parquet"
     ):
         write_record(record, tmp_path / "run.tdms")
-    with pytest.raises(RecordError, match="cannot be written: No such file or directory"):
-        write_record(record, tmp_path / "nowhere" / "run.csv")
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(RecordError, match="cannot be written: File exists"):
+        write_record(record, tmp_path / "file" / "run.csv")
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])

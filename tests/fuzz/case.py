@@ -40,3 +40,4 @@ class Outcome:
     error: str = ""
     lost: tuple[str, ...] = ()
     died: str = ""
+    written: bytes = b""  # to standard output, past Python

@@ -25,6 +25,8 @@ def complaints(case: Case, outcome: Outcome) -> list[str]:
     longest = max((len(line) for line in outcome.message.split("\nlinkwise: ")), default=0)
     if longest > SCREEN:
         found.append(f"has a message of {longest} characters")
+    if outcome.written:
+        found.append(f"writes {outcome.written[:200]!r} to standard output past the command")
     if outcome.lost:
         found.append(f"loses {', '.join(outcome.lost)} in silence")
     if (

@@ -14,6 +14,7 @@ from fuzz.case import Outcome
 from fuzz.worker import work
 
 _PATIENCE = 120.0  # s after which a worker that uses no processor time hangs too
+_ROUND = 1.0  # s that the pool waits at a time; a longer one was no waiting, the machine slept
 
 
 class _Worker:
@@ -26,10 +27,10 @@ class _Worker:
         self.process.start()
         end.close()
         self.seed: int | None = None
-        self.since = 0.0
+        self.waited = 0.0
 
     def give(self, seed: int | None) -> None:
-        self.seed, self.since = seed, time.monotonic()
+        self.seed, self.waited = seed, 0.0
         self.connection.send(seed)
 
     def end(self) -> str:
@@ -56,12 +57,12 @@ def outcomes(seeds: Iterable[int], count: int) -> Iterator[tuple[int, Outcome]]:
         if len(workers) == count:
             break
     while workers:
-        ready = wait(list(workers), timeout=1.0)
-        late = [
-            c
-            for c, worker in workers.items()
-            if time.monotonic() - worker.since > _PATIENCE and c not in ready
-        ]
+        began = time.monotonic()
+        ready = wait(list(workers), timeout=_ROUND)
+        waited = min(time.monotonic() - began, _ROUND)
+        for worker in workers.values():
+            worker.waited += waited
+        late = [c for c, worker in workers.items() if worker.waited > _PATIENCE and c not in ready]
         for connection in [*ready, *late]:
             assert isinstance(connection, Connection)
             worker = workers[connection]

@@ -55,6 +55,7 @@ COMMAND = Case(0, "option", Kind.COMMAND, ("structure", "bnes", "--dof", "2", "-
         (Outcome(2, "", "x" * 4001), ["has a message of 4001 characters"]),
         (Outcome(0, "no json"), ["prints something that is not JSON"]),
         (Outcome(0, lost=("x:m1",)), ["loses x:m1 in silence"]),
+        (Outcome(0, written=b"a log"), ["writes b'a log' to standard output past the command"]),
     ],
 )
 def test_what_must_not_come_is_noticed(outcome: Outcome, found: list[str]) -> None:

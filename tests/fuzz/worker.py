@@ -7,10 +7,11 @@ import re
 import sys
 import traceback
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from multiprocessing.connection import Connection
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 
 import linkwise as lw
 from fuzz.case import Case, Kind, Outcome
@@ -30,10 +31,16 @@ def work(connection: Connection) -> None:
     if sys.platform != "win32":
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, resource.RLIM_INFINITY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    while (seed := connection.recv()) is not None:
-        case = make_case(seed)
-        _allow(SECONDS)
-        connection.send(outcome(case))
+    with TemporaryFile() as standard_output:  # what a library writes there stands in the way of results
+        os.dup2(standard_output.fileno(), 1)
+        while (seed := connection.recv()) is not None:
+            case = make_case(seed)
+            _allow(SECONDS)
+            found = outcome(case)
+            standard_output.seek(0)
+            connection.send(replace(found, written=standard_output.read()))
+            standard_output.seek(0)
+            standard_output.truncate()
 
 
 def outcome(case: Case) -> Outcome:

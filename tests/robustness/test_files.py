@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import replace
 from errno import ENOSPC
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from pyarrow import parquet
 from scipy.io import loadmat, savemat
 
 import linkwise as lw
+from linkwise.cli import run
 
 N = 64
 TIME = np.arange(N) / 100.0
@@ -222,3 +225,63 @@ def test_a_record_is_written_through_a_link_and_a_full_disk_is_no_wrong_usage(
     with pytest.raises(lw.RecordError, match=r"run.csv: cannot be written: No space left on device") as error:
         lw.write_record(record, tmp_path / "run.csv")
     assert error.value.exit_code == 1
+
+
+def test_digits_in_groups_are_no_number(tmp_path: Path) -> None:
+    """Python reads 1_5 as 15."""
+    rows = [f"{time:g},{x:.17g},{y:.17g}" for time, x, y in zip(TIME, X, Y, strict=True)]
+    rows[7] = f"{TIME[7]:g},1_5,0.5"
+    (tmp_path / "run.csv").write_text("\n".join(["time,x:m1,x:m2", *rows]))
+    with pytest.raises(lw.RecordError, match="'1_5' is not a number") as error:
+        lw.read_record(tmp_path / "run.csv")
+    assert (error.value.line, error.value.channel) == (9, "x:m1")
+
+
+@pytest.mark.parametrize("rate", [1e-320, 1e-31, 1e31, 1e300])
+def test_a_rate_at_which_nothing_is_measured_is_refused(rate: float, tmp_path: Path) -> None:
+    record = lw.Record.from_arrays(TIME, {"x:m1": X, "x:m2": Y})
+    with pytest.raises(lw.RecordError, match=r"rate must be between 1e-30 and 1e\+30 Hz"):
+        replace(record, rate=rate)
+    lw.write_record(record, tmp_path / "run.csv")
+    with pytest.raises(lw.RecordError, match=r"rate must be between 1e-30 and 1e\+30 Hz"):
+        lw.read_record(tmp_path / "run.csv", rate=rate)
+    with pytest.raises(lw.RecordError, match=r"rate must be between|infinite|finite"):
+        lw.Record.from_arrays(np.arange(len(X)) / max(rate, 1e-299), {"x:m1": X, "x:m2": Y})
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_record_does_not_take_the_place_of_a_pipe_or_a_folder(tmp_path: Path) -> None:
+    record = lw.Record.from_arrays(TIME, {"x:m1": X})
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    for name in ("pipe.csv", "folder.csv"):
+        with pytest.raises(lw.RecordError, match=rf"{name}: exists and is not a regular file"):
+            lw.write_record(record, tmp_path / name)
+    assert (tmp_path / "pipe.csv").is_fifo() and (tmp_path / "folder.csv").is_dir()
+    assert sorted(os.listdir(tmp_path)) == ["folder.csv", "pipe.csv"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("run", "records cannot be written as a file without suffix"),
+        ("pipe.csv", "exists and is not a regular file"),
+        ("chain.toml/run.csv", "cannot be written"),
+        ("x" * 300 + ".csv", "cannot be written: File name too long"),
+    ],
+)
+def test_a_record_that_cannot_be_written_is_refused_before_the_simulation(
+    place: str,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe.csv")
+    lw.write_structure(lw.bnes_chain(2), "chain.toml")
+    monkeypatch.setattr(lw, "simulate", lambda *_, **__: pytest.fail("simulated"))
+    assert run(["simulate", "chain.toml", "--duration", "1", "--rate", "100", "-o", place]) == 2
+    assert message in capsys.readouterr().err
+    assert sorted(os.listdir(tmp_path)) == ["chain.toml", "pipe.csv"]

@@ -59,3 +59,13 @@ def test_samples_that_nothing_can_have_are_refused() -> None:
         lw.Record.from_arrays(record.time, values)
     with pytest.raises(lw.RecordError, match=r"the value at 0.08 s is 1e\+300, more than 1e\+100"):
         lw.Record(0.0, 500.0, record.channels, np.column_stack(list(values.values())))
+
+
+@pytest.mark.parametrize("law", ["k*max(d, 0)**3", "k*d**5*sign(v)"])
+def test_a_motion_that_overflows_at_a_kink_writes_nothing_to_standard_output(
+    law: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Where results stand: heyoka warns there of a step that is not a number."""
+    with pytest.raises(lw.SimulationError, match="diverges"):
+        lw.simulate(held_by(law), release={"x:m": 1e100, "v:m": 1e100}, duration=1.0, rate=100.0)
+    assert capfd.readouterr() == ("", "")

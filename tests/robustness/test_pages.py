@@ -23,6 +23,7 @@ NAMES = {  # a name holds none of [ ] : = / and the backslash
     "formula": "+cmd|' 'C'!A0",
     "at": "@SUM(1)",
     "comma": 'a,b"c',
+    "no glyph": "\u8cea\u91cf",  # in no font that comes with matplotlib
 }
 
 

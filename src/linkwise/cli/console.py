@@ -49,14 +49,14 @@ def deliver(
     answer: str,
     folder: Path | None,
     write: Callable[[Path, Progress], object],
-    write_numbers: Callable[[Path], object],
+    write_numbers: Callable[[Path], object] | None = None,
     *,
     quiet: bool = False,
 ) -> None:
     """Print an answer, then `write` its folder where one was asked for; each is done even where the other fails.
 
     Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone, by
-    `write_numbers`. It is said where. Unless `quiet` it is said where the folder is.
+    `write_numbers` where that is given. It is said where. Unless `quiet` it is said where the folder is.
     """
     unheard: OSError | None = None
     try:
@@ -70,7 +70,7 @@ def deliver(
                 write(folder, step)
         except Exception as error:
             whole = [lambda place: write(place, silent)] if isinstance(error, OutputError) else []
-            _keep(folder, [*whole, write_numbers])
+            _keep(folder, [*whole, *([write_numbers] if write_numbers else [])])
             raise
         if not quiet:
             tell(f"written to {folder}; open {folder / 'report.html'}")

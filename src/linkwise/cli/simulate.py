@@ -18,6 +18,7 @@ from linkwise.cli.excitation_options import (
 )
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE
+from linkwise.files import check_record_file
 
 
 @click.command()
@@ -54,6 +55,7 @@ def simulate(
     Example:
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
     """
+    check_record_file(output)  # before the work, so that nobody waits for a refusal
     subject = lw.read_structure(structure)
     keywords = {**sampling.keywords(), **drive.keywords()}
     with progress("simulating") as step:
@@ -61,7 +63,6 @@ def simulate(
             record = lw.simulate(subject, **keywords, progress=step)
         if noise is not None:
             record = record.with_noise(noise, seed=seed)
-        output.parent.mkdir(parents=True, exist_ok=True)
         lw.write_record(record, output)
         step(lw.ProgressReport(1.0, "energy and horizon"))
         summary = _summary(record, output)

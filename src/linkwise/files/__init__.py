@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
-from linkwise.atomic import FullDiskError, is_disk_fault
+from linkwise.atomic import FullDiskError, OutputError, atomic_file, check_file, is_disk_fault
 from linkwise.errors import RecordError
 from linkwise.files.assemble import ReadOptions, to_record
 from linkwise.files.isolated import read_here, read_isolated
@@ -116,7 +117,8 @@ def write_record(record: Record, path: str | Path) -> None:
     """Write a record to a file in the format of its suffix.
 
     Times, values and missing samples are read back exactly. All formats but CSV also keep noise, source and notes; the truth
-    of a simulated record is not written. The file appears complete or not at all.
+    of a simulated record is not written. The file appears complete or not at all; missing folders
+    are created.
 
     Parameters
     ----------
@@ -128,7 +130,7 @@ def write_record(record: Record, path: str | Path) -> None:
     Raises
     ------
     RecordError
-        If the suffix is another one or the file cannot be written.
+        If the suffix is another one, or the file cannot be written or is not a regular one.
 
     See Also
     --------
@@ -147,25 +149,41 @@ def write_record(record: Record, path: str | Path) -> None:
     True
     """
     path = Path(path)
+    module = _writer(path)
+    with _refused(path), atomic_file(path) as partial:
+        module.write(record, partial)
+
+
+def check_record_file(path: str | Path) -> None:
+    """Raise RecordError where `write_record` would, before the work that leads to a record."""
+    _writer(Path(path))
+    with _refused(Path(path)):
+        check_file(Path(path))
+
+
+def _writer(path: Path) -> ModuleType:
+    """The module that writes a file of this suffix; RecordError for one that is not written."""
     writable = [suffix for suffix, each in FORMATS.items() if each.writable]
     if path.suffix.lower() not in writable:
         raise RecordError(
             f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writable)}",
             path,
         )
-    module = import_module(_format(path).module)
-    place = path.resolve()  # a link stays one
-    partial = place.with_name(f".{place.stem}.{os.getpid()}.part{place.suffix}")
+    return import_module(_format(path).module)
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Tell of what a file cannot be written for as a RecordError."""
     try:
-        module.write(record, partial)
-        partial.replace(place)
+        yield
+    except OutputError as error:
+        raise RecordError(str(error).removeprefix(f"{path}: "), path) from error
     except OSError as error:
         refusal = RecordError(f"cannot be written: {error.strerror or error}", path)
         if is_disk_fault(error):
             refusal.exit_code = FullDiskError.exit_code
         raise refusal from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _format(path: Path) -> Format:

@@ -13,6 +13,7 @@ from linkwise.errors import RecordError
 from linkwise.files.columns import ColumnChoice, choose, ignored, listing
 from linkwise.files.header import si_factor
 from linkwise.files.table import Table
+from linkwise.records.checks import check_rate
 from linkwise.records.record import Record
 from linkwise.records.resampling import resample_evenly
 from linkwise.records.timeline import JITTER
@@ -81,6 +82,7 @@ def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None
         raise RecordError(f"rate must be positive, got {rate!r} Hz", file, arguments=("rate",))
     stated = table.rate if rate is None else rate
     if stated is not None and np.isfinite(stated) and stated > 0.0:
+        check_rate(float(stated), file)
         even = _Grid.even(table.start if rate is None else 0.0, float(stated), count)
         if time is None or (len(time) == count and np.all(np.abs(time - even.time) <= JITTER / stated)):
             return even

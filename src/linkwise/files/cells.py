@@ -55,9 +55,16 @@ def parse_number(cell: str) -> float | None:
     if cell.lower() in _MISSING:
         return float("nan")
     try:
-        return float(cell.replace(",", "."))
+        return _number(cell.replace(",", "."))
     except ValueError:
         return None
+
+
+def _number(cell: str) -> float:
+    """The number that a cell says; ValueError for other text, and for digits in groups, as Python writes 1_000."""
+    if "_" in cell:
+        raise ValueError(cell)
+    return float(cell)
 
 
 def columns_of(
@@ -104,7 +111,7 @@ def _check_row_lengths(
 def _column(header: str, cells: list[str], lines: NDArray[np.int64]) -> Column:
     """One column from its cells (N,)."""
     try:
-        return Column(header, np.array([float(cell) if cell else np.nan for cell in cells]))
+        return Column(header, np.array([_number(cell) if cell else np.nan for cell in cells]))
     except ValueError:
         pass  # a marker of a missing value, a decimal comma, or text: parse one by one
     values = np.empty(len(cells))

@@ -6,6 +6,7 @@ Figures are made with `matplotlib.figure.Figure`; pyplot would keep every figure
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
@@ -148,10 +149,18 @@ def place_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str
 def encoded(figure: Figure) -> tuple[bytes, bytes]:
     """The figure as the contents of a PNG and of an SVG file."""
     png, svg = BytesIO(), BytesIO()
-    with rc_context(_STYLE), _laid_out(figure):
+    with rc_context(_STYLE), _without_glyph_warnings(), _laid_out(figure):
         figure.savefig(png, format="png", metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3})
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "linkwise"})
     return png.getvalue(), svg.getvalue()
+
+
+@contextmanager
+def _without_glyph_warnings() -> Iterator[None]:
+    """Without a warning for each letter that no font has: the figure shows a box, and the page the name."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        yield
 
 
 def save(figure: Figure, stem: Path) -> tuple[Path, Path]:

@@ -11,6 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 
+FASTEST = 1e30  # Hz, and its inverse the slowest rate: accelerations of such records stay finite
 LARGEST = 1e100  # in any unit: products of four larger values are not finite
 
 
@@ -31,10 +32,21 @@ def check_names(channels: Sequence[str], noise: Mapping[str, float]) -> None:
             raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)
 
 
+def check_rate(rate: float, file: str | None = None) -> None:
+    """Raise RecordError for a rate in Hz at which nothing is measured, and with whose square no computer calculates."""
+    if not 1.0 / FASTEST <= rate <= FASTEST:
+        raise RecordError(
+            f"rate must be between {1.0 / FASTEST:g} and {FASTEST:g} Hz, got {rate:g} Hz; check the times and their unit",
+            file,
+            arguments=("rate",),
+        )
+
+
 def check_values(start: float, rate: float, channels: Sequence[str], values: Floats) -> None:
     """Raise RecordError for an invalid start in s or rate in Hz, and for values that are not (N, C) or are infinite."""
     if not (np.isfinite(rate) and rate > 0.0):
         raise RecordError(f"rate must be positive and finite, got {rate!r} Hz")
+    check_rate(rate)
     if not np.isfinite(start):
         raise RecordError(f"start must be finite, got {start!r} s")
     if values.ndim != 2 or values.shape[1] != len(channels):

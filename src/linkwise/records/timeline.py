@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
+from linkwise.records.checks import check_rate
 
 MIN_SAMPLES = 32  # fewer do not hold one period of a vibration together with its noise
 JITTER = 1e-3  # of a step: deviation of a clock up to which samples count as even
@@ -44,6 +45,7 @@ class Timeline:
         column.check_increasing()
         steps = np.diff(times)
         step = _typical_step(steps)
+        check_rate(float(1.0 / np.clip(step, 1e-300, 1e300)), file)
         multiples = np.maximum(np.rint(steps / step), 1.0)
         index = np.concatenate([[0], np.cumsum(multiples)]).astype(np.int64)
         step = float(np.dot(index - index.mean(), times - times.mean()) / np.sum((index - index.mean()) ** 2))

@@ -18,6 +18,8 @@ TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 1
 EXTENDED_TOLERANCE = 1e-16  # order 20, enough for 80-bit arithmetic, which stays far below its tolerance
 _SEARCH = 100_000  # steps in the search for the last finite state
 
+heyoka.set_logger_level_critical()  # its warnings go to standard output; `Outcome` tells of a state that is not finite
+
 _OUTCOMES = {
     heyoka.taylor_outcome.time_limit: Outcome.DONE,
     heyoka.taylor_outcome.step_limit: Outcome.STEP_LIMIT,
