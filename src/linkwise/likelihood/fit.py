@@ -18,6 +18,7 @@ from linkwise.likelihood.anneal import (
 )
 from linkwise.likelihood.block_scores import error_ratios
 from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
+from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.model_error import lag_one_autocorrelation, with_model_error
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
@@ -40,6 +41,7 @@ _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
+_NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way
 _JOINING = 30  # steps that linking the sides of a gap may take
 _MOST_WORKERS = 8
 
@@ -193,7 +195,8 @@ def _fitted(
     model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
     off = bool(abs(chi_square - 1.0) > limit)
     candidate = None
-    if options.model_error and (_did_not_converge(fit) or (off and chi_square > 1.0 and _is_coloured(fit))):
+    unreached = _did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
+    if options.model_error and (unreached or (off and chi_square > 1.0 and _is_coloured(fit))):
         candidate = with_model_error(segments, fit, start, annealer)
     if candidate is not None:
         fit, model_error, factor = candidate.fit, candidate.q, candidate.noise
@@ -242,13 +245,19 @@ def _annealed(
     segments = split_at_gaps(problem.segments)
     if options.nodes is None:
         start = carry_through_gaps(segments, problem.start)
-        schedule = AnnealingSchedule() if spread is None else _NEAR
+        start = within_reach(segments, start, problem.scales, annealer.loss)
+        schedule = AnnealingSchedule()
+        if spread is not None:
+            start, schedule = states_by_held_laws(segments, start, problem.scales, annealer), _NEAR
     else:
         start, schedule = replace(problem.start, nodes=options.nodes), _WARM
     schedule = replace(
         schedule, cost_ceiling=options.ceiling, max_steps=min(schedule.max_steps, options.steps)
     )
     fit = annealer(segments, start, problem.scales, schedule)
+    limited = options.steps < AnnealingSchedule.max_steps
+    if not limited and _did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
+        fit = _resumed(segments, fit, schedule, annealer)
     limit = _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / fit.samples))
     if problem.segments.chains < segments.chains:
         joined = _joined(problem.segments, fit, limit, annealer)
@@ -259,6 +268,18 @@ def _annealed(
 
 def _did_not_converge(fit: AnnealingFit) -> bool:
     return fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
+
+
+def _resumed(
+    segments: Segments, fit: AnnealingFit, schedule: AnnealingSchedule, annealer: Annealer
+) -> AnnealingFit:
+    """A search that ended before it converged, taken up again from its values and states with looser links.
+
+    Close to its end it may creep along a bend of the likelihood, which looser links straighten.
+    """
+    looser = replace(_WARM, cost_ceiling=schedule.cost_ceiling, max_steps=schedule.max_steps)
+    again = annealer(segments, fit.point, fit.scales, looser)
+    return replace(again, path=(*fit.path, *again.path))
 
 
 def _is_coloured(fit: AnnealingFit) -> bool:

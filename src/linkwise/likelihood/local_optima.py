@@ -17,6 +17,7 @@ from linkwise.likelihood.fit import LikelihoodFit
 
 _STRAIGHT = 10  # steps of annealing up to which there is no sign of another optimum
 _DIRECTIONS = 2  # in which the cost is evaluated
+_EXHAUSTED = AnnealingSchedule.max_steps  # steps after which a search was taken up again
 _DISTANCE = 2.0  # standard errors
 _STEPS = 60  # of annealing at most in each direction
 _LOOSENED = 1e3  # times the last q: annealing starts from here once parameters were moved
@@ -63,13 +64,16 @@ def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) 
     if again.status is AnnealingStatus.INTERRUPTED:
         return again
     better = again.status is AnnealingStatus.CONVERGED and again.chi_square < fit.chi_square
-    return again if better and again.model_error == 0.0 else fit
+    if not better or again.model_error > 0.0:
+        return fit
+    return replace(again, path=max(fit.path, again.path, key=len))
 
 
 def is_regular(fit: LikelihoodFit) -> bool:
     """Whether the cost around the optimum rises as the covariance predicts; tested only after many steps.
 
     The parameters are moved by two standard errors in random directions and held, and the orbit is fitted again.
+    A search that converged only after it had run out of steps crossed a likelihood too uneven for its curvature to say much.
 
     Parameters
     ----------
@@ -83,6 +87,8 @@ def is_regular(fit: LikelihoodFit) -> bool:
     """
     if went_straight(fit):
         return True
+    if len(fit.path) > _EXHAUSTED:
+        return False
     free = np.flatnonzero(fit.free)
     covariance = fit.covariance[np.ix_(free, free)]
     if not len(free) or not np.isfinite(covariance).all():

@@ -1,0 +1,95 @@
+"""States to start from where smoothing tells them badly, and searches that end before they converge."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.likelihood.anneal import Annealer
+from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
+from linkwise.likelihood.loss import Gaussian
+from linkwise.likelihood.problem import ShootingProblem, shooting_problem
+from linkwise.likelihood.residuals import evaluate
+from linkwise.likelihood.sensors import SensorModel
+from linkwise.progress import silent
+
+PER_PERIOD = 5.5
+
+
+@pytest.fixture(scope="module")
+def softening() -> lw.Structure:
+    """One mass whose spring lets go beyond 1/sqrt(300) = 58 mm."""
+    law, number = lw.Law.parse("k*d + k3*d**3 + c*v"), lw.Coefficient.number
+    values = {"k": number(1e4), "k3": number(-3e6), "c": number(0.5)}
+    link = lw.Link("spring", ("m1", "ground"), law, values)
+    return lw.Structure("softening", (lw.Mass("m1", number(1.0)),), (link,))
+
+
+@pytest.fixture(scope="module")
+def problem(softening: lw.Structure) -> ShootingProblem:
+    """At the true coefficients, from the states that smoothing gives."""
+    rate = PER_PERIOD * float(np.max(lw.modes(softening).frequencies))
+    record = lw.simulate(softening, release={"v:m1": 1.5}, duration=1000 / rate, rate=rate)
+    record = record.with_noise(40.0, seed=1)
+    asked = softening.unknown("all")
+    theta = np.array([softening.coefficient(p.name).value for p in asked.parameters], dtype=float)
+    return shooting_problem([record], asked, theta, 0.01 * np.abs(theta), SensorModel.of([record], (), ()))
+
+
+def cost_per_sample(problem: ShootingProblem, q: float) -> float:
+    misfit = evaluate(problem.segments, problem.start, problem.scales, Gaussian())
+    return misfit.cost(q) / int(problem.segments.observed.sum())
+
+
+def found(problem: ShootingProblem) -> ShootingProblem:
+    with ThreadPoolExecutor(1) as executor:
+        annealer = Annealer(executor, Gaussian(), silent)
+        start = within_reach(problem.segments, problem.start, problem.scales, Gaussian())
+        start = states_by_held_laws(problem.segments, start, problem.scales, annealer)
+    return replace(problem, start=start)
+
+
+def disturbed(problem: ShootingProblem, size: float) -> ShootingProblem:
+    """The same start with velocities multiplied by `size` in every tenth segment."""
+    nodes = problem.start.nodes.copy()
+    nodes[1, :, ::10] *= size
+    return replace(problem, start=replace(problem.start, nodes=nodes))
+
+
+@pytest.mark.parametrize("size", [1.3, 30.0], ids=["far from the record", "runs to infinity"])
+def test_states_become_a_motion_of_the_laws(problem: ShootingProblem, size: float) -> None:
+    rough = disturbed(problem, size)
+    assert not cost_per_sample(rough, 1.0) < 3.0
+    assert np.isfinite(cost_per_sample(rough, 1.0)) == (size < 2.0)
+    better = found(rough)
+    # noise of the samples is 1, and defects of true laws at q = 0.1 are far below it
+    assert cost_per_sample(better, 0.1) == pytest.approx(1.0, abs=0.2)
+    assert np.array_equal(better.start.theta, rough.start.theta)
+
+
+def test_states_that_are_a_motion_stay(problem: ShootingProblem) -> None:
+    good = found(disturbed(problem, 1.3))
+    assert np.array_equal(found(good).start.nodes, good.start.nodes)
+
+
+def test_states_stay_where_the_flow_runs_away_from_many(problem: ShootingProblem) -> None:
+    nodes = 30.0 * problem.start.nodes
+    wild = replace(problem.start, nodes=nodes)
+    assert within_reach(problem.segments, wild, problem.scales, Gaussian()) is wild
+
+
+@pytest.mark.parametrize("release", [2.5, 3.0, 3.5])
+def test_a_state_that_runs_to_infinity_is_no_reason_to_refuse(
+    softening: lw.Structure, release: float
+) -> None:
+    """A record of few samples a period, whose smoothed states pass the barrier: the laws themselves are right."""
+    rate = PER_PERIOD * float(np.max(lw.modes(softening).frequencies))
+    clean = lw.simulate(softening, release={"v:m1": release}, duration=1000 / rate, rate=rate)
+    fit = lw.identify(clean.with_noise(15.0, seed=3), softening.unknown("all"))
+    assert lw.Verdict.NOT_CONVERGED not in fit.verdicts
+    true = np.array([softening.coefficient(p.name).value for p in fit.parameters], dtype=float)
+    assert np.abs((fit.values - true) / np.sqrt(fit.covariance.diagonal())).max() < 4.0

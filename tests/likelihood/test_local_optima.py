@@ -1,0 +1,43 @@
+"""When a search that took many steps is believed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.likelihood.anneal import AnnealingSchedule
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.local_optima import is_regular, lower_of_two
+from linkwise.likelihood.starts.values import starting_values
+
+
+@pytest.fixture(scope="module")
+def fit() -> LikelihoodFit:
+    record, asked = chain_record(2, duration=1.0).with_noise(40.0, seed=1), lw.bnes_chain(2).unknown("all")
+    theta, spread = starting_values([record], asked)
+    return likelihood_fit([record], asked, theta, spread=spread)
+
+
+def lengthened(fit: LikelihoodFit, steps: int) -> LikelihoodFit:
+    """The same fit after so many steps."""
+    return replace(fit, path=fit.path[:1] * steps)
+
+
+def test_a_search_of_many_steps_is_believed_where_the_cost_is_a_parabola(fit: LikelihoodFit) -> None:
+    assert fit.status.name == "CONVERGED"
+    assert is_regular(lengthened(fit, 50))
+    assert not is_regular(replace(lengthened(fit, 50), covariance=16.0 * fit.covariance))
+
+
+def test_a_search_that_had_run_out_of_steps_is_not_believed(fit: LikelihoodFit) -> None:
+    assert not is_regular(lengthened(fit, AnnealingSchedule.max_steps + 1))
+
+
+def test_the_lower_of_two_optima_is_looked_at_as_the_longer_search_was(fit: LikelihoodFit) -> None:
+    lower = replace(lengthened(fit, 3), chi_square=fit.chi_square - 0.01)
+    chosen = lower_of_two(lengthened(fit, 40), lambda values: lower)
+    assert chosen.chi_square == lower.chi_square
+    assert len(chosen.path) == 40
