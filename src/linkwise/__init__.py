@@ -64,6 +64,9 @@ if TYPE_CHECKING:
     from linkwise.identification.limit.limit import limit
     from linkwise.identification.limit.result import Limit, LinkLimit
     from linkwise.identification.validation import FreeRun, free_run
+    from linkwise.inspection.alert import Alert
+    from linkwise.inspection.inspect import inspect
+    from linkwise.inspection.result import ChannelSummary, Inspection
     from linkwise.likelihood.anneal import AnnealingStep
     from linkwise.likelihood.estimate import MaximumLikelihood
     from linkwise.likelihood.fisher_information import Precision
@@ -135,11 +138,13 @@ __all__ = [
     "AbsorptionOptions",
     "AbsorptionQuantity",
     "AbsorptionRun",
+    "Alert",
     "AnnealingStep",
     "Case",
     "Cause",
     "Cell",
     "Channel",
+    "ChannelSummary",
     "Coefficient",
     "CoefficientEstimate",
     "Decision",
@@ -161,6 +166,7 @@ __all__ = [
     "Huber",
     "IdentificationError",
     "Impulse",
+    "Inspection",
     "Law",
     "LawError",
     "LawStep",
@@ -240,6 +246,7 @@ __all__ = [
     "format_structure",
     "free_run",
     "identify",
+    "inspect",
     "law_path",
     "limit",
     "link_columns",

@@ -30,6 +30,7 @@ COMMANDS: Registry[click.Command] = Registry(
         "structure": "linkwise.cli.structure:structure",
         "limit": "linkwise.cli.limit:limit",
         "simulate": "linkwise.cli.simulate:simulate",
+        "inspect": "linkwise.cli.inspect:inspect",
         "identify": "linkwise.cli.identify:identify",
         "discover": "linkwise.cli.discover:discover",
         "absorb": "linkwise.cli.absorb:absorb",

@@ -122,10 +122,9 @@ def option_name(parameter: str) -> str:
 
 
 @dataclass(frozen=True)
-class RecordOptions:
-    """A record's file and how to read it: the answers to the options of `record_options`."""
+class ReadingOptions:
+    """How to read the file of a record: the answers to the options of `READING`."""
 
-    record: Path
     channel: tuple[str, ...]
     rate: float | None
     resample: float | None
@@ -133,11 +132,19 @@ class RecordOptions:
     stop: float | None
     noise_of: tuple[str, ...]
 
-    def read(self, masses: tuple[str, ...]) -> lw.Record:
-        """The record, cut to the asked time; RecordError names file, line and channel. `masses` are those there are."""
+    def read_file(self, path: Path, masses: tuple[str, ...] | None, *, informative: bool = True) -> lw.Record:
+        """The record in `path`, cut to the asked time; RecordError names file, line and channel.
+
+        `masses` are those there are, if that is known. Without `informative` dead and duplicated channels are read.
+        """
         mapping = pairs(self.channel, "--channel", "x:m1=COLUMN")
         record = lw.read_record(
-            self.record, channels=mapping, rate=self.rate, resample=self.resample, known_masses=masses
+            path,
+            channels=mapping,
+            rate=self.rate,
+            resample=self.resample,
+            known_masses=masses,
+            informative=informative,
         )
         sigmas = pairs(self.noise_of, "--noise-of", "x:m1=1e-4")
         if sigmas:
@@ -150,10 +157,18 @@ class RecordOptions:
         return record.between(start, stop)
 
 
-record_options = grouped(
-    RecordOptions,
-    "source",
-    click.argument("record", type=FILE),
+@dataclass(frozen=True)
+class RecordOptions(ReadingOptions):
+    """A record's file and how to read it: the answers to the options of `record_options`."""
+
+    record: Path
+
+    def read(self, masses: tuple[str, ...]) -> lw.Record:
+        """The record, cut to the asked time; RecordError names file, line and channel. `masses` are those there are."""
+        return self.read_file(self.record, masses)
+
+
+READING = (
     click.option(
         "--channel",
         metavar="NAME=COLUMN",
@@ -173,3 +188,5 @@ record_options = grouped(
         help="Standard deviation of a channel's noise in SI units, where it is known. Repeatable.",
     ),
 )
+
+record_options = grouped(RecordOptions, "source", click.argument("record", type=FILE), *READING)

@@ -61,6 +61,7 @@ def read_record(
     rate: float | None = None,
     resample: float | None = None,
     known_masses: Iterable[str] | None = None,
+    informative: bool = True,
 ) -> Record:
     """Read a record from a file; its suffix says the format.
 
@@ -78,6 +79,9 @@ def read_record(
         Rate in Hz to which uneven times are interpolated.
     known_masses : iterable of str, optional
         Names of the masses of the structure; a channel of any other mass is then an error.
+    informative : bool, default True
+        Refuse a response that is constant, missing throughout or a copy of another. Without it such channels are read, for
+        `inspect`.
 
     Returns
     -------
@@ -110,7 +114,7 @@ def read_record(
     format_ = _format(path)
     table = (read_isolated if format_.isolated else read_here)(format_.module, path)
     masses = None if known_masses is None else tuple(known_masses)
-    return to_record(table, str(path), ReadOptions(channels or {}, rate, resample, masses))
+    return to_record(table, str(path), ReadOptions(channels or {}, rate, resample, masses, informative))
 
 
 def write_record(record: Record, path: str | Path) -> None:

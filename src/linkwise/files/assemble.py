@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from linkwise.files.columns import ColumnChoice, choose, ignored, listing
 from linkwise.files.header import si_factor
 from linkwise.files.table import Table
 from linkwise.records.checks import check_rate
+from linkwise.records.measured import sampled_columns
 from linkwise.records.record import Record
 from linkwise.records.resampling import resample_evenly
 from linkwise.records.timeline import JITTER
@@ -27,6 +28,7 @@ class ReadOptions:
     rate: float | None = None
     resample: float | None = None
     known_masses: tuple[str, ...] | None = None
+    informative: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +64,18 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
         )
         start, columns = resample_evenly(grid.time, columns, options.resample, file=file, lines=lines)
         grid, lines = _Grid.even(start, options.resample, len(next(iter(columns.values())))), None
-    record = Record.from_arrays(
-        grid.time,
-        columns,
+    timeline, values, remarks = sampled_columns(
+        grid.time, columns, file, lines, informative=options.informative
+    )
+    return Record(
+        timeline.start if grid.rate is None else grid.start,
+        timeline.rate if grid.rate is None else grid.rate,
+        tuple(columns),
+        values,
         noise={name: sigma for name, sigma in table.noise.items() if name in columns},
         source=table.source or file,
-        notes=notes,
-        file=file,
-        lines=lines,
+        notes=(*notes, *remarks),
     )
-    if grid.rate is None:
-        return record
-    return replace(record, start=grid.start, rate=grid.rate)
 
 
 def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None, count: int) -> _Grid:

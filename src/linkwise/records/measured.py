@@ -18,8 +18,13 @@ def sampled_columns(
     channels: Mapping[str, ArrayLike],
     file: str | None,
     lines: NDArray[np.int64] | None,
+    *,
+    informative: bool = True,
 ) -> tuple[Timeline, Floats, list[str]]:
-    """The time grid, the values (N, C) and notes for the user; see `Record.from_arrays`."""
+    """The time grid, the values (N, C) and notes for the user; see `Record.from_arrays`.
+
+    Unless responses must be `informative`, they may be constant, missing throughout or copies of each other.
+    """
     times = np.asarray(time)
     if times.ndim != 1 or times.dtype.kind not in "iuf":
         raise RecordError(
@@ -37,5 +42,6 @@ def sampled_columns(
         notes += column_notes(name, samples, file, lines)
         values[timeline.index, column] = samples
     values.setflags(write=False)
-    check_responses(tuple(channels), values, file)
+    if informative:
+        check_responses(tuple(channels), values, file)
     return timeline, values, notes

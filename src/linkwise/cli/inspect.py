@@ -1,0 +1,72 @@
+"""`linkwise inspect`: records to what their channels hold and what is wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+
+import linkwise as lw
+from linkwise.atomic import to_json
+from linkwise.cli.console import progress, tell
+from linkwise.cli.flags import FLAGS
+from linkwise.cli.options import FILE, READING, ReadingOptions, grouped
+
+MENDED_BY = {
+    **FLAGS,
+    "noise": "--noise-of CHANNEL=SIGMA",
+    "offsets": "--offset CHANNEL (identify)",
+    "gains": "--gain CHANNEL (identify)",
+    "loss": "--robust student (identify)",
+}
+"""Flag by the argument that an alert names."""
+
+
+@dataclass(frozen=True)
+class RecordsOptions(ReadingOptions):
+    """Files of records and how to read them."""
+
+    records: tuple[Path, ...]
+
+
+records_options = grouped(
+    RecordsOptions,
+    "source",
+    click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE),
+    *READING,
+)
+
+
+@click.command()
+@records_options
+@click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
+def inspect(source: RecordsOptions, as_json: bool) -> None:
+    """Look at each RECORD before any model: what its channels hold, and what is wrong with them, worst first.
+
+    Alerts leave the exit code at 0; a file that cannot be read gives 2.
+
+    \b
+    Examples:
+      linkwise inspect run.csv
+      linkwise inspect run1.csv run2.csv
+      linkwise inspect logger.csv --channel "x:m1[mm]=Laser 1" --channel "time[ms]=Time" --json
+    """
+    with progress("reading") as step:
+        records = []
+        for number, path in enumerate(source.records):
+            step(lw.ProgressReport(number / len(source.records), f"reading {path.name}"))
+            records.append(source.read_file(path, None, informative=False))
+        step(lw.ProgressReport(0.9, "inspecting"))
+        found = lw.inspect(records)
+    found = replace(found, alerts=tuple(map(_with_flags, found.alerts)))
+    if not as_json:
+        for note in dict.fromkeys(note for record in records for note in record.notes):
+            tell(f"note: {note}")
+    click.echo(to_json(found.to_dict()) if as_json else str(found))
+
+
+def _with_flags(alert: lw.Alert) -> lw.Alert:
+    """The alert, with the flags that mend it."""
+    flags = [MENDED_BY[name] for name in alert.arguments if name in MENDED_BY]
+    return replace(alert, message=f"{alert.message} ({', '.join(flags)})") if flags else alert

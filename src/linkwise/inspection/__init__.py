@@ -1,0 +1,1 @@
+"""Inspection of a record before any model: what each channel holds, and what is wrong with it."""

@@ -1,0 +1,130 @@
+"""One channel as the checks look at it: samples, noise, levels, spectra and rest, each computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats
+from linkwise.inspection.rest import rest_period
+from linkwise.inspection.spectrum import Spectrogram
+from linkwise.records.channel import Channel
+
+_EVEN = 0.02  # of a step: how far the differences of levels are from multiples of it
+_ROUNDED = 8.0  # units in the last place by which a level may be off, after conversion of its unit
+_LOOKED_AT = 300  # samples whose digits are counted
+_PRINTED = 11  # digits from which on decimal rounding is no coarser than any measurement
+_CARRYING = (
+    0.99  # of the power of a motion: below the frequency that this share lies under, it is to be resolved
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSignal:
+    """Samples `values` (N,) of the channel `name` at `rate` in Hz from `start` in s, with noise of standard deviation `sigma`.
+
+    `sigma` is NaN where it cannot be estimated.
+    """
+
+    name: str
+    values: Floats
+    rate: float
+    start: float
+    sigma: float
+
+    @property
+    def channel(self) -> Channel:
+        """Kind and place."""
+        return Channel.parse(self.name)
+
+    @property
+    def is_input(self) -> bool:
+        """Whether it drives the structure."""
+        return self.channel.is_input
+
+    @cached_property
+    def present(self) -> Bools:
+        """True where there is a sample, shape (N,)."""
+        return ~np.isnan(self.values)
+
+    @cached_property
+    def seen(self) -> Floats:
+        """The samples that there are."""
+        return self.values[self.present]
+
+    @cached_property
+    def is_constant(self) -> bool:
+        """Whether it has no two different samples."""
+        return not self.seen.size or bool(np.all(self.seen == self.seen[0]))
+
+    @cached_property
+    def rms(self) -> float:
+        """Root mean square deviation from the mean."""
+        return 0.0 if self.is_constant else float(np.std(self.seen))
+
+    @cached_property
+    def filled(self) -> Floats:
+        """Samples (N,) with gaps bridged by lines; zeros for a channel without samples."""
+        if not self.seen.size:
+            return np.zeros(len(self.values))
+        index = np.arange(len(self.values))
+        return np.interp(index, index[self.present], self.seen)
+
+    @cached_property
+    def levels(self) -> Floats:
+        """The different values, in rising order."""
+        return np.unique(self.seen)
+
+    @cached_property
+    def step(self) -> float:
+        """Quantisation step in the unit of the channel; 0 where there is none or it is as small as rounding."""
+        levels = self.levels
+        if len(levels) < 3:
+            return 0.0
+        gaps = np.diff(levels)
+        rounding = _ROUNDED * float(np.spacing(np.abs(self.seen).max()))
+        step = float(gaps[gaps > rounding].min(initial=np.inf))
+        if not rounding < _EVEN * step < np.inf:
+            return 0.0
+        multiples = gaps / step
+        return step if np.mean(np.abs(multiples - np.rint(multiples)) < _EVEN) > _CARRYING else 0.0
+
+    @cached_property
+    def digits(self) -> int:
+        """Significant decimal digits of the samples; 17 where they are as many as a number holds."""
+        some = self.seen[:: max(1, len(self.seen) // _LOOKED_AT)]
+        some = some[some != 0.0]
+        for digits in range(1, _PRINTED):
+            rounded = np.array([float(f"{value:.{digits - 1}e}") for value in some])
+            if np.all(np.abs(rounded - some) <= _ROUNDED * np.spacing(np.abs(some))):
+                return digits
+        return 17
+
+    @cached_property
+    def grain(self) -> Floats:
+        """Distance (N,) between a sample and the next value that could have been recorded."""
+        size = np.maximum(np.abs(self.filled), np.finfo(float).tiny)
+        decimal = 10.0 ** (np.floor(np.log10(size)) + 1 - self.digits)
+        return np.asarray(np.maximum(np.maximum(self.step, decimal), np.spacing(size)))
+
+    @cached_property
+    def spectrogram(self) -> Spectrogram:
+        """Power over time and frequency."""
+        return Spectrogram.of(self.filled, self.rate)
+
+    @cached_property
+    def highest(self) -> float:
+        """Frequency in Hz below which lie 99 % of the power beyond the noise; 0 for a channel without motion."""
+        spectrum = self.spectrogram
+        noise = 0.0 if np.isnan(self.sigma) else 2.0 * self.sigma**2 / self.rate
+        power = np.cumsum(np.maximum(spectrum.mean[1:] - noise, 0.0))
+        if not power.size or not power[-1] > 0.0:
+            return 0.0
+        return float(spectrum.frequency[1:][np.searchsorted(power, _CARRYING * power[-1])])
+
+    @cached_property
+    def rest(self) -> slice | None:
+        """Samples at the end, or else at the start, in which nothing moves; None where there is motion throughout."""
+        return None if self.is_constant else rest_period(self.filled)

@@ -1,0 +1,35 @@
+"""The checks of an inspection by name: a new one is a file and a line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.clipped import clipped
+from linkwise.inspection.dead import dead
+from linkwise.inspection.doubled import doubled
+from linkwise.inspection.dropped import dropped
+from linkwise.inspection.equal import equal
+from linkwise.inspection.quantised import quantised
+from linkwise.inspection.record_signals import RecordSignals
+from linkwise.inspection.sampling import few_samples, short
+from linkwise.inspection.unit import unit
+from linkwise.registry import Registry
+
+Check = Callable[[RecordSignals], Iterable[Alert]]
+
+CHECKS: Registry[Check] = Registry(
+    "check",
+    {
+        "dead": dead,
+        "equal": equal,
+        "unit": unit,
+        "clipped": clipped,
+        "dropped": dropped,
+        "doubled": doubled,
+        "quantised": quantised,
+        "few-samples": few_samples,
+        "short": short,
+    },
+)
+"""Functions of the signals of a record that give alerts."""

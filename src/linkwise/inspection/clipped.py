@@ -1,0 +1,60 @@
+"""Samples that stand at the end of a range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.channel_signal import ChannelSignal
+from linkwise.inspection.record_signals import RecordSignals
+
+_FEWEST = 4  # samples at an end
+_CROWDED = 6.0  # times as many at the end of a range as on the level before it: a sine has 2.4
+_FINE = 1e-7  # of the range: with finer steps no two samples are equal by chance
+_FLAT = (
+    0.5  # of the samples at the ends of a range: a signal that switches between two levels, not a clipped one
+)
+
+
+def clipped(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of channels with samples at an end of their range."""
+    for each in signals.moving:
+        ends = [(count, value) for value in _ends(each) if (count := _at_end(each, value))]
+        total = sum(count for count, _ in ends)
+        if not total or total > _FLAT * len(each.seen):
+            continue
+        where = " and ".join(f"{count} at {value:.4g} {each.channel.unit}" for count, value in ends)
+        message = (
+            f"{total} samples stand at the end of the range ({where}): the sensor or the amplifier was overloaded, and "
+            "stiffness and damping at large motion come out wrong; mark these samples as missing, or measure with a larger "
+            "range"
+        )
+        yield Alert("clipped", each.name, message, float(total / len(each.seen)) ** 0.5)
+
+
+def _ends(signal: ChannelSignal) -> tuple[float, float]:
+    return float(signal.levels[0]), float(signal.levels[-1])
+
+
+def _at_end(signal: ChannelSignal, value: float) -> int:
+    """Samples at an end of the range, 0 where it is not an end that cuts a motion off."""
+    seen = signal.filled
+    at = (seen == value) & signal.present
+    count = int(at.sum())
+    if count < _FEWEST or len(signal.levels) < 8 or not np.any(at[1:] & at[:-1]):
+        return 0
+    if np.median(np.abs(seen - value)) <= 0.02 * (signal.levels[-1] - signal.levels[0]):
+        return 0  # a signal that starts from or decays to this level
+    grain = float(signal.grain[np.argmax(at)])
+    near = (np.abs(seen - value) < 1.5 * grain) & ~at
+    if grain > _FINE * (signal.levels[-1] - signal.levels[0]) and count < _CROWDED * max(int(near.sum()), 1):
+        return 0
+    entered = np.flatnonzero(at[1:] & ~at[:-1])  # the last sample before each plateau
+    before = entered[entered > 0]
+    if not before.size:
+        return 0
+    # a motion that comes to rest slows down before, one that is cut off does not
+    slope = np.median(np.abs(seen[before] - seen[before - 1]))
+    return count if slope > 2.0 * grain else 0

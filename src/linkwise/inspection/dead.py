@@ -1,0 +1,31 @@
+"""Dead channels: nothing but one value, or nothing but noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.record_signals import RecordSignals
+
+_MOTION = 1.2  # times the power of its noise: what has less holds no motion; noise scatters by a few per cent
+
+
+def dead(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of responses that hold nothing, and of inputs without samples."""
+    for each in signals.channels:
+        if not each.seen.size:
+            yield Alert("dead", each.name, "every sample is missing; leave the channel out", np.inf)
+        elif each.is_constant and not each.is_input:
+            message = (
+                f"every sample is {each.seen[0]:g}: it says that nothing moves, and a fit that believes it is wrong "
+                "throughout; leave the channel out, and look after sensor and cable"
+            )
+            yield Alert("dead", each.name, message, np.inf)
+        elif not each.is_input and each.rms**2 < _MOTION * each.sigma**2:
+            message = (
+                f"holds nothing but noise of {each.sigma:.3g} {each.channel.unit}: it tells nothing of the motion; look after "
+                "sensor, cable and range, excite more strongly, or leave the channel out"
+            )
+            yield Alert("dead", each.name, message, np.inf)

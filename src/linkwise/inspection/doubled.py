@@ -1,0 +1,57 @@
+"""Samples that repeat the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.record_signals import RecordSignals
+
+_EXPECTED = 4.0  # times as many repeats as rounding gives
+_FEWEST = 8  # repeats beyond which that is compared
+_NEVER = 1e-4  # repeats expected by rounding: below it a single one is no chance
+_SMALL = 0.02  # of the differences between neighbours: the smallest, by which their density at 0 is estimated
+_HALF = 10  # samples on either side that show whether the channel moves
+
+
+def doubled(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of responses with samples that were written twice, or held."""
+    for each in signals.responses:
+        steps = np.abs(np.diff(each.filled))
+        known = each.present[1:] & each.present[:-1]
+        repeats = (steps == 0.0) & known & _moves(steps)
+        ends = (each.filled[1:] == each.levels[0]) | (each.filled[1:] == each.levels[-1])
+        count = int((repeats & ~ends).sum())
+        natural = _natural(steps[known], each.grain[1:][known])
+        if count < 1 or (natural > _NEVER and count <= _FEWEST + _EXPECTED * natural):
+            continue
+        first = each.start + int(np.argmax(repeats & ~ends)) / each.rate
+        held = count / max(int(known.sum()), 1)
+        what = (
+            f"about every sample is held for {1.0 / (1.0 - held):.2g} samples"
+            if held > 0.3
+            else f"{count} sample{'s repeat' if count > 1 else ' repeats'} the one before, the first at {first:g} s"
+        )
+        message = (
+            f"{what}: if the logger wrote samples twice, everything after them comes late, and stiffness and damping are "
+            "wrong by many standard errors; cut the record to a piece without them, or mark them as missing"
+        )
+        yield Alert("doubled", each.name, message, float(held**0.5), arguments=("earliest", "latest"))
+
+
+def _natural(steps: Floats, grain: Floats) -> float:
+    """Number of repeats that rounding explains, for differences `steps` of samples with a `grain`."""
+    width = max(float(np.quantile(steps, _SMALL)), 10.0 * float(np.median(grain)))
+    return float(np.sum(grain[(steps > 0.0) & (steps < width)]) / width)
+
+
+def _moves(steps: Floats) -> Bools:
+    """Whether the channel moves on either side of each step, so that a repeat is no rest."""
+    moving = np.concatenate([[0], np.cumsum(steps > 0.0)])
+    index = np.arange(len(steps))
+    after = moving[np.minimum(index + 1 + _HALF, len(steps))] - moving[index + 1]
+    before = moving[index] - moving[np.maximum(index - _HALF, 0)]
+    return np.asarray((after >= _HALF // 3) & (before >= _HALF // 3))

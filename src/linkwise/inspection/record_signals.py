@@ -1,0 +1,40 @@
+"""A record as the checks look at it: its channels, each with its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.inspection.channel_signal import ChannelSignal
+from linkwise.records.record import Record
+from linkwise.signals.noise import noise_sigma
+
+
+@dataclass(frozen=True, eq=False)
+class RecordSignals:
+    """The `channels` of a `record`."""
+
+    record: Record
+    channels: tuple[ChannelSignal, ...]
+
+    @classmethod
+    def of(cls, record: Record) -> RecordSignals:
+        """Those of a record; noise is what the record states, else estimated."""
+        estimated = noise_sigma(record.values)
+        channels = []
+        for name, values, sigma in zip(record.channels, record.values.T, estimated, strict=True):
+            stated = record.noise.get(name, np.nan)
+            noise = float(sigma if np.isnan(stated) else stated)
+            channels.append(ChannelSignal(name, values, record.rate, record.start, noise))
+        return cls(record, tuple(channels))
+
+    @property
+    def moving(self) -> tuple[ChannelSignal, ...]:
+        """Channels that are not constant."""
+        return tuple(each for each in self.channels if not each.is_constant)
+
+    @property
+    def responses(self) -> tuple[ChannelSignal, ...]:
+        """Channels of masses that are not constant."""
+        return tuple(each for each in self.moving if not each.is_input)

@@ -1,0 +1,162 @@
+"""What an inspection tells: its channels and its alerts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from linkwise.errors import RecordError
+from linkwise.html import NotebookView
+from linkwise.inspection.alert import Alert
+from linkwise.records.record import Record
+from linkwise.text import as_text
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """What a channel is and holds.
+
+    Attributes
+    ----------
+    name, unit : str
+        The channel and its SI unit.
+    record : str
+        The record, by its source.
+    samples, missing : int
+        Number of samples that there are, and of those that are missing.
+    rate : float
+        Sampling rate in Hz.
+    minimum, maximum, rms : float or None
+        Range, and root mean square deviation from the mean; None without samples.
+    noise : float or None
+        Standard deviation of the noise, stated or estimated; None where it cannot be estimated.
+    snr_db : float or None
+        Ratio of motion to noise in dB; None without motion or noise.
+    step : float or None
+        Quantisation step; None where there is none.
+    bits : float or None
+        Base-2 logarithm of the number of steps in the range.
+    highest_frequency : float or None
+        Frequency in Hz below which lie 99 % of the power of the motion.
+    samples_per_period : float or None
+        Samples in a period of that frequency.
+    """
+
+    name: str
+    unit: str
+    record: str
+    samples: int
+    missing: int
+    rate: float
+    minimum: float | None
+    maximum: float | None
+    rms: float | None
+    noise: float | None
+    snr_db: float | None
+    step: float | None
+    bits: float | None
+    highest_frequency: float | None
+    samples_per_period: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the JSON of an inspection holds of it."""
+        return {name: value for name, value in vars(self).items() if name != "name"}
+
+
+@dataclass(frozen=True, repr=False)
+class Inspection(NotebookView):
+    """What the channels of records hold, and what is wrong with them.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        The records.
+    channels : tuple of ChannelSummary
+        The channels of all records.
+    alerts : tuple of Alert
+        What is wrong, worst first; empty where nothing is.
+
+    See Also
+    --------
+    inspect : Make one.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+    >>> found = lw.inspect(record.with_noise(20.0, seed=1))
+    >>> found.alerts
+    ()
+    >>> round(found.channel("x:m1").snr_db)
+    20
+    """
+
+    records: tuple[Record, ...]
+    channels: tuple[ChannelSummary, ...]
+    alerts: tuple[Alert, ...]
+
+    def __str__(self) -> str:
+        return as_text(self)
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(dict.fromkeys(alert.kind for alert in self.alerts)) or "no alerts"
+        return f"Inspection of {len(self.records)} records, {len(self.channels)} channels: {kinds}"
+
+    def channel(self, name: str) -> ChannelSummary:
+        """What a channel holds, in the first record that has it.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        ChannelSummary
+            What it holds.
+
+        Raises
+        ------
+        RecordError
+            If no record has the channel.
+        """
+        for each in self.channels:
+            if each.name == name:
+                return each
+        listed = ", ".join(dict.fromkeys(each.name for each in self.channels))
+        raise RecordError(f"is not in the record; the channels are {listed}", channel=name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The inspection as plain data.
+
+        Returns
+        -------
+        dict
+            "channels" by name, "alerts" worst first, and "records"; of several records "channels" holds each channel as the
+            first record with it has it, and each of "records" its own.
+        """
+        names = dict.fromkeys(each.name for each in self.channels)
+        return {
+            "channels": {name: self.channel(name).to_dict() for name in names},
+            "alerts": [alert.to_dict() for alert in self.alerts],
+            "records": [
+                {
+                    "record": label,
+                    "samples": len(record),
+                    "rate": record.rate,
+                    "start": record.start,
+                    "notes": list(record.notes),
+                    "channels": {each.name: each.to_dict() for each in self.channels if each.record == label},
+                }
+                for label, record in zip(labels(self.records), self.records, strict=True)
+            ],
+        }
+
+
+def labels(records: tuple[Record, ...]) -> tuple[str, ...]:
+    """A name for each record: its source, or its number where it has none or shares it."""
+    sources = [record.source for record in records]
+    return tuple(
+        source if source and sources.count(source) == 1 else f"record {number}"
+        for number, source in enumerate(sources, start=1)
+    )

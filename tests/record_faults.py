@@ -1,0 +1,58 @@
+"""Records without a fault, and the faults that sensors and loggers give them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+from problems import chain_record, oscillator
+
+import linkwise as lw
+
+Fault = Callable[[np.ndarray, lw.Record, np.random.Generator], np.ndarray]
+
+
+@cache
+def forced(snr_db: float, seed: int = 1) -> lw.Record:
+    """A Duffing oscillator under a sinusoidal force, seen in displacement, velocity and acceleration."""
+    structure = oscillator("k*d + k3*d**3 + c*v", k=900.0, k3=2e6, c=1.5)
+    record = lw.simulate(
+        structure,
+        release={"x:m1": 0.01},
+        forces={"m1": "6*sin(38*t)"},
+        duration=12.0,
+        rate=250.0,
+        sensors=("x", "v", "a"),
+    )
+    return record.with_noise(snr_db, seed=seed)
+
+
+def chain(masses: int, snr_db: float, seed: int = 1, sensors: tuple[str, ...] = ("x",)) -> lw.Record:
+    """The paper's chain."""
+    return chain_record(masses, sensors=sensors).with_noise(snr_db, seed=seed)
+
+
+RECORDS: dict[str, Callable[[], lw.Record]] = {
+    **{
+        f"chain of {masses}, {decibel:g} dB": partial(chain, masses, decibel)
+        for masses in (2, 6)
+        for decibel in (20.0, 40.0)
+    },
+    **{f"forced, {decibel:g} dB": partial(forced, decibel) for decibel in (20.0, 40.0)},
+}
+"""Records by name, each made when it is called."""
+
+
+def faulty(record: lw.Record, channel: str, fault: Fault, seed: int = 7) -> lw.Record:
+    """The record with a fault in one channel."""
+    values = record.values.copy()
+    column = record.channels.index(channel)
+    values[:, column] = fault(values[:, column].copy(), record, np.random.default_rng(seed))
+    return replace(record, values=values, simulated=None)
+
+
+def kinds(record: lw.Record, channel: str | None = None) -> set[str]:
+    """The kinds of alerts of a record, or of one of its channels."""
+    return {alert.kind for alert in lw.inspect(record).alerts if channel in (None, alert.channel)}
