@@ -255,8 +255,8 @@ def test_wrong_usage_is_one_paragraph_and_exit_code_2(
     [
         ("m1=1 m1=1 m2=0.01", 'mass "m1": the name is used 2 times; each mass needs its own'),
         (
-            'm1=1 m2="unknown"',
-            'mass "m2": the mass is unknown, and discovery needs all masses',
+            'm1="unknown" m2="unknown"',
+            'mass "m1": the mass is unknown, and neither an applied force nor another mass sets the scale',
         ),
         ("m1=1", "it has m1. Add --mass m2=... for it"),
         ("", "known.toml: the key `mass` is missing"),

@@ -89,11 +89,12 @@ def test_names_that_two_terms_would_share_are_numbered() -> None:
         ("k*d", "the term 'k*d' contains the name 'k': a term is a function of d and v alone, its coefficient is added; write "
          "a number"),
         ("qubic", "the term 'qubic' contains the name 'qubic'"),
-        ("qubic", "or one of the families linear, cubic, bistable, quintic, quadratic-damping, friction, contact, gap"),
+        ("qubic", "or one of the families linear, cubic, bistable, quintic, quadratic-damping, friction, stribeck, contact, "
+         "gap"),
         ("linear, d**0.5", "the term 'd**0.5' is not a number for some negative d or v, and links move both ways; write it "
          "with abs and sign, as in sign(d)*sqrt(abs(d))"),
         ("sqrt(v)", "the term 'sqrt(v)' is not a number for some negative d or v"),
-        ("3.0", "the term '3.0' depends neither on d nor on v; a constant force is not a link"),
+        ("3.0", "the term '3.0' depends neither on d nor on v; write 1 for a constant force on the masses"),
     ],
 )  # fmt: skip
 def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str) -> None:

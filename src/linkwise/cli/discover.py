@@ -32,7 +32,7 @@ class PriorOptions:
     terms: str | None
     more: tuple[Path, ...]
 
-    def masses(self) -> lw.PartialStructure | dict[str, float]:
+    def masses(self) -> lw.PartialStructure | dict[str, float | str]:
         """The masses by name, or what a file knows of the structure; UsageError for neither and for both."""
         if self.structure is not None and self.mass:
             raise click.UsageError(
@@ -45,7 +45,7 @@ class PriorOptions:
                 f'Give every mass by name, as in --mass {EXAMPLE} --mass "m2=10 g" (ratios will do for forces in '
                 "those units), or a file with --structure."
             )
-        return {name: _kilograms(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()}
+        return {name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()}
 
     def options(self) -> lw.DiscoveryOptions:
         """The options of `linkwise.discover`; UsageError for invalid terms."""
@@ -57,8 +57,10 @@ class PriorOptions:
             raise click.UsageError(f"--terms: {error}") from error
 
 
-def _kilograms(name: str, text: str) -> float:
-    """A plain number, or one with a unit of mass; UsageError for what is neither."""
+def _mass(name: str, text: str) -> float | str:
+    """A plain number, one with a unit of mass, or "unknown"; UsageError for anything else."""
+    if text.strip() == "unknown":
+        return "unknown"
     given: float | str = text
     with suppress(ValueError):  # of a text with a unit
         given = float(text)
@@ -76,7 +78,7 @@ prior_options = grouped(
         metavar="NAME=KG",
         multiple=True,
         help='A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g"; with ratios of masses forces come out in those '
-        "units. Repeatable, once for every mass.",
+        "units; NAME=unknown where an applied force or another mass sets the scale. Repeatable, once for every mass.",
     ),
     click.option(
         "--structure",
@@ -131,8 +133,11 @@ def discover(
       quintic            v, d, d**2, ... d**5
       quadratic-damping  v*abs(v)
       friction(S)        tanh(v/S), dry friction that saturates at S m/s
+      stribeck(S)        exp(-(v/S)**2)*sign(v), friction that falls with the rate over S m/s
       contact(G)         max(d - G, 0), min(d + G, 0), one-sided stops at G m, either way
       gap(G)             a stop at G m on either side
+
+    The term 1 is a constant force on each mass.
 
     With --structure, links in the file stay with their terms, others may join them; a link whose law is "0" is known not to be
     there, and a coefficient of 0 says that of a term. What the record will not tell is said on standard error before time is

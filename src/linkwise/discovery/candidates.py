@@ -117,9 +117,9 @@ def all_candidates(
 
     Links of `stated` are known to be there with their laws; other terms may join them, except terms whose coefficient is a
     number there (0 excludes a term). A link whose law is 0 is known not to be there. Raises StructureError for a stated
-    link to something that is not a mass, and for a mass that is listed twice or unknown.
+    link to something that is not a mass, and for a mass that is listed twice.
     """
-    _require_known_masses(masses)
+    _require_single_names(masses)
     names = {mass.name for mass in masses}
     known: dict[frozenset[str], list[Link]] = {}
     for link in stated:
@@ -149,8 +149,8 @@ def all_candidates(
     return Candidates(tuple(masses), tuple(pairs), tuple(terms))
 
 
-def _require_known_masses(masses: Sequence[Mass]) -> None:
-    """StructureError for a mass that is listed twice or unknown."""
+def _require_single_names(masses: Sequence[Mass]) -> None:
+    """StructureError for a mass that is listed twice."""
     names = [mass.name for mass in masses]
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
@@ -158,20 +158,19 @@ def _require_known_masses(masses: Sequence[Mass]) -> None:
             f"the name is used {names.count(repeated[0])} times; each mass needs its own",
             f'mass "{repeated[0]}"',
         )
-    unknown = [mass.name for mass in masses if not mass.mass.known]
-    if unknown:
-        raise StructureError(
-            "the mass is unknown, and discovery needs all masses, at least in their ratios; weigh it, or identify it in a "
-            "structure of known links",
-            f'mass "{unknown[0]}"',
-        )
 
 
 def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
-    """The terms that the stated links of a pair do not have, with coefficient names that those do not use."""
+    """The terms that the stated links of a pair do not have, with coefficient names that those do not use.
+
+    A constant force acts on a mass from the ground or the base only.
+    """
     taken = {name for link in pair.stated for name in link.law.coefficients}
     stated = {basis for link in pair.stated for basis in link.law.basis.values()}
-    candidates = [term for term in terms if term.law.expression not in stated]
+    grounded = not {GROUND, BASE}.isdisjoint(pair.between)
+    candidates = [
+        term for term in terms if term.law.expression not in stated and (grounded or not term.is_constant)
+    ]
     return [
         Term(term.text, f"{term.coefficient}_added") if term.coefficient in taken else term
         for term in candidates

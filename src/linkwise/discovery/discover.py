@@ -15,16 +15,15 @@ from linkwise.discovery.candidates import Candidates, all_candidates
 from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
 from linkwise.discovery.displacements import with_displacements
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
+from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
-from linkwise.discovery.selection import Selection, select_structure
+from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.discovery.terms import parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
-from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
@@ -124,15 +123,21 @@ def discover(
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     with one_blas_thread():
         screened = _Screened.of(records, candidates)
-    selection = select_structure(
+    search = TermSearch(
         records,
         screened.candidates,
-        screened.first,
-        tested=screened.result.tested,
+        screened.result.tested,
         start=partial(starting_values, records, weak=partial(_weak_values, screened)),
         progress=part(progress, _SCREENED, 1.0),
     )
+    selection = select_structure(search, screened.first)
+    if not selection.is_exact:
+        selection = select_inexact(search, selection)
     discovery = _discovery(records, checks, screened, selection)
+    if Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and selection.is_exact:
+        simpler = select_inexact(search, selection, screened.first)
+        other = _discovery(records, checks, screened, simpler)
+        discovery = other if other.trusted else discovery
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)
@@ -192,16 +197,33 @@ def candidates_for(
     if isinstance(masses, Structure | PartialStructure):
         given, stated = masses.masses, masses.links
     else:
-        given = tuple(
-            Mass(name, Coefficient.number(_kilograms(name, value))) for name, value in masses.items()
-        )
+        given = tuple(Mass(name, _mass(name, value)) for name, value in masses.items())
         stated = ()
     if not given:
         raise IdentificationError(
             'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
         )
+    _require_scale(given, records)
     base_moves = any("x:base" in record.channels for record in records)
     return all_candidates(given, parse_terms(terms), stated=stated, base=base_moves)
+
+
+def _require_scale(masses: Sequence[Mass], records: Sequence[Record]) -> None:
+    """StructureError if all masses are unknown and no applied force sets the scale of the forces."""
+    forced = any(name.startswith("force:") for record in records for name in record.channels)
+    if not forced and not any(mass.mass.known for mass in masses):
+        raise StructureError(
+            "the mass is unknown, and neither an applied force nor another mass sets the scale of the forces; weigh one mass, "
+            "or record the applied force",
+            f'mass "{masses[0].name}"',
+        )
+
+
+def _mass(name: str, value: float | str) -> Coefficient:
+    """A number in kg, or "unknown"."""
+    if value == "unknown":
+        return Coefficient.unknown()
+    return Coefficient.number(_kilograms(name, value))
 
 
 def _kilograms(name: str, value: float | str) -> float:
@@ -278,29 +300,14 @@ def _unknowns(link: Link) -> list[str]:
     return [name for name, coefficient in link.coefficients.items() if not coefficient.known]
 
 
-def _final_fit(records: Sequence[Record], selection: Selection) -> LikelihoodFit:
-    """The fit of the selected structure: that of the last round, or one with a model error if the laws need it."""
-    last = selection.fit
-    if (selection.converged and not last.chi_square_off) or last.status is AnnealingStatus.INTERRUPTED:
-        return last
-    spread = np.sqrt(np.maximum(np.nan_to_num(last.covariance.diagonal()), 0.0))
-    return likelihood_fit(
-        records,
-        selection.structure,
-        last.values,
-        spread=spread,
-        options=LikelihoodOptions(nodes=last.optimum.point.nodes),
-    )
-
-
 def _discovery(
     records: Sequence[Record], checks: DataChecks, screened: _Screened, selection: Selection
 ) -> Discovery:
     """The estimate of the selected structure and the evidence for it."""
-    fit = _final_fit(records, selection)
+    fit = selection.fit
     estimate = estimate_of(fit, selection.structure, records)
     search = [
-        (fit.model_error > 0.0, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
+        (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
         (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
     ]

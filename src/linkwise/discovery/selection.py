@@ -18,7 +18,7 @@ from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.progress import Progress, ProgressReport, part
 from linkwise.records.record import Record
 
 #: Start values (p,) of the parameters of a structure, and their standard deviations (p,) where they are known.
@@ -52,6 +52,12 @@ class Selection:
         """Whether the fit converged at a q for which the local quadratic model is exact."""
         return self.fit.status is AnnealingStatus.CONVERGED and self.fit.optimum.q <= _TIGHT
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether the laws leave no more than noise, or the search was interrupted before that could be said."""
+        done = self.converged and not self.fit.chi_square_off
+        return done or self.fit.status is AnnealingStatus.INTERRUPTED
+
     @cached_property
     def neighbours(self) -> tuple[Move, ...]:
         """All moves to other subsets, exchanges among them, the best first."""
@@ -74,7 +80,7 @@ _SINGULAR = (
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class TermSearch:
     """What all rounds share: the records, the candidates, the names of those `tested`, and where a fit starts."""
 
     records: Sequence[Record]
@@ -83,23 +89,35 @@ class _Search:
     start: Start
     progress: Progress
 
-    def within(self, names: Collection[str]) -> _Search:
+    def within(self, names: Collection[str]) -> TermSearch:
         """The same search among the candidates `names` only."""
         return replace(self, tested=self.tested & frozenset(names))
+
+    def first_fit(self, structure: Structure) -> LikelihoodFit:
+        """A fit from the start that the search has for `structure`, as tight as its laws allow."""
+        theta, spread = self.start(structure)
+        options = LikelihoodOptions(model_error=False, ceiling=_CEILING, steps=_STEPS, progress=self.progress)
+        return likelihood_fit(self.records, structure, theta, spread=spread, options=options)
+
+    def additions(
+        self, structure: Structure, chosen: frozenset[str]
+    ) -> tuple[list[str], list[CandidateForce]]:
+        """The names of the candidates tested beside the `chosen` ones, and their forces in `structure`."""
+        index = structure.topology.index
+        added = [entry for entry in self.candidates.entries if entry.name in self.tested - chosen]
+        ends = [self.candidates.pairs[entry.pair].between for entry in added]
+        return [entry.name for entry in added], [
+            CandidateForce(index[first], index[second], entry.term.law)
+            for entry, (first, second) in zip(added, ends, strict=True)
+        ]
 
     def local_model(
         self, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
     ) -> tuple[QuadraticModel, Penalty]:
         """The cost about the fit in its parameters and, after them, the other candidates tested; and the penalty."""
-        index = structure.topology.index
-        added = [entry for entry in self.candidates.entries if entry.name in self.tested - chosen]
-        ends = [self.candidates.pairs[entry.pair].between for entry in added]
-        forces = [
-            CandidateForce(index[first], index[second], entry.term.law)
-            for entry, (first, second) in zip(added, ends, strict=True)
-        ]
+        added, forces = self.additions(structure, chosen)
         local = local_quadratic(fit.optimum, forces)
-        names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
+        names = (*(p.name for p in structure.parameters), *added)
         samples = sum(
             int(np.isfinite(record.select(record.responses).values).sum()) for record in self.records
         )
@@ -108,25 +126,16 @@ class _Search:
         )
 
 
-def select_structure(
-    records: Sequence[Record],
-    candidates: Candidates,
-    chosen: Collection[str],
-    *,
-    tested: Collection[str],
-    start: Start,
-    progress: Progress = silent,
-) -> Selection:
-    """The subset, searched from `chosen`, that no candidate in `tested` improves.
+def select_structure(search: TermSearch, chosen: Collection[str]) -> Selection:
+    """The subset, searched from `chosen`, that no candidate tested improves.
 
     If it has links that `chosen` had not, the best subset on the links of `chosen` alone is searched as well, and the better
     of both is taken: terms on false links may substitute for a term that the local model did not show. If the rounds run out,
-    or the search returns to a subset that it had left, `settled` is False and the result the best subset visited. `progress`
-    is called with the number of the round and each step of its fit.
+    or the search returns to a subset that it had left, `settled` is False and the result the best subset visited. The progress
+    of `search` is called with the number of the round and each step of its fit.
     """
-    search = _Search(records, candidates, frozenset(tested), start, progress)
     first = _descend(search, frozenset(chosen), 1)
-    own = candidates.on_links_of(chosen)
+    own = search.candidates.on_links_of(chosen)
     if first.fit.status is AnnealingStatus.INTERRUPTED or first.chosen <= own:
         return first
     second = _descend(search.within(own), own & search.tested, first.rounds + 1)
@@ -136,7 +145,7 @@ def select_structure(
     return replace(second, quadratic=quadratic, penalty=penalty)
 
 
-def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
+def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selection:
     """Rounds of fit and change, from the round `number` on, until the subset does not change."""
     visited: dict[frozenset[str], Selection] = {}
     structure = search.candidates.structure(chosen)
@@ -150,7 +159,7 @@ def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
             theta,
             spread=spread,
             options=LikelihoodOptions(
-                progress=_round(search.progress, number),
+                progress=round_progress(search.progress, number),
                 nodes=nodes,
                 model_error=False,
                 ceiling=_CEILING,
@@ -163,7 +172,7 @@ def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
             after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
             if after == inside:
                 after = best_subset(quadratic, penalty, inside)
-            solution = quadratic.solve(after)
+            quadratic.solve(after)
         except np.linalg.LinAlgError:  # the fit has run to where the record says nothing of some parameter
             if visited:
                 return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
@@ -175,20 +184,25 @@ def _descend(search: _Search, chosen: frozenset[str], number: int) -> Selection:
         visited[chosen] = selection
         if names in visited or number == last:
             return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
-        deviations = np.abs(solution.values / solution.z)
-        starts = dict(
-            zip(
-                [quadratic.names[k] for k in after],
-                zip(solution.values, deviations, strict=True),
-                strict=True,
-            )
-        )
         chosen, structure = names, search.candidates.structure(names)
-        theta, spread = np.array([starts[p.name] for p in structure.parameters]).T
+        theta, spread = starts_of(quadratic, after, structure)
         nodes, number = fit.optimum.point.nodes, number + 1
 
 
-def _round(progress: Progress, number: int) -> Progress:
+def starts_of(
+    quadratic: QuadraticModel, chosen: Sequence[int], structure: Structure
+) -> tuple[Floats, Floats]:
+    """The parameters (p,) of `structure` that the model's coefficients `chosen` predict, and their deviations (p,)."""
+    solution = quadratic.solve(chosen)
+    deviations = np.abs(solution.values / solution.z)
+    starts = dict(
+        zip([quadratic.names[k] for k in chosen], zip(solution.values, deviations, strict=True), strict=True)
+    )
+    theta, spread = np.array([starts[p.name] for p in structure.parameters]).T
+    return theta, spread
+
+
+def round_progress(progress: Progress, number: int) -> Progress:
     """The progress of one round: each takes half of what is left."""
     start, stop = 1.0 - 0.5 ** (number - 1), 1.0 - 0.5**number
 

@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import IdentificationError
-from linkwise.expression import Expression, symbols
+from linkwise.expression import Expression, Number, symbols
 from linkwise.model.law import Law
 
 DEFAULT = "v, d, d**2, d**3"
@@ -24,12 +24,14 @@ FAMILIES = {
     "quintic": "v, d, d**2, d**3, d**4, d**5",
     "quadratic-damping": "v*abs(v)",
     "friction": "tanh(v/{})",
+    "stribeck": "exp(-(v/{})**2)*sign(v)",
     "contact": "max(d - {}, 0), min(d + {}, 0)",  # both signs, since the user does not choose which end comes first
     "gap": "max(d - {}, 0) + min(d + {}, 0)",
 }
 
 _FAMILY_ARGUMENTS = {
     "friction": "the rate in m/s at which it saturates",
+    "stribeck": "the rate in m/s beyond which the added friction vanishes",
     "contact": "the elongation in m, of either sign, at which it closes",
     "gap": "the elongation in m at which either side closes",
 }
@@ -37,7 +39,7 @@ _SAMPLES = 200  # points (d, v) at which terms are compared: more than any list 
 _LARGEST = 1e100  # points at which a term, such as an exponential, is larger are not compared
 _DEPENDENT = 1e-9  # of a term's norm: a residual below it is rounding
 _POWER = re.compile(r"([dv])\*\*(\d+)")
-_COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2"}
+_COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc"}
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,11 @@ class Term:
         return Law.parse(self.product).units[self.coefficient]
 
     @property
+    def is_constant(self) -> bool:
+        """Whether the term is the constant 1, a force that does not depend on the motion."""
+        return self.law.expression == Number(1.0)
+
+    @property
     def elastic(self) -> bool:
         """Whether the term does not depend on v."""
         return "v" not in symbols(self.law.expression)
@@ -96,9 +103,10 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     ----------
     text : str or sequence of str
         Functions of the elongation d (m) and its rate v (m/s), and families of them, separated by commas or as a
-        sequence. The families are "linear", "cubic", "bistable", "quintic", "quadratic-damping", "friction(RATE)" with the
-        rate in m/s at which the friction saturates, and "contact(GAP)" and "gap(GAP)" with the elongation in m at which a
-        stop closes.
+        sequence; "1" is a constant force on each mass, from the ground or the base. The families are "linear", "cubic",
+        "bistable", "quintic", "quadratic-damping", "friction(RATE)" with the rate in m/s at which the friction saturates,
+        "stribeck(RATE)" with that beyond which it has fallen, and "contact(GAP)" and "gap(GAP)" with the elongation in m at
+        which a stop closes.
 
     Returns
     -------
@@ -207,16 +215,16 @@ def _is_positive(text: str) -> bool:
 
 
 def _require_function_of_motion(text: str) -> None:
-    """IdentificationError if a term has coefficients, or depends neither on d nor on v."""
+    """IdentificationError if a term has coefficients, or depends neither on d nor on v and is not the constant 1."""
     law = Law.parse(text)
     if law.coefficients:
         raise IdentificationError(
             f"the term {text!r} contains the name {law.coefficients[0]!r}: a term is a function of d and v alone, its "
             f"coefficient is added; write a number, or one of the families {', '.join(FAMILIES)}"
         )
-    if not set(symbols(law.expression)) & {"d", "v"}:
+    if not set(symbols(law.expression)) & {"d", "v"} and law.expression != Number(1.0):
         raise IdentificationError(
-            f"the term {text!r} depends neither on d nor on v; a constant force is not a link"
+            f"the term {text!r} depends neither on d nor on v; write 1 for a constant force on the masses"
         )
 
 

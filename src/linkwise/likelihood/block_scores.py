@@ -17,17 +17,19 @@ from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.bordered_system import BorderedFactor
+from linkwise.likelihood.flow import CandidateForces
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.normal_equations import chunks, linearise, whitened_jacobian
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Scales, Segments
 
-_BLOCKS = (
+BLOCKS = (
     20,
     10,
 )  # that are tried: short ones are many, long ones hold what residuals remember; each divides the one before
-_FEWEST = 5  # segments in the shortest block
+FEWEST = 5  # segments in the shortest block
 _LEVEL = 0.975
+_COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,25 @@ class BlockScores:
         out[chosen] = quantiles * np.sqrt(variance)
         return out
 
+    def single_ratios(self, parameters: int) -> Floats:
+        """(p,) squared ratios of the scatter of the blocks to what the information says, one unknown at a time.
+
+        The first `parameters` are tested beside each other, each other one beside these alone.
+        """
+        blocks, whole = len(self.scores), self.information.sum(axis=0)
+        scale = 1.0 / np.sqrt(np.maximum(whole.diagonal(), np.finfo(float).tiny))
+        scaled, scores = whole * np.outer(scale, scale), self.scores * scale
+        own = np.arange(parameters)
+        ratios = np.ones(len(whole))
+        for number in range(len(whole)):
+            beside = own[own != number]
+            weights = np.linalg.lstsq(scaled[np.ix_(beside, beside)], scaled[beside, number], rcond=1e-12)[0]
+            left = scaled[number, number] - scaled[number, beside] @ weights
+            pull = scores[:, number] - scores[:, beside] @ weights
+            if left > _COLLINEAR:
+                ratios[number] = np.sum((pull - pull.mean()) ** 2) * blocks / (blocks - 1) / left
+        return ratios
+
 
 def error_ratios(
     segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, *, q: float, noise: float, free: Bools
@@ -65,9 +86,9 @@ def error_ratios(
 
     `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound.
     """
-    if segments.count < _FEWEST * _BLOCKS[0]:
+    if segments.count < FEWEST * BLOCKS[0]:
         return None
-    scores = block_scores(segments, misfit, scales, loss, q, _BLOCKS[0])
+    scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
     if scores is None:
         return None
     chosen = np.flatnonzero(free)
@@ -75,7 +96,7 @@ def error_ratios(
     try:
         inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
         white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
-        for blocks in _BLOCKS:
+        for blocks in BLOCKS:
             deviations = scores.merged(blocks).deviations(free)[chosen]
             ratios[chosen] = np.maximum(ratios[chosen], deviations / white)
     except np.linalg.LinAlgError:
@@ -84,13 +105,22 @@ def error_ratios(
 
 
 def block_scores(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, q: float, blocks: int
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    q: float,
+    blocks: int,
+    pushes: CandidateForces | None = None,
 ) -> BlockScores | None:
-    """Scores of `blocks` consecutive blocks of segments at the optimum `misfit`; None where its equations are singular."""
-    factor = linearise(segments, misfit, scales, loss).equations(q).factor()
+    """Scores of `blocks` consecutive blocks of segments at the optimum `misfit`; None where its equations are singular.
+
+    The sizes of `pushes` stand among the unknowns behind theta.
+    """
+    factor = linearise(segments, misfit, scales, loss, pushes=pushes).equations(q).factor()
     if factor is None:
         return None
-    p, m, K = segments.parameters, len(scales.state), segments.count
+    p, m, K = len(factor.schur), len(scales.state), segments.count
     follow = _state_sensitivities(factor)
     following = np.concatenate([follow[:, 1:], np.zeros((p, 1, m))], axis=1)
     linked = np.append(segments.linked, False)
@@ -98,8 +128,8 @@ def block_scores(
     missed[:-1] = misfit.defects.reshape(m, -1).T
     label: Indices = np.arange(K) * blocks // K
     scores, information = np.zeros((blocks, p)), np.zeros((blocks, p, p))
-    for part in chunks(segments):
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part)
+    for part in chunks(segments, p):
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, pushes)
         node = follow[:, part].transpose(1, 2, 0)
         data = rows[..., m:-1] - rows[..., :m] @ node
         defect = ends[..., m:] - ends[..., :m] @ node + following[:, part].transpose(1, 2, 0)

@@ -28,6 +28,8 @@ _TERMS = tuple(
     map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
 )
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a cause beside the coefficients of the laws
+_RELATIVE = ("gain", "mass", "force gain")
+_LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
 _LINKS = 40  # that are tested, in the structure's order
 _CHANCE = 25.0  # square of the standard errors that one cause reaches by chance once in 1.7 million
 _UNITS = {"gain": "1", "delay": "s", "mass": "1", "force gain": "1", "force delay": "s", "term": "N"}
@@ -68,11 +70,11 @@ def _diagnosed(
     units = np.concatenate([units, np.ones(len(errors.kind))])
     gains, sizes, deviations = _single_tests(curvature, slope, optimum.segments.system.parameters.size)
     gains, deviations = gains / optimum.noise**2, deviations * optimum.noise
-    order = [
-        number for number in np.argsort(-gains).tolist() if gains[number] > _CHANCE + 2.0 * np.log(len(gains))
-    ]
-    forces = dict(zip((link.name for link in identified.links), _link_forces(optimum, misfit), strict=True))
     sizes, deviations = sizes * units, deviations * units
+    small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
+    significant = small & (gains > _CHANCE + 2.0 * np.log(len(gains)))
+    order = [number for number in np.argsort(-gains).tolist() if significant[number]]
+    forces = dict(zip((link.name for link in identified.links), _link_forces(optimum, misfit), strict=True))
     return tuple(
         _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces)
         for number in order

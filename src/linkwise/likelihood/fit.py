@@ -42,6 +42,7 @@ _SIGMAS = 5.0  # and its own scatter
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 _NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way
+_TIGHTER = 9.0  # factor below a known model error from which it is looked for again: two rungs of the ladder
 _JOINING = 30  # steps that linking the sides of a gap may take
 _MOST_WORKERS = 8
 
@@ -132,6 +133,7 @@ class LikelihoodOptions:
     model_error: bool = True
     progress: Progress = silent
     nodes: Floats | None = None
+    relaxation: float | None = None
     ceiling: float = np.inf
     steps: int = AnnealingSchedule.max_steps
 
@@ -196,7 +198,8 @@ def _fitted(
     off = bool(abs(chi_square - 1.0) > limit)
     candidate = None
     unreached = _did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
-    if options.model_error and (unreached or (off and chi_square > 1.0 and _is_coloured(fit))):
+    known = options.relaxation is not None
+    if options.model_error and (unreached or known or (off and chi_square > 1.0 and _is_coloured(fit))):
         candidate = with_model_error(segments, fit, start, annealer)
     if candidate is not None:
         fit, model_error, factor = candidate.fit, candidate.q, candidate.noise
@@ -251,6 +254,9 @@ def _annealed(
             start, schedule = states_by_held_laws(segments, start, problem.scales, annealer), _NEAR
     else:
         start, schedule = replace(problem.start, nodes=options.nodes), _WARM
+    if options.relaxation is not None:
+        tight = max(options.relaxation / _TIGHTER, AnnealingSchedule.final_q)
+        schedule = AnnealingSchedule(initial_q=options.relaxation, final_q=tight)
     schedule = replace(
         schedule, cost_ceiling=options.ceiling, max_steps=min(schedule.max_steps, options.steps)
     )

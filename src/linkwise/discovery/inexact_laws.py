@@ -1,0 +1,82 @@
+"""Selection where no combination of the terms is exact: with a model error, by evidence that blocks of the records agree on.
+
+The error of a law moves with the motion, so that a likelihood which takes it for white noise overstates every decision. Here
+each round fits the laws with their most likely model error, and divides the local quadratic model of the cost by the
+overdispersion of the scores of separate blocks of the records, as quasi-likelihood does.
+
+References
+----------
+K. P. Burnham and D. R. Anderson, "Model selection and multimodel inference" (2002), section 2.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
+from linkwise.discovery.stepwise import best_subset
+from linkwise.likelihood.anneal import AnnealingStatus
+from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.overdispersion import overdispersion
+from linkwise.model.structure import Structure
+
+_ROUNDS = 8
+_TIGHT = 1e-4  # model error from which it is looked for where a fit may do without
+
+
+def select_inexact(
+    search: TermSearch, selection: Selection, chosen: frozenset[str] | None = None
+) -> Selection:
+    """The subset that no candidate improves by more than blocks of the records agree on.
+
+    It is searched from that of `selection`, or from `chosen`: where `selection` explains the record by terms that stand in for
+    one that was not offered, a smaller subset shows that a model error explains it as well. `settled` is False where a fit
+    does not converge with a model error, where the records are too short for blocks, and where the rounds run out.
+    """
+    current, relaxation = selection, None
+    fit, structure = selection.fit, selection.structure
+    if chosen is None:
+        chosen = selection.chosen
+    else:
+        structure = search.candidates.structure(chosen)
+        fit, relaxation = search.first_fit(structure), _TIGHT
+    visited = {chosen}
+    values, nodes = fit.values, fit.optimum.point.nodes
+    for number in range(selection.rounds + 1, selection.rounds + 1 + _ROUNDS):
+        fit = likelihood_fit(
+            search.records,
+            structure,
+            values,
+            options=LikelihoodOptions(
+                progress=round_progress(search.progress, number), nodes=nodes, relaxation=relaxation
+            ),
+        )
+        try:
+            quadratic, penalty = _cautious_model(search, fit, structure, chosen)
+            after = best_subset(quadratic, penalty, range(len(structure.parameters)))
+            names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
+            current = Selection(chosen, structure, fit, quadratic, penalty, names == chosen, number)
+            if current.settled or names in visited or fit.status is not AnnealingStatus.CONVERGED:
+                break
+            visited.add(names)
+            chosen, structure = names, search.candidates.structure(names)
+            values, _ = starts_of(quadratic, after, structure)
+        except np.linalg.LinAlgError:
+            return replace(current, settled=False)
+        nodes, relaxation = fit.optimum.point.nodes, fit.model_error or None
+    return current
+
+
+def _cautious_model(
+    search: TermSearch, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
+) -> tuple[QuadraticModel, Penalty]:
+    """The local model of the cost over the overdispersion of the blocks; LinAlgError where there is none."""
+    quadratic, penalty = search.local_model(fit, structure, chosen)
+    factor = overdispersion(fit.optimum, search.additions(structure, chosen)[1])
+    if factor is None:
+        raise np.linalg.LinAlgError("the records are too short for blocks")
+    return replace(quadratic, h=quadratic.h / factor, g=quadratic.g / factor), penalty

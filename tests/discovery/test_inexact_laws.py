@@ -1,0 +1,108 @@
+"""Discovery where no combination of the terms on offer is the true law: the structure is right, and the error is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+
+import linkwise as lw
+
+RATE, DURATION = 400.0, 20.0
+CHAIN = """
+[[mass]]
+name = "m1"
+mass = 1.0
+[[mass]]
+name = "m2"
+mass = 0.8
+[[link]]
+name = "m1-ground"
+between = ["m1", "ground"]
+law = "k*d + c*v + k3*d**3 + q*v*abs(v)"
+coefficients = { k = 1500.0, c = 1.5, k3 = 1e5, q = 3.0 }
+[[link]]
+name = "m2-m1"
+between = ["m2", "m1"]
+law = "k*d + c*v + k3*d**3 + q*v*d**2"
+coefficients = { k = 900.0, c = 1.0, k3 = 8e4, q = 1500.0 }
+"""
+
+
+def random_force(rng: np.random.Generator) -> lw.Sampled:
+    """8 N root mean square from 1 to 20 Hz."""
+    samples = round(RATE * DURATION) + 1
+    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
+    band = (frequency > 1.0) & (frequency < 20.0)
+    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
+    return lw.Sampled(0.0, RATE, 8.0 * force / force.std(), band_limited=True)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_the_structure_is_found_with_a_model_error(seed: int) -> None:
+    """Each link has a term of damping, 1 to 5 % of its force, that no candidate has."""
+    chain = lw.parse_structure(CHAIN, "test")
+    rng = np.random.default_rng(seed)
+    forces = {mass: random_force(rng) for mass in chain.mass_names}
+    record = lw.simulate(chain, forces=forces, duration=DURATION, rate=RATE).with_noise(30.0, seed=seed)
+    discovery = lw.discover(record, {"m1": 1.0, "m2": 0.8})
+    assert {frozenset(link.between) for link in discovery.structure.links} == {
+        frozenset(link.between) for link in chain.links
+    }
+    assert discovery.trusted and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
+    assert 0.0 < discovery.estimate.model_error < 0.05
+    stiffness = {term.name: term.decision for term in discovery.terms}
+    assert stiffness["m1-ground.k"] is lw.Decision.CERTAIN and stiffness["m2-m1.k3"] is lw.Decision.CERTAIN
+    assert not [term for term in discovery.terms if term.kept and term.certain and term.term == "d**2"]
+
+
+def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
+    data = scipy.io.loadmat(shared_data / "emps.mat")
+    force = data["vir"].ravel() * float(data["gtau"].item())
+    record = lw.Record.from_arrays(data["t"].ravel(), {"x:m1": data["qm"].ravel(), "force:m1": force})
+    discovery = lw.discover(
+        record, {"m1": "unknown"}, terms="1, d, d**2, d**3, v, v*abs(v), sign(v), stribeck(0.01)"
+    )
+    assert discovery.estimate.coefficient("m1.mass").value == pytest.approx(95.109, rel=0.01)
+    kept = {term.term for term in discovery.terms if term.kept}
+    assert {"1", "v", "sign(v)"} <= kept
+    assert not [term for term in discovery.terms if term.kept and term.certain and term.term.startswith("d")]
+
+
+def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
+    rig = lw.parse_structure(
+        """
+[[mass]]
+name = "m1"
+mass = 2.5
+[[link]]
+name = "spring"
+between = ["m1", "ground"]
+law = "k*d + c*v + f0"
+coefficients = { k = 2000.0, c = 3.0, f0 = 1.2 }
+""",
+        "test",
+    )
+    force = random_force(np.random.default_rng(5))
+    record = lw.simulate(rig, forces={"m1": force}, duration=DURATION, rate=RATE).with_noise(40.0, seed=5)
+    discovery = lw.discover(record, {"m1": "unknown"}, terms="1, cubic")
+    assert discovery.trusted
+    assert {term.term for term in discovery.terms if term.kept} == {"1", "d", "v"}
+    low, high = discovery.estimate.coefficient("m1.mass").interval or (np.nan, np.nan)
+    assert low < 2.5 < high
+    with pytest.raises(lw.StructureError, match="neither an applied force nor another mass sets the scale"):
+        lw.discover(record.select(["x:m1"]), {"m1": "unknown"})
+
+
+def test_a_constant_force_acts_from_the_ground_only() -> None:
+    candidates = lw.parse_terms("1, d, v")
+    assert [term.coefficient for term in candidates] == ["f0", "k", "c"]
+    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(
+        40.0, seed=1
+    )
+    discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01}, terms="1, cubic")
+    assert discovery.trusted
+    assert not [term for term in discovery.terms if term.term == "1" and "ground" not in term.between]
+    assert not [term for term in discovery.terms if term.term == "1" and term.kept]
