@@ -13,7 +13,6 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, all_candidates
 from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
-from linkwise.discovery.displacements import with_displacements
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
 from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
@@ -38,6 +37,7 @@ from linkwise.units import to_si
 from linkwise.verdict import Verdict, is_trusted
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
 from linkwise.weak.estimate import weak_search
+from linkwise.weak.integrated_displacements import with_displacements
 
 _SCREENED = 0.1  # of the progress, when the screen is done
 _INTEGRATED = (

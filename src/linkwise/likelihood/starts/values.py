@@ -18,6 +18,7 @@ from linkwise.runtime import one_blas_thread
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.estimate import weak_search
+from linkwise.weak.integrated_displacements import with_displacements
 
 ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
 
@@ -64,9 +65,10 @@ def starting_values(
     if needs_integration(records[0], structure):
         values = law_start(records[0], structure, channel_noise(records[0]), known)
         return np.array([values[p.name] for p in parameters]), None
+    integrated = _integrated(records, structure)
     try:
         with one_blas_thread():
-            estimated, deviations = (weak or partial(_best_weak_fit, records))(structure, known)
+            estimated, deviations = (weak or partial(_best_weak_fit, integrated or records))(structure, known)
     except IdentificationError as error:
         missing = [p.name for p in parameters if p.name not in known]
         if missing:
@@ -75,9 +77,18 @@ def starting_values(
                 "State { start = ... } for it in the structure"
             ) from error
         return np.array([known[p.name] for p in parameters]), None
-    return np.array(
-        [given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)]
-    ), deviations
+    start = np.array([given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)])
+    return start, None if integrated else deviations  # integration takes more than noise from them
+
+
+def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]:
+    """The records with integrated displacements, if they lack some and every mass has a sensor; else none."""
+    channels = records[0].channels
+    displaced = all(f"x:{name}" in channels for name in structure.mass_names)
+    seen = all(any(f"{kind}:{name}" in channels for kind in "xva") for name in structure.mass_names)
+    if displaced or not seen:
+        return []
+    return [with_displacements(record, structure.masses) for record in records]
 
 
 def _best_weak_fit(
