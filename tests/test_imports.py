@@ -15,7 +15,7 @@ SOURCE = Path(linkwise.__file__).parent
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
     "root", "expression", "model", "records", "files", "signals", "inspection", "analysis", "simulation.integrator",
     "simulation", "estimates", "sindy.regression", "sindy", "weak", "likelihood.starts", "likelihood", "identification.limit",
-    "identification", "discovery", "absorption", "study", "plot", "paper", "report", "cli",
+    "identification.validation", "identification", "discovery", "absorption", "study", "plot", "paper", "report", "cli",
 )  # fmt: skip
 DOORS = {
     "heyoka": "simulation/integrator",

@@ -9,14 +9,20 @@ import pytest
 import linkwise as lw
 from linkwise.verdict import Verdict, is_trusted, status_of
 
-ADMISSIBLE = {Verdict.CONVERGED, Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED}
+ADMISSIBLE = {
+    Verdict.CONVERGED,
+    Verdict.NO_INTERVALS,
+    Verdict.MODEL_ERROR_NEEDED,
+    Verdict.PREDICTION_AGREES,
+}
+GOOD = ("converged", "prediction agrees")
 
 
 @pytest.mark.parametrize("verdict", Verdict)
 def test_every_verdict_advises_and_forbids_or_not(verdict: Verdict) -> None:
     assert verdict.value.endswith(".") and len(verdict.value) > 40
     assert verdict.forbids is (verdict not in ADMISSIBLE)
-    assert verdict.status == verdict.status.lower() and (verdict.status == "converged") is not verdict.forbids
+    assert verdict.status == verdict.status.lower() and verdict.forbids is (verdict.status not in GOOD)
 
 
 def test_one_verdict_that_forbids_is_enough() -> None:

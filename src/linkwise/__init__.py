@@ -63,7 +63,15 @@ if TYPE_CHECKING:
     from linkwise.identification.law_path import LawStep, law_path
     from linkwise.identification.limit.limit import limit
     from linkwise.identification.limit.result import Limit, LinkLimit
-    from linkwise.identification.validation import FreeRun, free_run
+    from linkwise.identification.validation.free_run import FreeRun, free_run
+    from linkwise.identification.validation.result import (
+        ChannelPrediction,
+        CoefficientAgreement,
+        ErrorProfile,
+        ErrorSpectrum,
+        Validation,
+    )
+    from linkwise.identification.validation.validate import validate
     from linkwise.inspection.alert import Alert
     from linkwise.inspection.inspect import inspect
     from linkwise.inspection.result import ChannelSummary, Inspection
@@ -98,6 +106,8 @@ if TYPE_CHECKING:
     from linkwise.report.estimate_folder import write_result
     from linkwise.report.estimate_json import result_of
     from linkwise.report.study_folder import write_study_report
+    from linkwise.report.validation_folder import write_validation
+    from linkwise.report.validation_json import validation_of
     from linkwise.signals.states import States, differentiate
     from linkwise.simulation.simulate import simulate
     from linkwise.sindy.conventions import CONVENTIONS, noisy_states
@@ -144,8 +154,10 @@ __all__ = [
     "Cause",
     "Cell",
     "Channel",
+    "ChannelPrediction",
     "ChannelSummary",
     "Coefficient",
+    "CoefficientAgreement",
     "CoefficientEstimate",
     "Decision",
     "DenseSystem",
@@ -156,6 +168,8 @@ __all__ = [
     "Equilibria",
     "Equilibrium",
     "Equivalent",
+    "ErrorProfile",
+    "ErrorSpectrum",
     "Estimate",
     "Estimator",
     "Excitation",
@@ -227,6 +241,7 @@ __all__ = [
     "TermScore",
     "TimeFunction",
     "Topology",
+    "Validation",
     "Verdict",
     "WeakForm",
     "absorb",
@@ -274,6 +289,8 @@ __all__ = [
     "study_summary",
     "term_score",
     "to_si",
+    "validate",
+    "validation_of",
     "wells",
     "write_absorption",
     "write_absorption_map",
@@ -282,6 +299,7 @@ __all__ = [
     "write_result",
     "write_structure",
     "write_study_report",
+    "write_validation",
 ]
 
 _HOME = {name: home for home, names in HOMES.items() for name in names}

@@ -22,6 +22,7 @@ RESULT = (
     "result.json"  # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 )
 ABSORPTION = "absorption.json"  # the same of a folder that `absorb` wrote
+VALIDATION = "validation.json"  # the same of a folder that `validate` wrote
 
 
 if sys.platform != "win32":

@@ -90,6 +90,14 @@ class Verdict(Enum):
         "The energy balance of a simulation does not close: do not trust its shares of energy."
     )
 
+    PREDICTION_AGREES = (
+        "The prediction agrees with the record: noise and the errors of the answer explain what is left."
+    )
+    PREDICTION_DISAGREES = (
+        "The prediction differs from the record by more than noise and the errors of the answer explain: a law, a link or the "
+        "conditions of the test are not those of the answer, or its intervals are too narrow."
+    )
+
     @property
     def forbids(self) -> bool:
         """Whether an answer with this verdict must not be trusted."""
@@ -101,7 +109,9 @@ class Verdict(Enum):
         return _STATUS.get(self, self.name.replace("_", " ").lower())
 
 
-_ADMISSIBLE = frozenset({Verdict.CONVERGED, Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED})
+_ADMISSIBLE = frozenset(
+    {Verdict.CONVERGED, Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED, Verdict.PREDICTION_AGREES}
+)
 _STATUS = {  # as result.json has always named them
     Verdict.NOISE_MISMATCH: "chi-square off",
     Verdict.UNEXPLAINED_FORCES: "forces unexplained",

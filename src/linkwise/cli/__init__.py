@@ -32,6 +32,7 @@ COMMANDS: Registry[click.Command] = Registry(
         "simulate": "linkwise.cli.simulate:simulate",
         "inspect": "linkwise.cli.inspect:inspect",
         "identify": "linkwise.cli.identify:identify",
+        "validate": "linkwise.cli.validate:validate",
         "discover": "linkwise.cli.discover:discover",
         "absorb": "linkwise.cli.absorb:absorb",
         "study": "linkwise.cli.study:study",
@@ -55,6 +56,7 @@ def linkwise(debug: bool) -> None:
       linkwise structure bnes --dof 2 --unknown nes -o unknown.toml
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
       linkwise identify run.csv unknown.toml -o answer
+      linkwise validate second.csv answer -o validation
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 -o found
     """
 

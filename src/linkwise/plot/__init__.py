@@ -1,8 +1,9 @@
 """Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
-`force`, `histories`, `graph`, `path`, `runners_up`, `evidence`, `absorption`, `energy`, `crossings`, `map` and `study` draw
-one picture on one Axes. Functions whose names end in `_figure` put these pictures together as the commands write them. All
-take results and compute nothing. Names load on first use, so that matplotlib is imported when something is drawn.
+`force`, `histories`, `graph`, `path`, `runners_up`, `evidence`, `prediction`, `prediction_error`, `prediction_profile`,
+`prediction_spectrum`, `absorption`, `energy`, `crossings`, `map` and `study` draw one picture on one Axes. Functions whose
+names end in `_figure` put these pictures together as the commands write them. All take results and compute nothing. Names load
+on first use, so that matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -23,6 +24,18 @@ if TYPE_CHECKING:
     from linkwise.plot.study_accuracy import accuracy_figure, study
     from linkwise.plot.style import save
     from linkwise.plot.time_histories import histories, histories_figure
+    from linkwise.plot.validation_prediction import (
+        prediction,
+        prediction_error,
+        prediction_error_figure,
+        prediction_figure,
+    )
+    from linkwise.plot.validation_profiles import (
+        prediction_profile,
+        prediction_profile_figure,
+        prediction_spectrum,
+        prediction_spectrum_figure,
+    )
 
 __all__ = [
     "absorption",
@@ -44,6 +57,14 @@ __all__ = [
     "map_figure",
     "path",
     "path_figure",
+    "prediction",
+    "prediction_error",
+    "prediction_error_figure",
+    "prediction_figure",
+    "prediction_profile",
+    "prediction_profile_figure",
+    "prediction_spectrum",
+    "prediction_spectrum_figure",
     "runners_up",
     "save",
     "study",
@@ -62,6 +83,18 @@ _HOMES = {
     "study_accuracy": ("accuracy_figure", "study"),
     "style": ("save",),
     "time_histories": ("histories", "histories_figure"),
+    "validation_prediction": (
+        "prediction",
+        "prediction_error",
+        "prediction_error_figure",
+        "prediction_figure",
+    ),
+    "validation_profiles": (
+        "prediction_profile",
+        "prediction_profile_figure",
+        "prediction_spectrum",
+        "prediction_spectrum_figure",
+    ),
 }
 
 __getattr__ = lazy_names(__name__, _HOMES)

@@ -1,4 +1,4 @@
-"""Validation: an identified structure on a record that it was not identified from."""
+"""Free runs: an identified structure under the inputs of a record that it was not identified from."""
 
 from __future__ import annotations
 
@@ -166,6 +166,25 @@ def _run(
         forces=forces,
         base=inputs.get(f"x:{BASE}"),
     )
+
+
+def run_from(
+    structure: Structure,
+    record: Record,
+    channels: tuple[str, ...],
+    state: Floats,
+    extra: Mapping[str, Floats] | None = None,
+) -> Record:
+    """The channels of a structure that runs from a state (2 n,) under the inputs of a record, with the clock of that record.
+
+    `extra` forces in N (N,) by channel are added to those of the record.
+    """
+    inputs = _inputs(record, len(record))
+    for name, force in (extra or {}).items():
+        given = record.channel(name) if name in inputs else 0.0
+        inputs[name] = Sampled(0.0, record.rate, given + force)
+    run = _run(structure, channels, state, inputs, record.rate, len(record))
+    return replace(run, start=record.start)
 
 
 def _initial_state(

@@ -1,0 +1,74 @@
+"""`linkwise validate`: a record and an identified structure, to how well the one predicts the other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+import linkwise as lw
+from linkwise.atomic import VALIDATION, to_json
+from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
+from linkwise.cli.options import FOLDER, POSITIVE, RecordOptions, record_options
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.identification.validation import answer as answers
+    from linkwise.report import validation_folder as folders
+else:
+    answers = lazy_module("linkwise.identification.validation.answer")
+    folders = lazy_module("linkwise.report.validation_folder")  # figures are for those who want a folder
+
+
+@click.command()
+@record_options
+@click.argument("answer", type=click.Path(path_type=Path))
+@click.option(
+    "--burn",
+    metavar="S",
+    type=POSITIVE,
+    help="Time at the start from which the state is estimated; it is not scored (default 5 % of the record, from 50 to 300 "
+    "samples).",
+)
+@click.option(
+    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print validation.json on standard output and nothing else."
+)
+def validate(
+    source: RecordOptions, answer: Path, burn: float | None, output: Path | None, as_json: bool
+) -> int:
+    """Predict RECORD with an identified structure, and say where and by how much the prediction is off.
+
+    ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number. Use a
+    record, or a part of one, that it was not identified from. The state is estimated from the first seconds; from there the
+    structure runs freely under the recorded inputs, or in windows where the motion is chaotic. With the folder of a trusted
+    answer, each coefficient is also estimated again from RECORD alone and compared.
+
+    Exit code 3 means that the prediction disagrees with the record: in some channel its RMSE is larger than noise, the error
+    of the initial state, the intervals of the coefficients and the model error of the answer make it in 999 of 1000 records.
+
+    \b
+    Examples:
+      linkwise validate second.csv answer -o validation
+      linkwise validate run.csv answer --from 4 --burn 0.2
+      linkwise validate second.csv answer/structure.toml --json
+    """
+    process = drawing_beside(output, "linkwise.report.validation_folder:VALIDATION_FOLDER", VALIDATION)
+    subject = answers.ValidatedAnswer.of(answer)
+    with progress("reading") as step:
+        record = source.read(subject.structure.mass_names)
+        for note in record.notes:
+            tell(f"note: {note}")
+        found = lw.validate(record, answer, burn=burn, progress=step)
+    if process is not None:
+        process.draw(found, None)
+    deliver(
+        to_json(lw.validation_of(found)) if as_json else str(found),
+        output,
+        lambda folder, step: folders.VALIDATION_FOLDER.write(found, folder, progress=step, process=process),
+        quiet=as_json,
+    )
+    return exit_code(found.verdicts)

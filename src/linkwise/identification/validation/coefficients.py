@@ -1,0 +1,59 @@
+"""Whether a record agrees with identified coefficients: they are estimated again from it alone."""
+
+from __future__ import annotations
+
+import math
+
+import scipy
+
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.identification.validation.result import CoefficientAgreement
+from linkwise.likelihood.estimate import MaximumLikelihood
+from linkwise.model.structure import Structure
+from linkwise.progress import Progress
+from linkwise.records.record import Record
+
+LEVEL = 1e-3  # probability that a right answer is said to disagree
+
+
+def uncertain(posterior: Posterior) -> Structure:
+    """The structure with its uncertain coefficients as unknowns."""
+    masses = posterior.structure.mass_names
+    selectors = []
+    for name in posterior.names:
+        owner, _, key = name.rpartition(".")
+        selectors.append(f"mass:{owner}" if key == "mass" and owner in masses else name)
+    return posterior.structure.unknown(*selectors)
+
+
+def estimated_again(record: Record, posterior: Posterior, progress: Progress) -> Estimate:
+    """The uncertain coefficients from the record alone, by maximum likelihood that starts at the answer."""
+    starts = dict(zip(posterior.names, map(float, posterior.values), strict=True))
+    method = MaximumLikelihood(starts=starts)
+    return method.estimate([record], uncertain(posterior), progress)
+
+
+def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgreement, ...]:
+    """The answer beside an estimate from another record, coefficient by coefficient."""
+    count = len(posterior.names)
+    limit = float(-scipy.special.ndtri(LEVEL / (2 * max(count, 1))))
+    rows = []
+    for index, name in enumerate(posterior.names):
+        other = estimate.coefficient(name)
+        error = math.sqrt(max(posterior.covariance[index, index], 0.0))
+        if other.standard_error is None or not other.standard_error > 0.0:
+            continue
+        rows.append(
+            CoefficientAgreement(
+                name=name,
+                unit=other.unit,
+                value=float(posterior.values[index]),
+                standard_error=error,
+                found=other.value,
+                found_error=other.standard_error,
+                z=(other.value - float(posterior.values[index])) / math.hypot(error, other.standard_error),
+                limit=limit,
+            )
+        )
+    return tuple(rows)

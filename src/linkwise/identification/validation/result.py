@@ -1,0 +1,269 @@
+"""The result of a validation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.html import JudgedView
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.text import as_text
+from linkwise.verdict import Verdict, is_trusted, status_of
+
+
+@dataclass(frozen=True)
+class ChannelPrediction:
+    """How well one channel was predicted after the burn; SI units.
+
+    Attributes
+    ----------
+    name, unit : str
+        The channel and its unit.
+    samples : int
+        Number of samples that were compared.
+    rmse : float
+        Root mean square of measured less predicted.
+    nmse_percent : float
+        Its square over the variance of the measured samples, in %.
+    fit_percent : float
+        100 (1 - ||error|| / ||measured - mean||).
+    noise : float
+        Standard deviation of the noise.
+    expected : float
+        RMSE that noise and the errors of initial states, coefficients and laws make, by root mean squares.
+    limit : float
+        RMSE that they exceed in one record of a thousand.
+    one_step_rmse, one_step_expected : float
+        The same for predictions one sample ahead.
+    """
+
+    name: str
+    unit: str
+    samples: int
+    rmse: float
+    nmse_percent: float
+    fit_percent: float
+    noise: float
+    expected: float
+    limit: float
+    one_step_rmse: float
+    one_step_expected: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the error is within its limit."""
+        return self.rmse <= self.limit
+
+
+@dataclass(frozen=True)
+class CoefficientAgreement:
+    """A coefficient of the answer beside its estimate from the record of the validation alone; SI units.
+
+    Attributes
+    ----------
+    name, unit : str
+        Full name and unit of the coefficient.
+    value, standard_error : float
+        The answer.
+    found, found_error : float
+        The estimate from this record, and its standard error.
+    z : float
+        Their difference in standard deviations of both errors together (Wald test).
+    limit : float
+        Absolute z that is exceeded by chance in one record of a thousand, by any of the coefficients.
+    """
+
+    name: str
+    unit: str
+    value: float
+    standard_error: float
+    found: float
+    found_error: float
+    z: float
+    limit: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference is within its limit."""
+        return abs(self.z) <= self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorProfile:
+    """Where in the motion a prediction fails: the error in bins of a quantity.
+
+    Attributes
+    ----------
+    quantity, unit : str
+        What the bins are of, such as ``"time"`` or ``"d of nes1"``.
+    edges : array of shape (b + 1,)
+        Edges of the bins.
+    error_percent : array of shape (b,)
+        RMS over channels and samples of the error, each in % of the RMS of its channel about its mean; NaN in an empty bin.
+    samples : array of int, shape (b,)
+        Samples in the bins.
+    """
+
+    quantity: str
+    unit: str
+    edges: Floats
+    error_percent: Floats
+    samples: Floats
+
+    @property
+    def worst(self) -> tuple[float, float, float]:
+        """Ends of the bin with the largest error, and that error in %."""
+        worst = int(np.nanargmax(self.error_percent))
+        return float(self.edges[worst]), float(self.edges[worst + 1]), float(self.error_percent[worst])
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSpectrum:
+    """Power spectral densities of a channel, measured and of its error; frequency in Hz, densities in unit^2/Hz."""
+
+    frequency: Floats
+    measured: Floats
+    error: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Validation(JudgedView):
+    """The result of `validate`: how well a structure predicts a record.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure, every coefficient a number.
+    record : Record
+        The record.
+    predicted, deviation : Record
+        The responses as the structure predicts them, missing where they are not scored, and the standard deviation that noise
+        and the errors of initial states, coefficients and laws give the difference.
+    channels : mapping of str to ChannelPrediction
+        The scores by channel.
+    burn : float
+        Time in s at the start from which the state is estimated; it is not scored.
+    window : float or None
+        Time in s after which the run is started again, since chaos forbids a longer one; None for one free run.
+    windows : int
+        Number of runs.
+    horizon : float or None
+        Time in s after the burn at which the error of the initial state hides the motion; None if it does not.
+    profiles : tuple of ErrorProfile
+        The error over time, and over d and v of every link.
+    spectra : mapping of str to ErrorSpectrum
+        Spectra by channel.
+    coefficients : tuple of CoefficientAgreement
+        Whether the record agrees with each identified coefficient; empty without a covariance.
+    model_error : float
+        Part of the forces that the laws are known to leave.
+    remarks : tuple of str
+        What else limits the comparison.
+    """
+
+    structure: Structure
+    record: Record
+    predicted: Record
+    deviation: Record
+    channels: Mapping[str, ChannelPrediction]
+    burn: float
+    window: float | None
+    windows: int
+    horizon: float | None
+    profiles: tuple[ErrorProfile, ...]
+    spectra: Mapping[str, ErrorSpectrum]
+    coefficients: tuple[CoefficientAgreement, ...] = ()
+    model_error: float = 0.0
+    remarks: tuple[str, ...] = field(default=())
+
+    @property
+    def free_run(self) -> bool:
+        """Whether one free run predicts the record; else windows do."""
+        return self.window is None
+
+    @cached_property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether the prediction agrees with the record: in every channel its RMSE is within its limit."""
+        agrees = all(channel.agrees for channel in self.channels.values())
+        return (Verdict.PREDICTION_AGREES if agrees else Verdict.PREDICTION_DISAGREES,)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the prediction agrees with the record."""
+        return is_trusted(self.verdicts)
+
+    @property
+    def status(self) -> str:
+        """The verdict in words."""
+        return status_of(self.verdicts) if not self.trusted else self.verdicts[0].status
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """Channels and coefficients that disagree, where the error is largest, and the remarks."""
+        channels = [
+            f"{each.name}: the error is {each.rmse:.3g} {each.unit}; noise and intervals allow {each.limit:.3g} {each.unit}."
+            for each in self.channels.values()
+            if not each.agrees
+        ]
+        coefficients = [
+            f"{each.name}: this record alone gives {each.found:.6g}, {abs(each.z):.1f} standard errors from {each.value:.6g} "
+            f"{each.unit}."
+            for each in self.coefficients
+            if not each.agrees
+        ]
+        where = []
+        if channels:
+            for profile in self.profiles:
+                low, high, percent = profile.worst
+                where.append(
+                    f"Over {profile.quantity} the error is largest from {low:.3g} to {high:.3g} {profile.unit}: "
+                    f"{percent:.3g} % of the motion."
+                )
+        return (*channels, *coefficients, *where, *self.remarks)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The scores as plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Channels, burn, windows, errors over the motion, coefficients, verdicts and findings.
+        """
+        return {
+            "method": "validate",
+            "status": self.status,
+            "message": self.verdicts[0].value,
+            "channels": {name: _plain(each) for name, each in self.channels.items()},
+            "burn": self.burn,
+            "free_run": self.free_run,
+            "windows": {"count": self.windows, "length": self.window},
+            "horizon": self.horizon,
+            "where": {
+                each.quantity: {
+                    "unit": each.unit,
+                    "edges": each.edges.tolist(),
+                    "error_percent": each.error_percent.tolist(),
+                    "samples": each.samples.tolist(),
+                }
+                for each in self.profiles
+            },
+            "coefficients": {each.name: _plain(each) for each in self.coefficients},
+            "model_error_percent": 100.0 * self.model_error,
+            "verdicts": [verdict.name for verdict in self.verdicts],
+            "trusted": self.trusted,
+            "findings": list(self.findings),
+        }
+
+    def __str__(self) -> str:
+        return as_text(self)
+
+
+def _plain(each: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
+    """The fields but the name, and whether it agrees."""
+    return {key: value for key, value in asdict(each).items() if key != "name"} | {"agrees": each.agrees}

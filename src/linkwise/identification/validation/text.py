@@ -1,0 +1,74 @@
+"""A validation as text."""
+
+from __future__ import annotations
+
+from textwrap import fill
+
+from linkwise.identification.validation.result import Validation
+from linkwise.text import align_columns, as_text, format_error, format_value
+
+_WIDTH = 100  # at which sentences are wrapped
+CHANNEL_HEAD = ("channel", "RMSE", "allowed", "one step", "noise", "NMSE, %", "fit, %", "unit")
+COEFFICIENT_HEAD = ("coefficient", "answer", "this record", "apart", "unit")
+
+
+@as_text.register
+def validation_text(validation: Validation) -> str:
+    """The whole result as text."""
+    blocks = ["\n".join(fill(line, _WIDTH) for line in headline(validation))]
+    blocks.append("\n".join(align_columns([CHANNEL_HEAD, *channel_rows(validation)])))
+    if validation.coefficients:
+        blocks.append("\n".join(align_columns([COEFFICIENT_HEAD, *coefficient_rows(validation)])))
+    if validation.findings:
+        blocks.append(
+            "\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in validation.findings)
+        )
+    return "\n\n".join(blocks)
+
+
+def headline(validation: Validation) -> tuple[str, ...]:
+    """The verdict and what was run, in sentences."""
+    record = validation.record
+    scored = record.duration - validation.burn
+    if validation.free_run:
+        what = f"One free run of {scored:.4g} s"
+    else:
+        what = (
+            f"The motion is chaotic: an error of the state hides it after {validation.horizon:.3g} s. {validation.windows} "
+            f"runs of {validation.window:.3g} s each"
+        )
+    return (
+        validation.verdicts[0].value,
+        f"{what}, after {validation.burn:.4g} s that tell the state and are not scored.",
+    )
+
+
+def channel_rows(validation: Validation) -> list[tuple[str, ...]]:
+    """A row for each channel."""
+    return [
+        (
+            each.name,
+            f"{each.rmse:.4g}",
+            f"{each.limit:.4g}",
+            f"{each.one_step_rmse:.4g}",
+            f"{each.noise:.4g}",
+            f"{each.nmse_percent:.3g}",
+            f"{each.fit_percent:.2f}",
+            each.unit,
+        )
+        for each in validation.channels.values()
+    ]
+
+
+def coefficient_rows(validation: Validation) -> list[tuple[str, ...]]:
+    """A row for each coefficient that the answer gives with an interval."""
+    return [
+        (
+            each.name,
+            f"{format_value(each.value, each.standard_error)} ± {format_error(each.standard_error)}",
+            f"{format_value(each.found, each.found_error)} ± {format_error(each.found_error)}",
+            f"{each.z:+.1f}",
+            each.unit,
+        )
+        for each in validation.coefficients
+    ]

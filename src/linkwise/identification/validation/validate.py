@@ -1,0 +1,204 @@
+"""Validation of an identified structure on a record that it was not identified from."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError, RecordError
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.identification.validation.answer import ValidatedAnswer
+from linkwise.identification.validation.coefficients import agreements, estimated_again, uncertain
+from linkwise.identification.validation.prediction import one_step, predict
+from linkwise.identification.validation.profiles import error_profiles, error_spectra
+from linkwise.identification.validation.result import CoefficientAgreement, Validation
+from linkwise.identification.validation.scores import channel_scores
+from linkwise.identification.validation.sensor_noise import sensor_noise
+from linkwise.identification.validation.windows import WindowPredictor
+from linkwise.model.structure import Structure
+from linkwise.progress import Progress, part, silent
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+_BURN = 0.05  # of the record
+_FEWEST, _MOST = 50, 300  # samples of the burn, unless it is given
+_SCORED = 20  # samples at least
+
+
+def validate(
+    record: Record,
+    answer: Structure | Estimate | Posterior | str | Path,
+    *,
+    burn: float | None = None,
+    model_error: float | None = None,
+    progress: Progress = silent,
+) -> Validation:
+    """Predict a record with a structure that was identified from others, and compare.
+
+    The state at the start is estimated from the first `burn` seconds. From it the structure runs freely under the inputs of
+    the record. Where the motion is chaotic, so that the error of this state would hide it, the run is restarted in windows,
+    with states from the samples just before each. The prediction agrees with the record if in no channel the RMSE exceeds the
+    value that noise and the errors of states, coefficients and laws together exceed with a probability of 0.001.
+
+    Parameters
+    ----------
+    record : Record
+        The record, or a part of one, that the structure was not identified from.
+    answer : Structure, Estimate, Posterior or path-like
+        The structure, every coefficient a number, or the path of its file. An estimate, a `Posterior` or the path of a result
+        folder adds the covariance of the coefficients: their errors count in the comparison, and each is estimated again from
+        this record alone (Wald test).
+    burn : float, optional
+        Time in s at the start from which the state is estimated, and which is not scored. By default 5 % of the record, from
+        50 to 300 samples.
+    model_error : float, optional
+        Part of the forces that the laws are known to leave, by root mean squares. By default that of a trusted estimate, or
+        0.
+    progress : Progress
+        Called with a `ProgressReport` now and then.
+
+    Returns
+    -------
+    Validation
+        The scores, by channel and over the motion, and the verdict.
+
+    Raises
+    ------
+    RecordError
+        If the record has no response of the structure, a force on another mass, an input with gaps or a base without
+        displacement, or is too short for the burn.
+    StructureError
+        If a coefficient has no value.
+    SimulationError
+        If the structure diverges.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=4.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> validation = lw.validate(record, chain)
+    >>> validation.trusted, validation.free_run
+    (True, True)
+    >>> sorted(validation.channels)
+    ['x:m1', 'x:m2']
+    """
+    given = ValidatedAnswer.of(answer)
+    structure, posterior, remarks = given.structure, given.posterior, given.remarks
+    law_error = _law_error(given.model_error if model_error is None else model_error)
+    used = _usable(record, structure)
+    samples = _burn_samples(used, burn)
+    noise = sensor_noise(used)
+    sigma = np.array([noise[name] for name in used.responses])
+    predictor = _predictor(used, structure, posterior, sigma, law_error)
+    prediction = predict(predictor, samples, part(progress, 0.0, 0.6))
+    steps = one_step(predictor, samples)
+    agreed: tuple[CoefficientAgreement, ...] = ()
+    if posterior is not None and posterior.names:
+        try:
+            again = estimated_again(used, posterior, part(progress, 0.7, 1.0))
+            agreed = agreements(again, posterior)
+            if not again.trusted:
+                remarks = (
+                    *remarks,
+                    f"Estimated from this record alone, the laws do not hold: {again.status}.",
+                )
+        except IdentificationError as error:
+            remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
+    deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
+    deviation[np.isnan(prediction.predicted)] = np.nan
+    return Validation(
+        structure=structure,
+        record=used,
+        predicted=_like(used, prediction.predicted, "predicted"),
+        deviation=_like(used, deviation, "expected deviation"),
+        channels=channel_scores(used, prediction, steps, noise),
+        burn=samples * used.step,
+        window=prediction.window,
+        windows=prediction.starts,
+        horizon=prediction.horizon,
+        profiles=error_profiles(used, structure, prediction),
+        spectra=error_spectra(used, prediction.predicted),
+        coefficients=agreed,
+        model_error=law_error,
+        remarks=remarks,
+    )
+
+
+def _usable(record: Record, structure: Structure) -> Record:
+    """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
+    masses = structure.mass_names
+    responses = [name for name in record.responses if Channel.parse(name).mass in masses]
+    if not responses:
+        raise RecordError(
+            f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
+            "there is nothing to compare a prediction with"
+        )
+    for name in record.inputs:
+        if name.startswith("force:") and name.partition(":")[2] not in masses:
+            raise RecordError(
+                f"this force acts on no mass of the structure, whose masses are {', '.join(masses)}",
+                channel=name,
+            )
+        if np.isnan(record.channel(name)).any():
+            raise RecordError(
+                "samples are missing, and an input drives the motion: fill them first", channel=name
+            )
+    if np.any(structure.base_incidence) and "x:base" not in record.channels:
+        raise RecordError("a link ends at the base, whose displacement the record lacks: give x:base")
+    return record.select([*record.inputs, *responses])
+
+
+def _law_error(part_of_force: float) -> float:
+    if not (math.isfinite(part_of_force) and part_of_force >= 0.0):
+        raise IdentificationError(
+            f"model_error must be 0 or a positive part of the forces, got {part_of_force:g}"
+        )
+    return part_of_force
+
+
+def _burn_samples(record: Record, burn: float | None) -> int:
+    count = len(record)
+    if burn is None:
+        samples = min(max(round(_BURN * count), _FEWEST), _MOST)
+    elif not (math.isfinite(burn) and burn > 0.0):
+        raise RecordError(f"burn must be a positive time, got {burn:g} s", arguments=("burn",))
+    else:
+        samples = round(burn * record.rate)
+    if samples < 2 or count - samples < _SCORED:
+        raise RecordError(
+            f"a burn of {samples * record.step:g} s leaves {max(count - samples, 0)} of {count} samples to score and uses "
+            f"{samples} to tell the state: it needs 2 at least, and {_SCORED} must be left",
+            arguments=("burn",),
+        )
+    for name in record.responses:
+        seen = np.isfinite(record.channel(name))
+        if not seen[samples:].any():
+            raise RecordError("has no sample after the burn", channel=name)
+    return samples
+
+
+def _predictor(
+    record: Record, structure: Structure, posterior: Posterior | None, sigma: Floats, law_error: float
+) -> WindowPredictor:
+    if posterior is None or not posterior.names:
+        nothing = np.zeros((0, 0))
+        return WindowPredictor(record, structure, np.zeros(0), nothing, sigma, law_error)
+    free = uncertain(posterior)
+    order = [posterior.names.index(parameter.name) for parameter in free.parameters]
+    values = posterior.values[order]
+    covariance = posterior.covariance[np.ix_(order, order)]
+    scale = np.where(np.diag(covariance) > 0.0, np.sqrt(np.abs(np.diag(covariance))), 1.0)
+    size, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
+    return WindowPredictor(record, free, values, root, sigma, law_error)
+
+
+def _like(record: Record, values: Floats, what: str) -> Record:
+    return Record(
+        record.start, record.rate, record.responses, values, source=f"{record.source or 'record'}, {what}"
+    )

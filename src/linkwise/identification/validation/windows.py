@@ -1,0 +1,354 @@
+"""Windows of a record: in each the state is fitted to the first samples, and the structure predicts the samples after.
+
+All windows are integrated at once. A weak prior of the size of the motion holds what the first samples do not determine, such
+as the state of a mass without a sensor; its uncertainty is then part of that of the prediction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.flow import Inputs, Trajectories, flow, tangents
+from linkwise.likelihood.segmentation import sensor_arrays
+from linkwise.likelihood.segments import A, Sensors, V, X
+from linkwise.likelihood.starts.states import start_states
+from linkwise.likelihood.system import System
+from linkwise.likelihood.tableau import POINTS
+from linkwise.model.input_signal import Sampled
+from linkwise.model.structure import BASE, Structure
+from linkwise.records.record import Record
+
+_PRIOR = 3.0  # deviation of the prior over the RMS of the motion: held only where samples say nothing
+_FIRST = 16  # samples of the first fit; each next one takes more, so that chaos does not hide the minimum
+_GROWTH = 3  # times as many
+_ITERATIONS, _ROUGH_ITERATIONS = 12, 4  # at most, for all samples and before
+_SETTLED = 0.01  # squared steps smaller than this part of a variance end a fit
+_FLOW_ERROR = 0.01  # of the noise: by how much steps half as long may change a prediction
+_MAX_REFINEMENT = 8  # steps per sample
+_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
+_TESTED = 50  # windows whose predictions decide how fine the steps must be
+_NUMBERS = 8_000_000  # in the sensitivities of one batch of windows
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPrediction:
+    """K windows of M samples and C channels.
+
+    Attributes
+    ----------
+    predicted : array of shape (M, C, K)
+        What the sensors would show, in SI units.
+    by_state, by_coefficients : array of shape (M, C, K)
+        Variance of it from the fitted state and from the coefficients.
+    by_laws : array of shape (M, C, K)
+        Variance of it from the stated error of the laws.
+    motion : array of shape (M, 2, n, K)
+        Displacements in m and velocities in m/s of the masses.
+    state : array of shape (2, n, K)
+        State at the first sample, in m and m/s.
+    state_root : array of shape (K, 2 n, 2 n)
+        Root R of the covariance R R' of the state.
+    state_by_coefficients : array of shape (K, 2 n, p)
+        How the fitted state follows a change of the coefficients.
+    """
+
+    predicted: Floats
+    by_state: Floats
+    by_coefficients: Floats
+    by_laws: Floats
+    motion: Floats
+    state: Floats
+    state_root: Floats
+    state_by_coefficients: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPredictor:
+    """Predicts windows of one record by one structure.
+
+    Parameters
+    ----------
+    record : Record
+        The record; responses of masses of the structure, and its inputs.
+    structure : Structure
+        The structure: numbers, and the p uncertain coefficients as unknowns.
+    values : array of shape (p,)
+        Their values.
+    root : array of shape (p, r)
+        Root of their covariance.
+    sigma : array of shape (C,)
+        Noise of the responses.
+    law_error : float
+        Part of the forces of the links that the laws leave, by root mean squares.
+    """
+
+    record: Record
+    structure: Structure
+    values: Floats
+    root: Floats
+    sigma: Floats
+    law_error: float = 0.0
+
+    def __call__(self, firsts: Indices, burn: int, samples: int) -> WindowPrediction:
+        """The windows that begin at samples `firsts` (K,), with states from their first `burn` samples."""
+        system = System.of(self.structure)
+        setup = _Setup.of(self.record, self.structure, system, self.values, self.sigma)
+        count = 2 * self.structure.size
+        size = max(1, _NUMBERS // (samples * count * (count + len(self.values) + 1)))
+        parts = [firsts[first : first + size] for first in range(0, len(firsts), size)]
+        refine = setup.refinement(firsts, samples)
+        pieces = [
+            _predicted(setup, part, (burn, samples, refine), self.root, self.law_error) for part in parts
+        ]
+        return WindowPrediction(
+            *(np.concatenate([piece[i] for piece in pieces], axis=-1) for i in range(6)),
+            *(np.concatenate([piece[i] for piece in pieces], axis=0) for i in (6, 7)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Setup:
+    """What all windows share: `guess` (2, n, N) rough states at all samples, `prior` (2 n,) their deviations."""
+
+    record: Record
+    structure: Structure
+    system: System
+    theta: Floats
+    sensors: Sensors
+    sigma: Floats
+    guess: Floats
+    prior: Floats
+
+    @classmethod
+    def of(cls, record: Record, structure: Structure, system: System, theta: Floats, sigma: Floats) -> _Setup:
+        names = [parameter.name for parameter in structure.parameters]
+        valued = structure.with_values(dict(zip(names, map(float, theta), strict=True)))
+        responses = record.select(record.responses)
+        noise = dict(zip(responses.channels, map(float, sigma), strict=True))
+        rough = start_states(record, valued, noise, samples=5)
+        guess = np.stack([rough.x, rough.v])
+        size = np.sqrt(np.mean(guess**2, axis=2))
+        seen = size.max(axis=1, keepdims=True)  # of the masses with sensors
+        prior = _PRIOR * np.where(size > 0.0, size, np.where(seen > 0.0, seen, 1.0))
+        return cls(
+            record,
+            structure,
+            system,
+            theta,
+            sensor_arrays(record.responses, structure, (), ()),
+            sigma,
+            guess,
+            prior.ravel(),
+        )
+
+    def inputs(self, firsts: Indices, samples: int, refine: int) -> Inputs:
+        """Inputs at the points of all steps of some windows."""
+        steps = np.arange(samples * refine)[:, None, None]
+        index = firsts + (steps + POINTS[None, :, None]) / refine  # (J, 5, K)
+        record, structure = self.record, self.structure
+        force = base = None
+        forced = [i for i, name in enumerate(structure.mass_names) if f"force:{name}" in record.channels]
+        if forced:
+            force = np.zeros((samples * refine, len(POINTS), structure.size, len(firsts)))
+            for i in forced:
+                force[:, :, i] = _at(record, f"force:{structure.mass_names[i]}", index)[0]
+        if np.any(structure.base_incidence):
+            base = np.stack(_at(record, f"x:{BASE}", index), axis=2)
+        return Inputs(force, base)
+
+    def run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
+        """The motion from states (2, n, K)."""
+        step = np.full(nodes.shape[-1], self.record.step / refine)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return flow(self.system.at(self.theta), nodes, step, samples * refine, inputs)
+
+    def shown(self, orbit: Trajectories, refine: int) -> Floats:
+        """(M, C, K) what the sensors show along an orbit."""
+        every = slice(None, len(orbit.middle_links), refine)
+        motion = {
+            X: orbit.states[every, 0],
+            V: orbit.states[every, 1] * (refine * self.record.rate),
+            A: orbit.accelerations[every],
+        }
+        pairs = zip(self.sensors.kind, self.sensors.mass, strict=True)
+        return np.stack([motion[int(kind)][:, mass] for kind, mass in pairs], axis=1)
+
+    def slopes(self, orbit: Trajectories, refine: int) -> Floats:
+        """(K, M C, 2 n + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit."""
+        step = np.full(orbit.states.shape[-1], self.record.step / refine)
+        unit = theta_unit(self.theta)
+        rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2}
+        rows = []
+        for number, (state, acceleration) in enumerate(
+            tangents(self.system.at(self.theta), orbit, step, self.prior, unit)
+        ):
+            if acceleration is None or number % refine:
+                continue
+            motion = {X: state[0], V: state[1], A: acceleration}
+            for kind, mass in zip(self.sensors.kind, self.sensors.mass, strict=True):
+                rows.append(motion[int(kind)][mass].T * rates[int(kind)])
+        return np.stack(rows, axis=1).astype(float)
+
+    def refinement(self, firsts: Indices, samples: int) -> int:
+        """Steps per sample that keep the error of the flow well below the noise."""
+        some = firsts[:: max(1, len(firsts) // _TESTED)]
+        most = min(samples, 64)
+
+        def shown(refine: int) -> Floats:
+            return self.shown(
+                self.run(self.guess[..., some], self.inputs(some, most, refine), most, refine), refine
+            )
+
+        refine, coarse = 1, shown(1)
+        while refine < _MAX_REFINEMENT:
+            fine = shown(2 * refine)
+            change = (fine - coarse) / self.sigma[:, None]
+            if np.isfinite(change).all() and np.sqrt(np.mean(change**2)) < _FLOW_ERROR:
+                break
+            refine, coarse = 2 * refine, fine
+        return refine
+
+
+def theta_unit(theta: Floats) -> Floats:
+    """(p,) units of parameters, their size."""
+    return np.where(theta != 0.0, np.abs(theta), 1.0)
+
+
+def _at(record: Record, name: str, index: Floats) -> tuple[Floats, Floats]:
+    """Value and rate of an input at fractional samples; held behind the last one."""
+    values = record.channel(name)
+    signal = Sampled(0.0, record.rate, values, band_limited=len(values) > _BAND_LIMITED)
+    time = index / record.rate
+    inside = np.minimum(time, signal.end)
+    return signal.value(inside), np.where(time <= signal.end, signal.derivative(inside), 0.0)
+
+
+def _predicted(
+    setup: _Setup, firsts: Indices, lengths: tuple[int, int, int], root: Floats, law_error: float
+) -> tuple[Floats, ...]:
+    """The fields of `WindowPrediction` for some windows; `lengths` are burn, samples, refine."""
+    burn, samples, refine = lengths
+    K, m = len(firsts), len(setup.prior)
+    inputs = setup.inputs(firsts, samples, refine)
+    nodes = setup.guess[..., firsts].copy()
+    observed = _observed(setup, firsts, burn)
+    fitted = min(_FIRST, burn)
+    while True:
+        part = Inputs(*(None if a is None else a[: fitted * refine] for a in (inputs.force, inputs.base)))
+        most = _ITERATIONS if fitted == burn else _ROUGH_ITERATIONS
+        nodes = _fitted_states(setup, nodes, part, observed[:fitted], (refine, most))
+        if fitted == burn:
+            break
+        fitted = min(_GROWTH * fitted, burn)
+    orbit = setup.run(nodes, inputs, samples, refine)
+    slopes = setup.slopes(orbit, refine)
+    C = len(setup.sigma)
+    weight = np.isfinite(observed).transpose(2, 0, 1) / setup.sigma
+    head = slopes[:, : burn * C] * weight.reshape(K, burn * C, 1)
+    information = head[..., :m].transpose(0, 2, 1) @ head[..., :m] + np.eye(m)
+    follow = -np.linalg.solve(information, head[..., :m].transpose(0, 2, 1) @ head[..., m:])
+    state_root = np.linalg.inv(np.linalg.cholesky(information)).transpose(0, 2, 1)
+    by_state = np.sum((slopes[..., :m] @ state_root) ** 2, axis=2)
+    unit_root = root / theta_unit(setup.theta)[:, None]
+    total = slopes[..., m:] + slopes[..., :m] @ follow
+    by_theta = np.sum((total @ unit_root) ** 2, axis=2)
+    shape = (K, samples, C)
+    return (
+        setup.shown(orbit, refine),
+        by_state.reshape(shape).transpose(1, 2, 0),
+        by_theta.reshape(shape).transpose(1, 2, 0),
+        _by_laws(setup, nodes, inputs, orbit, (samples, refine, law_error)),
+        _motion(setup, orbit, refine),
+        nodes,
+        setup.prior[:, None] * state_root,
+        setup.prior[:, None] * follow / theta_unit(setup.theta),
+    )
+
+
+def _motion(setup: _Setup, orbit: Trajectories, refine: int) -> Floats:
+    states = orbit.states[: len(orbit.middle_links) : refine].copy()
+    states[:, 1] *= refine * setup.record.rate
+    return states
+
+
+def _by_laws(
+    setup: _Setup, nodes: Floats, inputs: Inputs, orbit: Trajectories, size: tuple[int, int, float]
+) -> Floats:
+    """(M, C, K) squares of what forces of the links that are off by a part of themselves change, mass after mass."""
+    samples, refine, law_error = size
+    shown = setup.shown(orbit, refine)
+    variance = np.zeros_like(shown)
+    if law_error == 0.0:
+        return variance
+    ends, middles = orbit.accelerations, orbit.middle_accelerations
+    at = POINTS[None, :, None, None]
+    first, last, middle = ends[:-1, None], ends[1:, None], middles[:, None]
+    acceleration = first * (1 - at) * (1 - 2 * at) + middle * 4 * at * (1 - at) + last * at * (2 * at - 1)
+    masses = setup.system.at(setup.theta).masses
+    applied = np.zeros_like(acceleration) if inputs.force is None else inputs.force
+    for mass in range(len(masses)):
+        force = applied.copy()
+        force[:, :, mass] += law_error * (masses[mass] * acceleration[:, :, mass] - applied[:, :, mass])
+        changed = setup.run(nodes, Inputs(force, inputs.base), samples, refine)
+        variance += (setup.shown(changed, refine) - shown) ** 2
+    return variance
+
+
+def _observed(setup: _Setup, firsts: Indices, burn: int) -> Floats:
+    """(burn, C, K) samples of the responses, NaN where they are missing."""
+    values = setup.record.select(setup.record.responses).values
+    index = firsts + np.arange(burn)[:, None]
+    return np.asarray(values[index].transpose(0, 2, 1))
+
+
+def _fitted_states(
+    setup: _Setup, nodes: Floats, inputs: Inputs, observed: Floats, effort: tuple[int, int]
+) -> Floats:
+    """(2, n, K) states that fit samples (B, C, K) best from given ones, by damped Gauss-Newton steps in each window."""
+    refine, most = effort
+    samples, C, K = observed.shape
+    m, prior = len(setup.prior), setup.prior
+    present = np.isfinite(observed)
+    data = np.where(present, observed, 0.0)
+    centre = nodes.reshape(m, K).copy()
+    damping = np.full(K, 1e-3)
+
+    def misfit(states: Floats) -> tuple[Trajectories, Floats, Floats]:
+        orbit = setup.run(states.reshape(2, -1, K), inputs, samples, refine)
+        left = np.where(present, data - setup.shown(orbit, refine), 0.0) / setup.sigma[:, None]
+        away = (states - centre) / prior[:, None]
+        cost = np.sum(left**2, axis=(0, 1)) + np.sum(away**2, axis=0)
+        return orbit, left, np.where(np.isfinite(cost), cost, np.inf)
+
+    states = centre.copy()
+    orbit, left, cost = misfit(states)
+    for _ in range(most):
+        slopes = setup.slopes(orbit, refine)[..., :m]
+        weight = present.transpose(2, 0, 1) / setup.sigma
+        rows = slopes * weight.reshape(K, samples * C, 1)
+        normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
+        right = np.einsum("kri,kr->ki", rows, left.transpose(2, 0, 1).reshape(K, -1))
+        right -= ((states - centre) / prior[:, None]).T
+        valid = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+        normal[~valid], right[~valid] = np.eye(m), 0.0
+        diagonal = np.einsum("kii->ki", normal)
+        damped = normal.copy()
+        damped[:, range(m), range(m)] += damping[:, None] * diagonal
+        step = np.linalg.solve(damped, right[..., None])[..., 0]
+        trial = states + (prior * step).T
+        new_orbit, new_left, new_cost = misfit(trial)
+        better = new_cost < cost
+        states = np.where(better, trial, states)
+        damping = np.where(better, damping / 10.0, damping * 10.0)
+        size = np.einsum("ki,kij,kj->k", step, normal, step)  # squared, in standard errors
+        if np.all((size < _SETTLED) | ~valid):
+            break
+        cost = np.where(better, new_cost, cost)
+        if better.all():
+            orbit, left = new_orbit, new_left
+        else:
+            orbit, left, cost = misfit(states)
+    return states.reshape(2, -1, K)

@@ -1,0 +1,151 @@
+"""A record beside its prediction, and the difference over time."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from linkwise.identification.validation.result import Validation
+from linkwise.plot.downsample import envelope
+from linkwise.plot.palette import IDENTIFIED, MEASURED, VISITED, WELL, scale
+from linkwise.plot.style import axes_for, axes_inches, legend_below, literal, sheet, wrapped
+
+_MOST = 6  # channels that still can be read on one page
+
+
+def prediction(validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw a channel as measured and as predicted over time.
+
+    Parameters
+    ----------
+    validation : Validation
+        An answer of `linkwise.validate`.
+    channel : str
+        A response of its record.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s, and the channel in the unit on the axis; the burn is shaded.
+
+    Raises
+    ------
+    RecordError
+        If there is no such channel.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> lw.plot.prediction(lw.validate(record, chain), "x:m1").get_xlabel()
+    'time, s'
+    """
+    record = validation.record
+    measured, predicted = record.channel(channel), validation.predicted.channel(channel)
+    factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), record.unit(channel))
+    with axes_for(ax) as axes:
+        axes.plot(*envelope(record.time, measured * factor), color=MEASURED, linewidth=1.6, label="measured")
+        axes.plot(
+            *envelope(record.time, predicted * factor), color=IDENTIFIED, linewidth=0.7, label="predicted"
+        )
+        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+        if legend:
+            axes.legend()
+    return axes
+
+
+def prediction_error(
+    validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw measured less predicted over time, on a band of twice its expected standard deviation.
+
+    Parameters
+    ----------
+    validation : Validation
+        An answer of `linkwise.validate`.
+    channel : str
+        A response of its record.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s, and the error in the unit on the axis; the burn is shaded.
+
+    Raises
+    ------
+    RecordError
+        If there is no such channel.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> lw.plot.prediction_error(lw.validate(record, chain), "x:m1").get_xlabel()
+    'time, s'
+    """
+    record = validation.record
+    error = record.channel(channel) - validation.predicted.channel(channel)
+    deviation = validation.deviation.channel(channel)
+    largest = float(np.nanmax(np.abs(error), initial=0.0))
+    factor, unit = scale(largest, record.unit(channel))
+    time, upper = envelope(record.time, 2.0 * deviation * factor)
+    with axes_for(ax) as axes:
+        for side in (-upper, upper):
+            axes.plot(time, side, color=WELL, linewidth=0.8, zorder=4, label="expected, 2 deviations")
+        axes.plot(
+            *envelope(record.time, error * factor), color=IDENTIFIED, linewidth=0.5, zorder=3, label="error"
+        )
+        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+        span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
+        axes.set_ylim(-span, span)
+        if legend:
+            axes.legend()
+    return axes
+
+
+def prediction_figure(validation: Validation) -> Figure:
+    """Measured and predicted channels over time, one below the other."""
+    return _strips(validation, prediction, "measured and predicted")
+
+
+def prediction_error_figure(validation: Validation) -> Figure:
+    """The errors of the channels over time, one below the other."""
+    return _strips(validation, prediction_error, "measured less predicted")
+
+
+def _strips(validation: Validation, draw: object, title: str) -> Figure:
+    assert callable(draw)
+    names = list(validation.channels)[:_MOST]
+    hidden = len(validation.channels) - len(names)
+    with sheet(len(names), height=1.3 + 1.15 * len(names), share_time=True) as (figure, strips):
+        for axes, name in zip(strips, names, strict=True):
+            draw(validation, name, legend=False, ax=axes)
+            axes.label_outer()
+        more = f" ({hidden} more channels not shown)" if hidden else ""
+        strips[0].set_title(wrapped(f"{title}{more}", axes_inches(strips[0])[0]))
+        figure.align_ylabels()
+        legend_below(figure, strips[0])
+    return figure
+
+
+def _frame(axes: Axes, validation: Validation, name: str) -> None:
+    record = validation.record
+    axes.axvspan(
+        record.time[0], record.time[0] + validation.burn, color=VISITED, zorder=0, label="not scored"
+    )
+    axes.set_ylabel(name)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.set_xlim(record.time[0], record.time[-1])
+    axes.set_xlabel("time, s")

@@ -1,0 +1,56 @@
+"""The result folder of `validate`: numbers, the prediction, figures and a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from linkwise.atomic import VALIDATION
+from linkwise.files import write_record
+from linkwise.identification.validation.result import Validation
+from linkwise.model.toml_file import write_structure
+from linkwise.progress import Progress, silent
+from linkwise.report.result_folder import ResultFolder
+from linkwise.report.section import Reported, sections_of
+from linkwise.report.validation_json import validation_of
+from linkwise.report.validation_page import SECTIONS, validation_page
+
+
+def write_validation(found: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
+    """Write a validation into a folder: validation.json, structure.toml, predicted.csv, figures and report.html.
+
+    Parameters
+    ----------
+    found : Validation
+        What `validate` returned.
+    folder : path-like
+        The folder. An earlier result of `validate` in it is replaced when the new one is complete.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+    """
+    return VALIDATION_FOLDER.write(found, folder, progress=progress)
+
+
+def _write_data(reported: Reported[Validation], folder: Path) -> None:
+    """The structure, and the responses as it predicts them, empty where they are not scored."""
+    write_structure(reported.result.structure, folder / "structure.toml")
+    write_record(reported.result.predicted, folder / "predicted.csv")
+
+
+VALIDATION_FOLDER: ResultFolder[Validation] = ResultFolder(
+    mark=VALIDATION,
+    document=lambda found, _: validation_of(found),
+    data=_write_data,
+    figures=lambda reported: sections_of(SECTIONS, reported),
+    page=validation_page,
+)
+"""What `validate` hands over."""

@@ -1,0 +1,139 @@
+"""The page of a validation: verdict, scores, and where the prediction fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+
+from linkwise.identification.validation.result import Validation
+from linkwise.identification.validation.text import (
+    CHANNEL_HEAD,
+    COEFFICIENT_HEAD,
+    channel_rows,
+    coefficient_rows,
+    headline,
+)
+from linkwise.lazy import LazyFunction
+from linkwise.registry import Registry
+from linkwise.report.section import Build, Reported, Section, sections_of
+from linkwise.report.sheet import sheet
+
+if TYPE_CHECKING:
+    from linkwise.plot import (
+        prediction_error_figure,
+        prediction_figure,
+        prediction_profile_figure,
+        prediction_spectrum_figure,
+    )
+else:  # matplotlib loads where a figure is drawn, which may be another process
+    prediction_figure = LazyFunction("linkwise.plot", "prediction_figure")
+    prediction_error_figure = LazyFunction("linkwise.plot", "prediction_error_figure")
+    prediction_profile_figure = LazyFunction("linkwise.plot", "prediction_profile_figure")
+    prediction_spectrum_figure = LazyFunction("linkwise.plot", "prediction_spectrum_figure")
+
+
+def _scores(reported: Reported[Validation]) -> Section:
+    """The scores of the channels, and the record against the prediction."""
+    found = reported.result
+    record = found.record
+    return Section(
+        "Prediction",
+        [
+            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+            f"{record.time[-1]:g} s. RMSE is the root mean square of measured less predicted; allowed is what noise and the "
+            "errors of the answer exceed in one record of a thousand. One step is the error of predictions one sample ahead. "
+            "NMSE is the squared RMSE over the variance of the measured samples, fit is 100 % less its root."
+        ],
+        items=record.notes,
+        rows=[CHANNEL_HEAD, *channel_rows(found)],
+        figure=partial(prediction_figure, found),
+        interactive=True,
+    )
+
+
+def _findings(reported: Reported[Validation]) -> Section | None:
+    """What disagrees."""
+    findings = reported.result.findings
+    return Section("Findings", items=findings) if findings else None
+
+
+def _error(reported: Reported[Validation]) -> Section:
+    """The error over time."""
+    return Section(
+        "Error over time",
+        [
+            "The band is twice the standard deviation that noise and the errors of the answer give the difference."
+        ],
+        figure=partial(prediction_error_figure, reported.result),
+        interactive=True,
+    )
+
+
+def _profiles(reported: Reported[Validation]) -> Section:
+    """The error over the motion of the links."""
+    return Section(
+        "Where in the motion it fails",
+        [
+            "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
+            "of the links along the predicted motion."
+        ],
+        figure=partial(prediction_profile_figure, reported.result),
+    )
+
+
+def _spectra(reported: Reported[Validation]) -> Section | None:
+    """The error over frequency, where the record is long enough."""
+    if not reported.result.spectra:
+        return None
+    return Section(
+        "Error over frequency",
+        [
+            "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
+        ],
+        figure=partial(prediction_spectrum_figure, reported.result),
+    )
+
+
+def _coefficients(reported: Reported[Validation]) -> Section | None:
+    """The coefficients estimated again from this record, where the answer has a covariance."""
+    found = reported.result
+    if not found.coefficients:
+        return None
+    limit = found.coefficients[0].limit
+    return Section(
+        "Coefficients",
+        [
+            "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
+            f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
+        ],
+        rows=[COEFFICIENT_HEAD, *coefficient_rows(found)],
+    )
+
+
+SECTIONS: Registry[Build[Validation]] = Registry(
+    "section",
+    {
+        "prediction": _scores,
+        "findings": _findings,
+        "error": _error,
+        "motion": _profiles,
+        "spectrum": _spectra,
+        "coefficients": _coefficients,
+    },
+)
+"""The sections of a validation, in order; the name of a section is that of its figure's files."""
+
+
+def validation_page(reported: Reported[Validation], pictures: Mapping[str, Markup]) -> str:
+    """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
+    found = reported.result
+    return sheet(
+        found.structure,
+        sections_of(SECTIONS, reported),
+        pictures,
+        verdict=headline(found),
+        trusted=found.trusted,
+    )

@@ -1,0 +1,223 @@
+"""Validation: predictions of simulated records by the truth, by estimates and by wrong structures."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from problems import chain_record
+
+import linkwise as lw
+
+
+def oscillator(k: float = 900.0, k3: float = 2e6, c: float = 2.0) -> lw.Structure:
+    given = {name: lw.Coefficient.number(value) for name, value in {"k": k, "k3": k3, "c": c}.items()}
+    link = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d + k3*d**3 + c*v"), given)
+    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
+
+
+def forced(
+    structure: lw.Structure, seed: int, snr: float = 40.0, sensors: tuple[str, ...] = ("x",)
+) -> lw.Record:
+    force = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
+    record = lw.simulate(structure, forces={"m1": force}, duration=4.0, rate=500.0, sensors=sensors)
+    return record.with_noise(snr, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def answer() -> lw.Estimate:
+    estimate = lw.identify(forced(oscillator(), 1), oscillator().unknown("all"))
+    assert estimate.trusted
+    return estimate
+
+
+@pytest.fixture(scope="module")
+def agreeing(answer: lw.Estimate) -> lw.Validation:
+    return lw.validate(forced(oscillator(), 2)[300:], answer)
+
+
+# --- the truth, and estimates of it
+
+
+@pytest.mark.parametrize("sensors", [("x",), ("v",), ("a",), ("x", "a")])
+def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
+    """Errors are as large as the noise that was added: of 1600 samples, to 4 standard deviations of 1/sqrt(2 N)."""
+    record = forced(oscillator(), 3, sensors=sensors)[217:]
+    found = lw.validate(record, oscillator())
+    assert found.free_run and found.trusted and found.windows == 1
+    clean = forced(oscillator(), 3, 300.0, sensors)[217:]
+    for name, score in found.channels.items():
+        noise = np.std(record.channel(name) - clean.channel(name))
+        assert score.rmse == pytest.approx(noise, rel=4 / np.sqrt(2 * score.samples))
+        assert score.expected >= score.noise
+        measured = record.channel(name)[-score.samples :]
+        assert score.nmse_percent == pytest.approx(100 * score.rmse**2 / np.var(measured), rel=1e-12)
+        assert score.fit_percent == pytest.approx(100 - 10 * np.sqrt(score.nmse_percent), rel=1e-12)
+        assert score.one_step_rmse == pytest.approx(score.one_step_expected, rel=0.1)
+
+
+def test_an_estimate_predicts_another_record(agreeing: lw.Validation) -> None:
+    """Three coefficients, estimated again from the other record, lie within the limits of their joint test."""
+    assert agreeing.verdicts == (lw.Verdict.PREDICTION_AGREES,)
+    assert [each.name for each in agreeing.coefficients] == ["spring.k", "spring.k3", "spring.c"]
+    assert all(each.agrees for each in agreeing.coefficients)
+    assert agreeing.findings == ()
+    assert agreeing.burn == pytest.approx(85 / 500.0, rel=1e-12)  # 5 % of 1701 samples
+    text = str(agreeing)
+    assert text.startswith("The prediction agrees") and "spring.k3" in text and "One free run" in text
+    assert agreeing._repr_html_().startswith("<div")
+
+
+def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
+    record = forced(oscillator(), 2)
+    wide = lw.Posterior.of(answer)
+    wide = replace(wide, covariance=100.0 * wide.covariance)
+    exact, with_errors = lw.validate(record, answer.structure), lw.validate(record, wide)
+    assert with_errors.channels["x:m1"].expected > exact.channels["x:m1"].expected
+    assert with_errors.channels["x:m1"].rmse == exact.channels["x:m1"].rmse
+    assert not exact.coefficients and with_errors.coefficients
+
+
+def test_expected_errors_are_those_that_occur() -> None:
+    """Over 10 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
+    truth = oscillator()
+    ratios = []
+    for seed in range(10):
+        found = lw.validate(forced(truth, seed, 20.0)[:600], truth, burn=0.1)
+        deviation = found.deviation.values
+        error = found.record.channel("x:m1")[:, None] - found.predicted.values
+        ratios.append(np.nanmean((error / deviation) ** 2))
+    assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios) / np.sqrt(len(ratios))
+
+
+def test_a_stated_model_error_is_allowed_for() -> None:
+    """A spring 0.5 % too stiff disagrees, unless the laws are known to leave 0.5 % of the forces."""
+    record = forced(oscillator(), 2, 60.0)
+    off = oscillator(k=904.5)
+    assert lw.validate(record, off).verdicts == (lw.Verdict.PREDICTION_DISAGREES,)
+    told = lw.validate(record, off, model_error=0.005)
+    assert told.trusted and told.model_error == 0.005
+
+
+# --- what must be refused
+
+
+def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
+    """A record of a stiffer spring: the prediction is off, k is named, and the error is placed in the motion."""
+    found = lw.validate(forced(oscillator(k=990.0), 2), answer)
+    assert not found.trusted and found.status == "prediction disagrees"
+    assert not found.channels["x:m1"].agrees
+    assert [each.name for each in found.coefficients if not each.agrees] == ["spring.k"]
+    assert any("spring.k: this record alone gives" in finding for finding in found.findings)
+    assert any("Over d of spring the error is largest" in finding for finding in found.findings)
+
+
+def test_the_error_is_found_where_the_law_is_wrong() -> None:
+    """Without its cubic term a spring fails at large d: the outer bins have more error than the inner ones."""
+    found = lw.validate(forced(oscillator(k3=2e7), 2, 60.0), oscillator(k3=1.9e7))
+    d = next(profile for profile in found.profiles if profile.quantity == "d of spring")
+    assert d.samples.sum() == found.channels["x:m1"].samples
+    total = np.nansum(d.samples * (d.error_percent / 100) ** 2) / d.samples.sum()
+    assert total == pytest.approx(
+        (found.channels["x:m1"].rmse / np.std(found.record.channel("x:m1"))) ** 2, rel=1e-9
+    )
+
+
+# --- chaos
+
+
+def test_a_chaotic_chain_is_predicted_in_windows() -> None:
+    record = chain_record(4)[:2000].with_noise(30.0, seed=2)
+    found = lw.validate(record, lw.bnes_chain(4), burn=0.1)
+    assert not found.free_run and found.windows > 8 and found.trusted
+    assert found.window is not None and found.window < record.duration / 8
+    assert "is chaotic" in str(found)
+    for score in found.channels.values():
+        assert 1.0 - 4 / np.sqrt(2 * score.samples) < score.rmse / score.noise < 2.0
+    wrong = lw.validate(record, lw.bnes_chain(4).with_values({"nes1.beta": 1.1e6}), burn=0.1)
+    assert wrong.verdicts == (lw.Verdict.PREDICTION_DISAGREES,)
+
+
+# --- data as they are
+
+
+def test_gaps_and_spare_channels_are_left_out() -> None:
+    record = forced(oscillator(), 2)
+    values = record.values.copy()
+    column = record.channels.index("x:m1")
+    values[700:760, column] = np.nan
+    values[::7, column] = np.nan
+    spare = np.column_stack([values, np.zeros(len(record))])
+    messy = lw.Record(record.start, record.rate, (*record.channels, "x:m9"), spare)
+    found = lw.validate(messy, oscillator())
+    assert found.trusted and list(found.channels) == ["x:m1"]
+    assert found.channels["x:m1"].samples == int(np.isfinite(values[100:, column]).sum())
+
+
+@pytest.mark.parametrize(
+    ("burn", "message"),
+    [(3.99, "leaves 6 of 2001 samples"), (-1.0, "burn must be a positive time"), (1e-4, "needs 2 at least")],
+)
+def test_a_burn_that_leaves_too_little_is_refused(burn: float, message: str) -> None:
+    with pytest.raises(lw.RecordError, match=message) as caught:
+        lw.validate(forced(oscillator(), 2), oscillator(), burn=burn)
+    assert caught.value.arguments == ("burn",)
+
+
+def test_records_that_do_not_fit_the_structure_are_refused() -> None:
+    record = forced(oscillator(), 2)
+    with pytest.raises(lw.RecordError, match="no response of m1"):
+        lw.validate(record.select(["force:m1"]), oscillator())
+    other = lw.Record(0.0, 500.0, ("force:m7", "x:m1"), np.ones((400, 2)))
+    with pytest.raises(lw.RecordError, match="acts on no mass"):
+        lw.validate(other, oscillator())
+    values = record.values.copy()
+    values[5, record.channels.index("force:m1")] = np.nan
+    with pytest.raises(lw.RecordError, match="an input drives the motion"):
+        lw.validate(replace(record, values=values), oscillator())
+    with pytest.raises(lw.StructureError, match=r"spring\.k is unknown"):
+        lw.validate(record, oscillator().unknown("spring.k"))
+    with pytest.raises(lw.IdentificationError, match="model_error must be 0 or"):
+        lw.validate(record, oscillator(), model_error=-0.1)
+
+
+def test_an_untrusted_estimate_is_taken_as_exact() -> None:
+    wrong = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d"), {"k": lw.Coefficient.unknown()})
+    structure = lw.Structure("linear", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (wrong,))
+    estimate = lw.identify(forced(oscillator(), 1), structure)
+    assert not estimate.trusted
+    found = lw.validate(forced(oscillator(), 2), estimate)
+    assert not found.trusted and not found.coefficients
+    assert any("taken as exact" in remark for remark in found.remarks)
+
+
+# --- folders
+
+
+def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validation, tmp_path: Path) -> None:
+    """What was written and read gives the same scores, to the digits of the structure file."""
+    folder = lw.write_result(answer, tmp_path / "answer")
+    found = lw.validate(forced(oscillator(), 2)[300:], folder)
+    assert found.channels["x:m1"].rmse == pytest.approx(agreeing.channels["x:m1"].rmse, rel=1e-8)
+    assert len(found.coefficients) == 3
+    (folder / "covariance.csv").unlink()
+    bare = lw.validate(forced(oscillator(), 2)[300:], folder)
+    assert not bare.coefficients and "taken as exact" in bare.remarks[0]
+    with pytest.raises(lw.StructureError, match=r"there is no structure\.toml"):
+        lw.validate(forced(oscillator(), 2), tmp_path)
+
+
+def test_the_folder_holds_numbers_figures_and_page(agreeing: lw.Validation, tmp_path: Path) -> None:
+    folder = lw.write_validation(agreeing, tmp_path / "validation")
+    document = json.loads((folder / "validation.json").read_text())
+    assert document["channels"]["x:m1"]["rmse"] == agreeing.channels["x:m1"].rmse
+    assert document["free_run"] is True and document["burn"] == agreeing.burn
+    names = {"prediction", "error", "motion", "spectrum"}
+    assert {f"{name}.{end}" for name in names for end in ("png", "svg")} < set(document["files"])
+    predicted = lw.read_record(folder / "predicted.csv")
+    assert np.nanmax(np.abs(predicted.values - agreeing.predicted.values)) < 1e-8
+    page = (folder / "report.html").read_text()
+    assert "spring.k3" in page and "Where in the motion" in page
