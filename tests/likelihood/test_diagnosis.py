@@ -39,10 +39,11 @@ FAULTS = {
     "delay": (delayed(0.5), 0.5e-3, 1e-3),
     "offset": (lambda x, record: x + 5e-4, 5e-4, 1e-2),
     "drift": (
-        lambda x, record: x + 1e-3 * (record.time / record.time[-1] - 0.5),
+        lambda x, record: x + 1e-3 * record.time / record.time[-1],
         1e-3,
         1e-2,
     ),
+    "crosstalk": (lambda x, record: x + 0.05 * record.channel("x:m1"), 0.05, 1.0),
 }
 
 

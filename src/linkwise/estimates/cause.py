@@ -12,8 +12,8 @@ class Cause:
     Attributes
     ----------
     kind : str
-        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` of a channel, ``"mass"``, ``"force gain"`` or ``"force delay"``
-        of an applied force, or a missing ``"term"`` of a link.
+        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, ``"mass"``, ``"force gain"`` or
+        ``"force delay"`` of an applied force, or a missing ``"term"`` of a link.
     where : str
         The channel, mass or link.
     size : float
@@ -26,6 +26,8 @@ class Cause:
         Of `size`.
     term : str
         The form of a missing term, else empty.
+    source : str
+        The channel that crosstalk comes from, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares.
     """
@@ -37,6 +39,7 @@ class Cause:
     gain: float
     standard_error: float
     term: str = ""
+    source: str = ""
     share: float = 0.0
 
     @property
@@ -53,6 +56,8 @@ class Cause:
                 return f"a force like {self.term} in {place} of {size:.3g} N"
             case "gain":
                 return f"a gain of {place} that is off by {100.0 * self.size:+.3g} %"
+            case "crosstalk":
+                return f"{100.0 * self.size:+.3g} % of {self.source} in {place}"
             case "mass":
                 return f"a mass of {place} that is off by {100.0 * self.size:+.3g} %"
             case "force gain":

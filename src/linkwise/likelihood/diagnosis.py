@@ -28,11 +28,19 @@ _TERMS = tuple(
     map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
 )
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a cause beside the coefficients of the laws
-_RELATIVE = ("gain", "mass", "force gain")
+_RELATIVE = ("gain", "crosstalk", "mass", "force gain")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
 _LINKS = 40  # that are tested, in the structure's order
 _CHANCE = 25.0  # square of the standard errors that one cause reaches by chance once in 1.7 million
-_UNITS = {"gain": "1", "delay": "s", "mass": "1", "force gain": "1", "force delay": "s", "term": "N"}
+_UNITS = {
+    "gain": "1",
+    "crosstalk": "1",
+    "delay": "s",
+    "mass": "1",
+    "force gain": "1",
+    "force delay": "s",
+    "term": "N",
+}
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,7 @@ class _Hypothesis:
     where: str
     unit: str
     term: str = ""
+    source: str = ""
 
 
 def diagnose(
@@ -64,8 +73,15 @@ def _diagnosed(
     errors = SensorErrors.of(optimum.segments, misfit)
     curvature, slope = widened(optimum, misfit, pushes, errors)
     hypotheses += [
-        _Hypothesis(kind, channels[channel], _UNITS.get(kind) or Channel.parse(channels[channel]).unit)
-        for kind, channel in zip(errors.kind, errors.channel.tolist(), strict=True)
+        _Hypothesis(
+            kind,
+            channels[channel],
+            _UNITS.get(kind) or Channel.parse(channels[channel]).unit,
+            source="" if other < 0 else channels[other],
+        )
+        for kind, channel, other in zip(
+            errors.kind, errors.channel.tolist(), errors.other.tolist(), strict=True
+        )
     ]
     units = np.concatenate([units, np.ones(len(errors.kind))])
     gains, sizes, deviations = _single_tests(curvature, slope, optimum.segments.system.parameters.size)
@@ -93,6 +109,7 @@ def _cause(
         gain=float(gain),
         standard_error=float(deviation),
         term=hypothesis.term,
+        source=hypothesis.source,
         share=abs(float(size)) / force if force > 0.0 else 0.0,
     )
 

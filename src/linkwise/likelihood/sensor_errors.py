@@ -11,7 +11,8 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import A, Segments, V, X
 
-KINDS = ("gain", "offset", "drift", "delay")
+KINDS = ("gain", "offset", "drift", "delay", "crosstalk")
+_COUPLED = 8  # channels up to which crosstalk between every two of them is tested
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,23 +20,37 @@ class SensorErrors:
     """c errors of unit size: `channel` (c,), `kind` (c,) one of KINDS, and `values` (M, c, K) what they add to its samples.
 
     A gain is relative, an offset in the unit of the channel, a drift the change from the start of a record to its end, a
-    delay in s.
+    delay in s, crosstalk the part of the channel number `other` (c,), of the same unit, that is seen as well; -1 for the rest.
     """
 
     channel: Indices
     kind: tuple[str, ...]
+    other: Indices
     values: Floats
 
     @classmethod
     def of(cls, segments: Segments, misfit: Misfit) -> SensorErrors:
         """All kinds of errors of all channels along the fitted motion."""
         ramp = _ramp(segments)
-        values: list[Floats] = []
-        for kind, mass in zip(segments.sensors.kind, segments.sensors.mass, strict=True):
-            shown, rate = _motion(segments, misfit, int(kind), int(mass))
-            values += [shown, np.ones_like(shown), ramp, -rate]
-        channels = len(segments.sensors.kind)
-        return cls(np.repeat(np.arange(channels), len(KINDS)), KINDS * channels, np.stack(values, axis=1))
+        sensors = segments.sensors
+        motions = [
+            _motion(segments, misfit, int(kind), int(mass))
+            for kind, mass in zip(sensors.kind, sensors.mass, strict=True)
+        ]
+        rows = [
+            (channel, kind, -1, value)
+            for channel, (shown, rate) in enumerate(motions)
+            for kind, value in zip(KINDS, (shown, np.ones_like(shown), ramp, -rate), strict=False)
+        ]
+        if len(motions) <= _COUPLED:
+            rows += [
+                (one, "crosstalk", other, motions[other][0])
+                for one in range(len(motions))
+                for other in range(len(motions))
+                if one != other and sensors.kind[one] == sensors.kind[other]
+            ]
+        channel, kind, other, values = zip(*rows, strict=True)
+        return cls(np.array(channel), kind, np.array(other), np.stack(values, axis=1))
 
 
 def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
@@ -54,10 +69,10 @@ def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[F
 
 
 def _ramp(segments: Segments) -> Floats:
-    """(M, K) from -1/2 at the start of each chain of segments to 1/2 at its end."""
+    """(M, K) from 0 at the start of each chain of segments to 1 at its end."""
     M, K = len(segments.samples), segments.count
     edges = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1, [K]])
     ramp = np.empty((K, M))
     for first, last in pairwise(edges.tolist()):
-        ramp[first:last] = np.linspace(-0.5, 0.5, (last - first) * M).reshape(-1, M)
+        ramp[first:last] = np.linspace(0.0, 1.0, (last - first) * M).reshape(-1, M)
     return ramp.T
