@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from linkwise.inspection.channel_signal import ChannelSignal
+from linkwise.inspection.kinematics import KinematicFit, kinematic_fits
 from linkwise.records.record import Record
 from linkwise.signals.noise import noise_sigma
 
@@ -38,3 +40,8 @@ class RecordSignals:
     def responses(self) -> tuple[ChannelSignal, ...]:
         """Channels of masses that are not constant."""
         return tuple(each for each in self.moving if not each.is_input)
+
+    @cached_property
+    def kinematics(self) -> tuple[KinematicFit, ...]:
+        """How channels of one place follow from each other."""
+        return tuple(kinematic_fits(self.moving))

@@ -126,6 +126,22 @@ class Inspection(NotebookView):
         listed = ", ".join(dict.fromkeys(each.name for each in self.channels))
         raise RecordError(f"is not in the record; the channels are {listed}", channel=name)
 
+    def channels_of(self, number: int) -> tuple[ChannelSummary, ...]:
+        """What the channels of one record hold.
+
+        Parameters
+        ----------
+        number : int
+            Place of the record in `records`, from 0.
+
+        Returns
+        -------
+        tuple of ChannelSummary
+            One for each channel.
+        """
+        label = labels(self.records)[number]
+        return tuple(each for each in self.channels if each.record == label)
+
     def to_dict(self) -> dict[str, Any]:
         """The inspection as plain data.
 
@@ -146,9 +162,9 @@ class Inspection(NotebookView):
                     "rate": record.rate,
                     "start": record.start,
                     "notes": list(record.notes),
-                    "channels": {each.name: each.to_dict() for each in self.channels if each.record == label},
+                    "channels": {each.name: each.to_dict() for each in self.channels_of(number)},
                 }
-                for label, record in zip(labels(self.records), self.records, strict=True)
+                for number, (label, record) in enumerate(zip(labels(self.records), self.records, strict=True))
             ],
         }
 

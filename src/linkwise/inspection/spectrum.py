@@ -41,7 +41,7 @@ class Spectrogram:
         frames = (values - values.mean())[first[:, None] + np.arange(block)] * window
         power: Floats = np.abs(np.fft.rfft(frames, axis=1)) ** 2 * (2.0 / (rate * np.sum(window**2)))
         return cls(
-            np.fft.rfftfreq(block, 1.0 / rate), (first + 0.5 * block) / rate, np.asarray(power, np.float64)
+            np.linspace(0.0, block // 2 * rate / block, block // 2 + 1), (first + 0.5 * block) / rate, power
         )
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from linkwise.inspection.alert import Alert
 from linkwise.inspection.result import ChannelSummary, Inspection, labels
 from linkwise.text import align_columns, as_text
 
@@ -26,11 +27,15 @@ def headline(inspection: Inspection) -> str:
 
 def alert_lines(inspection: Inspection) -> list[str]:
     """The headline, and a line for each alert."""
-    several = len(inspection.records) > 1
     return [
         headline(inspection),
-        *(f"! {f'{alert.record}: ' if several else ''}{alert}" for alert in inspection.alerts),
+        *(f"! {alert_text(inspection, alert)}" for alert in inspection.alerts),
     ]
+
+
+def alert_text(inspection: Inspection, alert: Alert) -> str:
+    """An alert in one line, with the record where there are several."""
+    return f"{alert.record}: {alert}" if len(inspection.records) > 1 else str(alert)
 
 
 def channel_row(channel: ChannelSummary) -> tuple[str, ...]:

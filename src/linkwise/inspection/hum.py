@@ -1,0 +1,101 @@
+"""Hum of the mains: a line at 50 or 60 Hz or a harmonic that keeps its size and phase over the record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.channel_signal import ChannelSignal
+from linkwise.inspection.record_signals import RecordSignals
+
+_MAINS = (50.0, 60.0)  # Hz
+_HARMONICS = 3
+_OFF = 0.1  # Hz by which the mains may be off
+_PIECES = 16
+_QUIET = 9  # of them, those with the least motion, that are looked at
+_CYCLES = 4.0  # in a piece
+_SPREAD = 0.3  # of its size: how far the line may be from steady in a piece, root mean square
+_ABOVE = 5.0  # times the noise of a line in all pieces together
+_INPUT = 12  # harmonics of the frequency of an input that are no hum
+
+
+def hum(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of channels with a steady line of the mains."""
+    driven = [_peak(each) for each in signals.moving if each.is_input]
+    for each in signals.responses:
+        found = [
+            (frequency, size)
+            for mains in _MAINS
+            for order in range(1, _HARMONICS + 1)
+            if (frequency := order * mains) < 0.45 * each.rate
+            and not any(_is_harmonic(frequency, peak, signals.record.duration) for peak in driven)
+            and (size := _steady_line(each, frequency))
+        ]
+        if not found:
+            continue
+        lines = " and ".join(
+            f"{size:.3g} {each.channel.unit} at {frequency:g} Hz" for frequency, size in found
+        )
+        message = (
+            f"carries a line that neither grows nor decays, of {lines}: hum of the mains acts like an applied force and "
+            "biases damping; shield and ground the sensor, or subtract the line"
+        )
+        error = float(np.sqrt(0.5 * sum(size**2 for _, size in found))) / each.rms
+        yield Alert("hum", each.name, message, error)
+
+
+def _peak(signal: ChannelSignal) -> float:
+    """The frequency in Hz at which an input is strongest."""
+    power = np.abs(np.fft.rfft(signal.filled - signal.filled.mean()))
+    return float(np.argmax(power)) * signal.rate / len(signal.values)
+
+
+def _is_harmonic(frequency: float, of: float, duration: float) -> bool:
+    """Whether a line belongs to the frequency `of` of an input, or to the half or the third of it."""
+    resolution = 2.0 / duration
+    multiples = [frequency * part / max(of, resolution) for part in (1, 2, 3)]
+    return any(
+        round(each) <= _INPUT and abs(each - round(each)) * of < resolution + _OFF for each in multiples
+    )
+
+
+def _steady_line(signal: ChannelSignal, frequency: float) -> float:
+    """The amplitude of a steady line, 0 where there is none."""
+    size = len(signal.values) // _PIECES
+    if size * frequency < _CYCLES * signal.rate:
+        return 0.0
+    values = signal.filled[: size * _PIECES] - signal.seen.mean()
+    turns = np.exp(-2j * np.pi * frequency / signal.rate * np.arange(size * _PIECES))
+    window = np.hanning(size + 2)[1:-1]
+    pieces = ((values * turns).reshape(_PIECES, size) @ window) * (2.0 / window.sum())
+    middles = (np.arange(_PIECES) + 0.5) * size / signal.rate
+    offsets = np.linspace(-_OFF, _OFF, 81)
+    quiet = np.argsort(np.std(values.reshape(_PIECES, size), axis=1))[
+        :_QUIET
+    ]  # there a motion hides the line least
+    pieces, middles = pieces[quiet], middles[quiet]
+    sums = np.exp(-2j * np.pi * np.outer(offsets, middles)) @ pieces / _QUIET
+    best = int(np.argmax(np.abs(sums)))
+    amplitude = float(abs(sums[best]))
+    left = pieces * np.exp(-2j * np.pi * offsets[best] * middles) - sums[best]
+    scatter = float(np.sqrt(np.mean(np.abs(left) ** 2)))
+    noise = float(np.nan_to_num(signal.sigma)) * 2.0 * float(np.sqrt(np.sum(window**2)) / window.sum())
+    steady = (
+        scatter < _SPREAD * amplitude + 1.5 * noise and amplitude > _ABOVE * max(noise, scatter) / _QUIET**0.5
+    )
+    return amplitude if steady and _is_line(signal, frequency + offsets[best]) else 0.0
+
+
+def _is_line(signal: ChannelSignal, frequency: float) -> bool:
+    """Whether the line stands out of its neighbourhood in the spectrum of the whole record."""
+    values = signal.filled - signal.seen.mean()
+    window = np.hanning(len(values))
+    power: Floats = np.abs(np.fft.rfft(values * window)) ** 2
+    at = round(frequency * len(values) / signal.rate)
+    near = slice(max(at - 40, 1), at + 41)
+    line = power[max(at - 2, 0) : at + 3].max()
+    around = np.delete(power[near], np.arange(max(at - 4, 1) - near.start, at + 5 - near.start))
+    return bool(line > 25.0 * np.median(around))

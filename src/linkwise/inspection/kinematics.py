@@ -1,0 +1,118 @@
+"""What must hold between two channels of one place: one is a derivative of the other.
+
+Against test functions p of bounded support, integral(p v) = -integral(p' x) for v = dx/dt, without any derivative of samples.
+A gain g, a delay tau, an offset b and a slope s of the higher channel give
+
+    integral(p v) = g (-integral(p' x)) + g tau (-integral(p'' x)) + b integral(p) + s integral(p t),
+
+for small tau, and likewise for v and a, and with one more derivative for x and a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.inspection.bump import bumps, projections
+from linkwise.inspection.channel_signal import ChannelSignal
+
+_PERIODS = 1.0  # of the fastest motion that half a test function spans
+_FEWEST = 24  # test functions side by side
+_BLOCKS = 12  # of the record that are left out in turn, for standard errors
+_KINDS = "xva"
+
+
+@dataclass(frozen=True)
+class KinematicFit:
+    """How the channel `upper` follows from `lower`: each parameter with its standard error.
+
+    `delay` is in s, positive where `upper` comes late; `offset` in the unit of `upper`, `trend` in that per s, both at the
+    middle of the record; `share` is the part of the power of `upper` that this explains.
+    """
+
+    lower: ChannelSignal
+    upper: ChannelSignal
+    gain: tuple[float, float]
+    delay: tuple[float, float]
+    offset: tuple[float, float]
+    trend: tuple[float, float]
+    share: float
+
+
+def kinematic_fits(channels: Iterable[ChannelSignal]) -> Iterator[KinematicFit]:
+    """A fit for each place with two channels or more, of neighbours in displacement, velocity and acceleration."""
+    places: dict[str, list[ChannelSignal]] = {}
+    for each in channels:
+        if each.channel.kind in _KINDS:
+            places.setdefault(each.channel.mass, []).append(each)
+    for beside in places.values():
+        ordered = sorted(beside, key=lambda each: _KINDS.index(each.channel.kind))
+        for lower, upper in pairwise(ordered):
+            fit = _fit(lower, upper)
+            if fit is not None:
+                yield fit
+
+
+def _fit(lower: ChannelSignal, upper: ChannelSignal) -> KinematicFit | None:
+    """The fit of two channels; None where the record is too short or has too few complete pieces."""
+    order = _KINDS.index(upper.channel.kind) - _KINDS.index(lower.channel.kind)
+    highest = max(lower.highest, min(upper.highest, 0.1 * upper.rate))
+    width = max(8, round(_PERIODS * lower.rate / highest)) if highest > 0.0 else 0
+    if not width or len(lower.values) < width * _FEWEST:
+        return None
+    tests = bumps(width, order + 1, 1.0 / lower.rate)
+    hop = max(width // 4, 1)
+    reached = (np.isnan(lower.values) | np.isnan(upper.values)).astype(float)
+    complete = projections(reached, np.ones((1, tests.shape[1])), hop)[0] == 0.0
+    sign = (-1.0) ** order
+    x = projections(lower.filled, tests, hop)
+    half = 0.5 * (len(lower.values) - 1) / lower.rate
+    time = np.linspace(-half, half, len(lower.values))
+    columns = np.column_stack(
+        [
+            sign * x[order],
+            sign * x[order + 1],
+            projections(np.ones(len(time)), tests[:1], hop)[0],
+            projections(time, tests[:1], hop)[0],
+        ]
+    )[complete]
+    target = projections(upper.filled, tests[:1], hop)[0][complete]
+    if len(target) < 4 * _FEWEST:
+        return None
+    noise = np.array([lower.sigma**2 * float(row @ row) for row in tests[order : order + 2]])
+    return _solved(lower, upper, columns, target, noise)
+
+
+def _solved(
+    lower: ChannelSignal, upper: ChannelSignal, columns: Floats, target: Floats, noise: Floats
+) -> KinematicFit | None:
+    """Least squares without the bias of the `noise` (2,) in the first two columns, with errors by a jackknife over blocks."""
+    blocks = np.array_split(np.arange(len(target)), _BLOCKS)
+    grams = np.array([columns[rows].T @ columns[rows] for rows in blocks])
+    right = np.array([columns[rows].T @ target[rows] for rows in blocks])
+    for gram, rows in zip(grams, blocks, strict=True):
+        gram[[0, 1], [0, 1]] -= len(rows) * np.nan_to_num(noise)
+    scale = 1.0 / np.sqrt(np.abs(np.diagonal(grams.sum(axis=0))))
+    if not np.all(np.isfinite(scale)) or grams.sum(axis=0)[0, 0] <= 0.5 * float(
+        columns[:, 0] @ columns[:, 0]
+    ):
+        return None
+
+    def solve(gram: Floats, side: Floats) -> Floats:
+        found = scale * np.linalg.solve(gram * np.outer(scale, scale), side * scale)
+        return np.array([found[0], found[1] / found[0], found[2], found[3]])
+
+    whole = solve(grams.sum(axis=0), right.sum(axis=0))
+    without = np.array(
+        [solve(grams.sum(axis=0) - g, right.sum(axis=0) - r) for g, r in zip(grams, right, strict=True)]
+    )
+    spread = np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    coefficients = np.array([whole[0], whole[0] * whole[1], whole[2], whole[3]])
+    left = target - columns @ coefficients
+    share = 1.0 - float(left @ left) / float(target @ target)
+    pairs = [(float(value), float(error)) for value, error in zip(whole, spread, strict=True)]
+    return KinematicFit(lower, upper, pairs[0], pairs[1], pairs[2], pairs[3], share)

@@ -1,0 +1,81 @@
+"""Single samples that lie far from what their neighbours say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.channel_signal import ChannelSignal
+from linkwise.inspection.record_signals import RecordSignals
+
+_NEIGHBOURS = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20.0  # the quintic through six of them
+_HALF = 3
+_NOISE = float(np.sqrt(1.0 + _NEIGHBOURS @ _NEIGHBOURS))  # deviation of a sample of unit noise from it
+_MEDIAN = 0.6745  # of a normal deviation's size
+_BLOCK = 32  # samples whose median deviation is the usual one
+_FAR = 8.0  # usual deviations where they are noise: of 1e12 normal samples one
+_FARTHER = 16.0  # where they are motion, whose deviations come and go
+_SHARP = 0.3  # of the root mean square of an acceleration, which a force that changes sign can turn within a sample
+_LEFT = (
+    0.35  # of the deviation that neighbours may have once the sample is mended: a jump or a kink leaves more
+)
+
+
+def spikes(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of responses, and of the motion of the base, with outliers."""
+    for each in signals.moving:
+        if each.channel.kind == "force" or len(each.values) < 4 * _BLOCK:
+            continue
+        found = _spikes(each)
+        if not len(found):
+            continue
+        size = _deviations(each.filled)[found]
+        largest = int(np.argmax(np.abs(size)))
+        when = each.start + found[largest] / each.rate
+        message = (
+            f"{len(found)} sample{'s lie' if len(found) > 1 else ' lies'} far from the neighbours, the farthest by "
+            f"{size[largest]:.3g} {each.channel.unit} at {when:.6g} s: least squares follows such samples, and noise and "
+            "intervals come out too wide; mark them as missing, or use a loss that forgives outliers"
+        )
+        error = float(np.sqrt(np.sum(size**2) / len(each.values))) / each.rms
+        yield Alert("spikes", each.name, message, error, arguments=("loss",))
+
+
+def _deviations(values: Floats) -> Floats:
+    """How far each sample (N,) is from what its neighbours say; 0 at both ends."""
+    deviations = np.zeros(len(values))
+    deviations[_HALF:-_HALF] = values[_HALF:-_HALF] - np.convolve(values, _NEIGHBOURS, "valid")
+    return deviations
+
+
+def _spikes(signal: ChannelSignal) -> Indices:
+    """The samples that are outliers."""
+    values = signal.filled
+    deviations = _deviations(values)
+    near_gap = np.convolve(~signal.present, np.ones(2 * _HALF + 1), "same") > 0.5
+    deviations[near_gap] = 0.0
+    size = np.abs(deviations)
+    blocks = np.median(size[: len(size) // _BLOCK * _BLOCK].reshape(-1, _BLOCK), axis=1) / _MEDIAN
+    widest = np.maximum(
+        np.maximum(blocks, np.append(blocks[1:], blocks[-1])), np.append(blocks[0], blocks[:-1])
+    )
+    usual = widest[np.minimum(np.arange(len(size)) // _BLOCK, len(blocks) - 1)]
+    noise = np.maximum(_NOISE * np.nan_to_num(signal.sigma), signal.grain)
+    limit = np.maximum(np.where(usual > 1.5 * noise, _FARTHER, _FAR) * usual, _FAR * noise)
+    if signal.channel.kind == "a":
+        limit = np.maximum(limit, _SHARP * signal.rms)
+    candidates = np.flatnonzero(size > limit)
+    return np.array([row for row in candidates if _alone(values, deviations, int(row))], dtype=int)
+
+
+def _alone(values: Floats, deviations: Floats, row: int) -> bool:
+    """Whether nothing is odd around a sample once it is replaced by what its neighbours say."""
+    first, last = max(row - 2 * _HALF, 0), min(row + 2 * _HALF + 1, len(values))
+    mended = values[first:last].copy()
+    mended[row - first] -= deviations[row]
+    if len(mended) <= 2 * _HALF + 1:
+        return False
+    return bool(np.max(np.abs(_deviations(mended))) < _LEFT * abs(deviations[row]))

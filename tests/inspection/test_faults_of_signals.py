@@ -1,0 +1,145 @@
+"""Each check of noise, of lines and of channels beside each other, with its fault and without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+from problems import oscillator
+from record_faults import Fault, chain, faulty, forced, kinds
+
+import linkwise as lw
+
+
+def ring_down(snr_db: float, seed: int = 1) -> lw.Record:
+    """A linear oscillator that comes to rest in a third of the record."""
+    structure = oscillator("k*d + c*v", k=4000.0, c=3.0)
+    record = lw.simulate(
+        structure, release={"x:m1": 0.01}, duration=12.0, rate=500.0, sensors=("x", "v", "a")
+    )
+    return record.with_noise(snr_db, seed=seed)
+
+
+BESIDE: dict[str, Callable[[], lw.Record]] = {
+    **{
+        f"chain of {masses}, {decibel:g} dB": partial(chain, masses, decibel, sensors=("x", "v", "a"))
+        for masses in (2, 6)
+        for decibel in (20.0, 40.0)
+    },
+    **{f"forced, {decibel:g} dB": partial(forced, decibel) for decibel in (20.0, 40.0)},
+    **{f"ring-down, {decibel:g} dB": partial(ring_down, decibel) for decibel in (20.0, 40.0)},
+}
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.std(values))
+
+
+def spike(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+    values[rng.choice(np.arange(50, len(values) - 50), 4, replace=False)] += 3.0 * rms(values)
+    return values
+
+
+def late(values: np.ndarray, record: lw.Record, rng: np.random.Generator, samples: int = 2) -> np.ndarray:
+    return np.concatenate(
+        [np.repeat(values[0], samples) + 1e-9 * rng.normal(size=samples), values[:-samples]]
+    )
+
+
+def hum(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+    return np.asarray(
+        values + 0.08 * rms(values) * np.sqrt(2.0) * np.sin(2.0 * np.pi * 50.02 * record.time + 0.4)
+    )
+
+
+def trend(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+    return values + 0.3 * rms(values) * record.time / record.duration
+
+
+FAULTS: dict[tuple[str, str], Fault] = {
+    ("spikes", "x:m1"): spike,
+    ("hum", "x:m1"): hum,
+    ("delay", "v:m1"): late,
+    ("gain", "v:m1"): lambda values, record, rng: 1.1 * values,
+    ("unit", "v:m1"): lambda values, record, rng: 1e3 * values,
+    ("offset", "v:m1"): lambda values, record, rng: values + 0.1 * rms(values),
+    ("drift", "a:m1"): trend,
+}
+
+
+def filtered(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+    """Noise of a tenth of the root mean square, whose neighbouring samples are correlated by 0.9."""
+    noise = rng.normal(size=len(values))
+    for row in range(1, len(noise)):
+        noise[row] += 0.9 * noise[row - 1]
+    return values + 0.1 * rms(values) / rms(noise) * noise
+
+
+def drift_at_rest(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+    return values + 0.3 * rms(values) * record.time / record.duration
+
+
+AT_REST: dict[tuple[str, str], Fault] = {
+    ("coloured", "x:m1"): filtered,
+    ("drift", "x:m1"): drift_at_rest,
+    ("offset", "a:m1"): lambda values, record, rng: values + 0.1 * rms(values),
+}
+
+
+@pytest.mark.parametrize(("kind", "channel"), AT_REST)
+@pytest.mark.parametrize("snr_db", [40.0, 60.0])  # louder white noise would hide the correlated one
+def test_what_a_single_channel_says_at_rest(snr_db: float, kind: str, channel: str) -> None:
+    alone = ring_down(snr_db).select([channel])
+    assert kinds(alone) == set()
+    assert kinds(faulty(alone, channel, AT_REST[kind, channel])) == {kind}
+
+
+def test_a_mass_may_rest_in_a_well() -> None:
+    """A bistable link holds its mass away from zero: no offset of the displacement, nor of what else is measured."""
+    structure = oscillator("alpha*d + beta*d**3 + c*v", mass=0.01, alpha=-100.0, beta=1e6, c=0.2)
+    record = lw.simulate(
+        structure, release={"v:m1": 2.0}, duration=4.0, rate=1000.0, sensors=("x", "v", "a")
+    ).with_noise(40.0, seed=1)
+    assert abs(record.channel("x:m1")[-500:].mean()) == pytest.approx(
+        0.01, rel=0.01
+    )  # its well, sqrt(-alpha/beta)
+    assert lw.inspect(record).alerts == ()
+
+
+def test_motion_up_to_half_the_rate_is_aliased() -> None:
+    """The sampled motion of a fast oscillator: every fifth sample, without a filter."""
+    structure = oscillator("k*d + c*v", k=(2 * np.pi * 90.0) ** 2, c=4.0)
+    record = lw.simulate(structure, release={"x:m1": 1e-3}, duration=4.0, rate=1000.0).with_noise(
+        40.0, seed=1
+    )
+    assert kinds(record) == set()
+    coarse = lw.Record.from_arrays(record.time[::5], {"x:m1": record.channel("x:m1")[::5]})
+    assert {"aliasing", "few-samples"} <= kinds(coarse)
+
+
+def test_a_short_record_is_told() -> None:
+    record = ring_down(40.0).select(["x:m1"])
+    assert kinds(record.between(0.0, 0.15)) == {"short"}
+
+
+def test_worst_comes_first() -> None:
+    record = chain(2, 40.0)
+    values = record.values.copy()
+    values[:, 0] = 0.0
+    values[300, 1] = np.nan
+    found = lw.inspect(lw.Record(0.0, record.rate, record.channels, values)).alerts
+    assert [alert.kind for alert in found] == ["dead", "dropped"]
+    assert found[0].error > found[1].error > 0.0
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_no_alert_without_a_fault(name: str) -> None:
+    assert lw.inspect(BESIDE[name]()).alerts == ()
+
+
+@pytest.mark.parametrize(("kind", "channel"), FAULTS)
+@pytest.mark.parametrize("name", BESIDE)
+def test_a_fault_is_told(name: str, kind: str, channel: str) -> None:
+    assert kind in kinds(faulty(BESIDE[name](), channel, FAULTS[kind, channel]))
