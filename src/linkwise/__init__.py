@@ -105,6 +105,7 @@ if TYPE_CHECKING:
     from linkwise.report.discovery_json import discovery_of
     from linkwise.report.estimate_folder import write_result
     from linkwise.report.estimate_json import result_of
+    from linkwise.report.inspection_folder import write_inspection
     from linkwise.report.study_folder import write_study_report
     from linkwise.report.validation_folder import write_validation
     from linkwise.report.validation_json import validation_of
@@ -295,6 +296,7 @@ __all__ = [
     "write_absorption",
     "write_absorption_map",
     "write_discovery",
+    "write_inspection",
     "write_record",
     "write_result",
     "write_structure",

@@ -22,7 +22,8 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "map", "path", "runners_up", "study",
+    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "map", "path", "runners_up",
+    "spectrum", "study",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -47,7 +48,8 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     results = {
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
         "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "map": (swept, "sinks_share"),
-        "path": (discovered,), "runners_up": (discovered,), "study": (rows(),),
+        "path": (discovered,), "runners_up": (discovered,),
+        "spectrum": (fitted.record, "x:m1", 1e-4), "study": (rows(),),
     }  # fmt: skip
     assert set(results) == set(PICTURES)
 

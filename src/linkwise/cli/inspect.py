@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.cli.console import progress, tell
+from linkwise.cli.console import deliver, drawing_beside, progress, tell
 from linkwise.cli.flags import FLAGS
-from linkwise.cli.options import FILE, READING, ReadingOptions, grouped
+from linkwise.cli.options import FILE, FOLDER, READING, ReadingOptions, grouped
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.report import inspection_folder as folders
+else:
+    folders = lazy_module("linkwise.report.inspection_folder")  # figures are for those who want a folder
 
 MENDED_BY = {
     **FLAGS,
@@ -40,8 +47,11 @@ records_options = grouped(
 
 @click.command()
 @records_options
+@click.option(
+    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
-def inspect(source: RecordsOptions, as_json: bool) -> None:
+def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
     """Look at each RECORD before any model: what its channels hold, and what is wrong with them, worst first.
 
     Alerts leave the exit code at 0; a file that cannot be read gives 2.
@@ -49,9 +59,10 @@ def inspect(source: RecordsOptions, as_json: bool) -> None:
     \b
     Examples:
       linkwise inspect run.csv
-      linkwise inspect run1.csv run2.csv
+      linkwise inspect run1.csv run2.csv -o looked
       linkwise inspect logger.csv --channel "x:m1[mm]=Laser 1" --channel "time[ms]=Time" --json
     """
+    process = drawing_beside(output, "linkwise.report.inspection_folder:INSPECTION_FOLDER", "inspection.json")
     with progress("reading") as step:
         records = []
         for number, path in enumerate(source.records):
@@ -63,7 +74,14 @@ def inspect(source: RecordsOptions, as_json: bool) -> None:
     if not as_json:
         for note in dict.fromkeys(note for record in records for note in record.notes):
             tell(f"note: {note}")
-    click.echo(to_json(found.to_dict()) if as_json else str(found))
+    if process is not None:
+        process.draw(found)
+    deliver(
+        to_json(found.to_dict()) if as_json else str(found),
+        output,
+        lambda folder, step: folders.INSPECTION_FOLDER.write(found, folder, progress=step, process=process),
+        quiet=as_json,
+    )
 
 
 def _with_flags(alert: lw.Alert) -> lw.Alert:

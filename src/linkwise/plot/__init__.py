@@ -1,9 +1,9 @@
 """Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
-`force`, `histories`, `graph`, `path`, `runners_up`, `evidence`, `prediction`, `prediction_error`, `prediction_profile`,
-`prediction_spectrum`, `absorption`, `energy`, `crossings`, `map` and `study` draw one picture on one Axes. Functions whose
-names end in `_figure` put these pictures together as the commands write them. All take results and compute nothing. Names load
-on first use, so that matplotlib is imported when something is drawn.
+`force`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `prediction`, `prediction_error`,
+`prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map` and `study` draw one picture on one
+Axes. Functions whose names end in `_figure` put these pictures together as the commands write them. All take results and
+compute nothing. Names load on first use, so that matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from linkwise.plot.absorption_decay import absorption, decay_figure
     from linkwise.plot.absorption_energy import energy, energy_figure
     from linkwise.plot.absorption_map import map, map_figure
+    from linkwise.plot.channel_spectra import spectra_figure, spectrum
     from linkwise.plot.discovery_evidence import evidence, evidence_figure
     from linkwise.plot.discovery_graph import graph, graph_figure
     from linkwise.plot.discovery_path import path, path_figure, runners_up
@@ -67,6 +68,8 @@ __all__ = [
     "prediction_spectrum_figure",
     "runners_up",
     "save",
+    "spectra_figure",
+    "spectrum",
     "study",
 ]
 
@@ -76,6 +79,7 @@ _HOMES = {
     "absorption_decay": ("absorption", "decay_figure"),
     "absorption_energy": ("energy", "energy_figure"),
     "absorption_map": ("map", "map_figure"),
+    "channel_spectra": ("spectra_figure", "spectrum"),
     "discovery_evidence": ("evidence", "evidence_figure"),
     "discovery_graph": ("graph", "graph_figure"),
     "discovery_path": ("path", "path_figure", "runners_up"),

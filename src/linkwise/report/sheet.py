@@ -15,28 +15,29 @@ from linkwise.report.templates import TEMPLATES
 
 
 def sheet(
-    structure: Structure,
+    structure: Structure | None,
     sections: Mapping[str, Section],
     pictures: Mapping[str, Markup],
     *,
     verdict: Sequence[str],
     trusted: bool,
     findings: Sequence[str] = (),
+    title: str = "",
 ) -> str:
     """The page as text, HTML that carries everything in itself.
 
     The first line of `verdict` is its headline, `findings` is what the result cannot tell, and `pictures` are those that
-    `write_figures` returned for the sections.
+    `write_figures` returned for the sections. The title is the name of the structure unless it is given.
     """
     interactive = any(section.interactive for section in sections.values())
     return TEMPLATES.get_template("sheet.html.jinja").render(
-        title=structure.name or "structure",
+        title=title or (structure and structure.name) or "structure",
         verdict=verdict,
         trusted=trusted,
         findings=findings,
         sections=sections,
         pictures=pictures,
         plotly=Markup(get_plotlyjs()) if interactive else "",
-        structure=format_structure(structure),
+        structure="" if structure is None else format_structure(structure),
         version=version("linkwise"),
     )

@@ -1,0 +1,45 @@
+"""The result folder of `inspect`: numbers, figures and a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from linkwise.inspection.result import Inspection
+from linkwise.progress import Progress, silent
+from linkwise.report.inspection_page import inspection_page, inspection_sections
+from linkwise.report.result_folder import ResultFolder
+
+
+def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Progress = silent) -> Path:
+    """Write an inspection into a folder: inspection.json, figures of histories and spectra, and report.html.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        What `inspect` returned.
+    folder : path-like
+        The folder. An earlier inspection in it is replaced when the new one is complete.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+    """
+    return INSPECTION_FOLDER.write(inspection, folder, progress=progress)
+
+
+INSPECTION_FOLDER: ResultFolder[Inspection] = ResultFolder(
+    mark="inspection.json",
+    document=lambda inspection, truth: {"method": "inspect", **inspection.to_dict()},
+    data=lambda reported, folder: None,
+    figures=inspection_sections,
+    page=inspection_page,
+)
+"""What `inspect` hands over."""

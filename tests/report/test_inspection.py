@@ -1,0 +1,67 @@
+"""The folder of an inspection: its document, figures and page."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from record_faults import chain
+
+import linkwise as lw
+from linkwise.cli import run
+
+
+@pytest.fixture(scope="module")
+def clipped() -> lw.Record:
+    record = chain(2, 30.0)
+    values = record.values.copy()
+    values[:, 0] = np.clip(values[:, 0], None, 0.7 * values[:, 0].max())
+    return replace(record, values=values, source="<b>clipped</b>", simulated=None)
+
+
+def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Path) -> None:
+    found = lw.inspect([clipped, chain(2, 30.0)])
+    folder = lw.write_inspection(found, tmp_path / "looked")
+    names = {path.name for path in folder.iterdir()}
+    assert {"inspection.json", "report.html"} <= names
+    assert {
+        f"{kind}_{n}.{end}" for kind in ("histories", "spectra") for n in (1, 2) for end in ("png", "svg")
+    } <= names
+    told = json.loads((folder / "inspection.json").read_text())
+    assert told["alerts"] == [alert.to_dict() for alert in found.alerts]
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    body = page[page.index("<body>") :]
+    assert body.index("clipped x:m1") < body.index("samples at 1000 Hz")  # alerts first
+    assert "<b>clipped</b>" not in body and "&lt;b&gt;clipped&lt;/b&gt;" in body
+
+
+def test_the_command_writes_it_and_replaces_only_its_own(
+    clipped: lw.Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, folder = tmp_path / "run.csv", tmp_path / "looked"
+    lw.write_record(clipped, path)
+    for _ in range(2):
+        assert run(["inspect", str(path), "-o", str(folder)]) == 0
+    assert "clipped x:m1" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "--json" not in capsys.readouterr().out
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.txt").write_text("keep me")
+    assert run(["inspect", str(path), "-o", str(tmp_path / "other")]) == 2
+    assert (tmp_path / "other" / "thesis.txt").read_text() == "keep me"
+
+
+def test_a_spectrum_shows_the_motion_and_the_noise() -> None:
+    record = chain(2, 20.0)
+    noise = lw.inspect(record).channel("x:m1").noise
+    assert noise is not None
+    axes = lw.plot.spectrum(record, "x:m1", noise)
+    frequency, density = axes.lines[0].get_data()
+    peak = np.asarray(frequency)[np.argmax(density)]
+    assert peak == pytest.approx(
+        np.sqrt(30000.0) / (2 * np.pi), abs=4.0
+    )  # the spring under 1 kg; bins of 2 Hz
+    floor = np.median(np.asarray(density)[np.asarray(frequency) > 200.0])
+    assert np.asarray(axes.lines[1].get_ydata())[0] == pytest.approx(floor, rel=0.1)
