@@ -25,6 +25,7 @@ import linkwise as lw
 from linkwise.cli import COMMANDS, linkwise, run
 from linkwise.expression.functions import FUNCTIONS, LawFunction
 from linkwise.files import FORMATS, Format
+from linkwise.inspection.checks import CHECKS
 from linkwise.registry import Registry
 from linkwise.report.estimate_page import SECTIONS
 from linkwise.report.section import Reported, Section
@@ -245,6 +246,26 @@ def test_an_option_of_absorb_is_a_field_and_a_line(places: Places, tmp_path: Pat
     printed = places.script(LABEL, tmp_path)
     labels = [line for line in printed.splitlines() if line.startswith("label:")]
     assert labels == ["label: by keyword", "label: by object", "label: by command"]
+
+
+TOO_LOUD = """
+from linkwise.inspection.alert import Alert
+
+
+def too_loud(signals):
+    for each in signals.responses:
+        if each.rms > 1e-3:
+            yield Alert("loud", each.name, "moves by more than a millimetre; excite less", each.rms)
+"""
+
+
+def test_a_check_of_records_is_a_file_and_a_line(places: Places) -> None:
+    places.file("extra_loud", TOO_LOUD)
+    places.line(CHECKS, "loud", "extra_loud:too_loud")
+    assert (places.files, places.lines) == (1, 1)
+
+    found = lw.inspect(chain_record(2, duration=2.0).with_noise(30.0, seed=1))
+    assert [(alert.kind, alert.channel) for alert in found.alerts] == [("loud", "x:m2"), ("loud", "x:m1")]
 
 
 JSON_LINES = """
