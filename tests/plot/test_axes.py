@@ -22,8 +22,8 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "map", "path", "runners_up",
-    "spectrum", "study",
+    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "map", "path", "prediction",
+    "prediction_error", "prediction_profile", "prediction_spectrum", "runners_up", "spectrum", "study",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -45,9 +45,15 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     swept = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}, **drive
     )
+    record = lw.simulate(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 0.1}).with_noise(
+        40.0, seed=1
+    )
+    validated = lw.validate(record, lw.bnes_chain(2))
     results = {
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
         "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "map": (swept, "sinks_share"),
+        "prediction": (validated, "x:m1"), "prediction_error": (validated, "x:m1"),
+        "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),
         "path": (discovered,), "runners_up": (discovered,),
         "spectrum": (fitted.record, "x:m1", 1e-4), "study": (rows(),),
     }  # fmt: skip
@@ -91,7 +97,7 @@ def test_anything_but_axes_is_refused(name: str, drawings: dict[str, Draw]) -> N
         drawings[name](ax=Figure().subplots(1, 2))
 
 
-@pytest.mark.parametrize("name", sorted(set(PICTURES) - {"runners_up"}))
+@pytest.mark.parametrize("name", sorted(set(PICTURES) - {"prediction_profile", "runners_up"}))
 def test_a_legend_can_be_left_out(name: str, drawings: dict[str, Draw]) -> None:
     """A map without missing cells and a study of one method still have a legend argument."""
     assert drawings[name](legend=False).get_legend() is None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -117,27 +120,33 @@ def prediction_error(
 
 def prediction_figure(validation: Validation) -> Figure:
     """Measured and predicted channels over time, one below the other."""
-    return _strips(validation, prediction, "measured and predicted")
+    with _strips(validation, "measured and predicted") as (figure, strips):
+        for name, axes in strips.items():
+            prediction(validation, name, legend=False, ax=axes)
+    return figure
 
 
 def prediction_error_figure(validation: Validation) -> Figure:
     """The errors of the channels over time, one below the other."""
-    return _strips(validation, prediction_error, "measured less predicted")
+    with _strips(validation, "measured less predicted") as (figure, strips):
+        for name, axes in strips.items():
+            prediction_error(validation, name, legend=False, ax=axes)
+    return figure
 
 
-def _strips(validation: Validation, draw: object, title: str) -> Figure:
-    assert callable(draw)
+@contextmanager
+def _strips(validation: Validation, title: str) -> Iterator[tuple[Figure, dict[str, Axes]]]:
+    """A figure with axes for each channel, of many for the first; what is around them is added when they are drawn."""
     names = list(validation.channels)[:_MOST]
     hidden = len(validation.channels) - len(names)
     with sheet(len(names), height=1.3 + 1.15 * len(names), share_time=True) as (figure, strips):
-        for axes, name in zip(strips, names, strict=True):
-            draw(validation, name, legend=False, ax=axes)
+        yield figure, dict(zip(names, strips, strict=True))
+        for axes in strips:
             axes.label_outer()
         more = f" ({hidden} more channels not shown)" if hidden else ""
         strips[0].set_title(wrapped(f"{title}{more}", axes_inches(strips[0])[0]))
         figure.align_ylabels()
         legend_below(figure, strips[0])
-    return figure
 
 
 def _frame(axes: Axes, validation: Validation, name: str) -> None:
