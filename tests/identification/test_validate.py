@@ -221,3 +221,44 @@ def test_the_folder_holds_numbers_figures_and_page(agreeing: lw.Validation, tmp_
     assert np.nanmax(np.abs(predicted.values - agreeing.predicted.values)) < 1e-8
     page = (folder / "report.html").read_text()
     assert "spring.k3" in page and "Where in the motion" in page
+
+
+# --- drives and sensors
+
+
+RIG = """
+name = "rig"
+[[mass]]
+name = "m1"
+mass = 1.0
+[[mass]]
+name = "m2"
+mass = 0.2
+[[link]]
+name = "mount"
+between = ["m1", "base"]
+law = "k*d + c*v"
+coefficients = { k = 900.0, c = 2.0 }
+[[link]]
+name = "joint"
+between = ["m2", "m1"]
+law = "k*d + k3*d**3 + c*v"
+coefficients = { k = 150.0, k3 = 1e5, c = 0.3 }
+"""
+
+
+@pytest.mark.parametrize("sensors", [("x:m1", "x:m2"), ("x:m1",), ("x:m2",)])
+def test_a_rig_on_a_moving_base_with_hidden_masses(sensors: tuple[str, ...]) -> None:
+    """The state of a mass without a sensor is worked out from the others; a joint 7 % too stiff is seen by either sensor."""
+    rig = lw.parse_structure(RIG)
+    base = "0.01*sin(20*t) + 0.005*sin(33*t)"
+    record = lw.simulate(rig, base=base, duration=4.0, rate=300.0).with_noise(40.0, seed=1)
+    record = record.select(["x:base", *sensors])
+    assert lw.validate(record, rig).trusted
+    assert not lw.validate(record, rig.with_values({"joint.k": 160.0})).trusted
+
+
+def test_an_exact_record_agrees() -> None:
+    """Noise below what arithmetic in single precision resolves is not asked for."""
+    found = lw.validate(forced(oscillator(), 1, 300.0), oscillator())
+    assert found.trusted and found.channels["x:m1"].fit_percent > 99.999

@@ -11,7 +11,7 @@ from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 
 _FLOOR = (
-    1e-7  # of the RMS of a channel: sensitivities are in single precision, and know nothing of smaller noise
+    1e-5  # of the RMS of a channel: interpolated inputs and sensitivities in single precision are not better
 )
 
 
