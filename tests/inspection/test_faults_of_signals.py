@@ -143,3 +143,26 @@ def test_no_alert_without_a_fault(name: str) -> None:
 @pytest.mark.parametrize("name", BESIDE)
 def test_a_fault_is_told(name: str, kind: str, channel: str) -> None:
     assert kind in kinds(faulty(BESIDE[name](), channel, FAULTS[kind, channel]))
+
+
+def test_nothing_in_a_record_stops_an_inspection() -> None:
+    """Few samples, gaps, constants, steps, lines and numbers of any size, in every channel; warnings are errors here."""
+    rng = np.random.default_rng(5)
+    names = ("x:m1", "v:m1", "a:m1", "force:m1", "x:base", "x:m2")
+    for count in (1, 2, 5, 8, 17, 33, 60, 100, 250, 250, 700, 700) * 6:
+        shapes = {
+            "noise": rng.normal(size=count),
+            "constant": np.full(count, rng.choice([0.0, 1.0, np.nan])),
+            "gaps": np.where(rng.random(count) < rng.random(), np.nan, rng.normal(size=count)),
+            "steps": np.round(rng.normal(size=count)),
+            "sine": np.sin(np.arange(count) * rng.random()),
+            "line": np.arange(count, dtype=float),
+            "held": np.repeat(rng.normal(size=count), 3)[:count],
+        }
+        chosen = rng.choice(list(shapes), len(names))
+        values = np.stack([shapes[shape] for shape in chosen], axis=1) * 10.0 ** rng.integers(
+            -12, 12, len(names)
+        )
+        found = lw.inspect(lw.Record(0.0, 10.0 ** rng.uniform(-2, 6), names, values))
+        assert len(found.channels) == len(names) and str(found)
+        assert set(found.to_dict()) == {"channels", "alerts", "records"}

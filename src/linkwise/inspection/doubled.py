@@ -25,8 +25,10 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
         repeats = (steps == 0.0) & known & _moves(steps)
         ends = (each.filled[1:] == each.levels[0]) | (each.filled[1:] == each.levels[-1])
         count = int((repeats & ~ends).sum())
+        if not count:
+            continue
         natural = _natural(steps[known], each.grain[1:][known])
-        if count < 1 or (natural > _NEVER and count <= _FEWEST + _EXPECTED * natural):
+        if natural > _NEVER and count <= _FEWEST + _EXPECTED * natural:
             continue
         first = each.start + int(np.argmax(repeats & ~ends)) / each.rate
         held = count / max(int(known.sum()), 1)

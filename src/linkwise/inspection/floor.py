@@ -30,6 +30,8 @@ def aliasing(signals: RecordSignals) -> Iterator[Alert]:
     for each in signals.responses:
         spectrum = each.spectrogram
         top = spectrum.frequency >= 0.5 * _TOP * each.rate
+        if not top.any():
+            continue
         level = float(np.mean(spectrum.mean[top]))
         even = each.rms**2 / (0.5 * each.rate)
         noise = 2.0 * float(np.nan_to_num(each.sigma)) ** 2 / each.rate

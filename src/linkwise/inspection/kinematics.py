@@ -23,6 +23,9 @@ from linkwise.inspection.channel_signal import ChannelSignal
 _PERIODS = 1.0  # of the fastest motion that half a test function spans
 _FEWEST = 24  # test functions side by side
 _BLOCKS = 12  # of the record that are left out in turn, for standard errors
+_SINGULAR = (
+    1e10  # condition of normal equations without a block, from which on the motion of one block decides
+)
 _KINDS = "xva"
 
 
@@ -102,14 +105,16 @@ def _solved(
     ):
         return None
 
+    left_out = grams.sum(axis=0) - grams  # one block each
+    if np.linalg.cond(left_out * np.outer(scale, scale)).max() > _SINGULAR:
+        return None
+
     def solve(gram: Floats, side: Floats) -> Floats:
         found = scale * np.linalg.solve(gram * np.outer(scale, scale), side * scale)
         return np.array([found[0], found[1] / found[0], found[2], found[3]])
 
     whole = solve(grams.sum(axis=0), right.sum(axis=0))
-    without = np.array(
-        [solve(grams.sum(axis=0) - g, right.sum(axis=0) - r) for g, r in zip(grams, right, strict=True)]
-    )
+    without = np.array([solve(g, right.sum(axis=0) - r) for g, r in zip(left_out, right, strict=True)])
     spread = np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
     coefficients = np.array([whole[0], whole[0] * whole[1], whole[2], whole[3]])
     left = target - columns @ coefficients
