@@ -92,6 +92,9 @@ coefficients = { k = 2000.0, c = 3.0, f0 = 1.2 }
     assert {term.term for term in discovery.terms if term.kept} == {"1", "d", "v"}
     low, high = discovery.estimate.coefficient("m1.mass").interval or (np.nan, np.nan)
     assert low < 2.5 < high
+    assert [
+        line for line in str(discovery).splitlines() if line.split()[:1] == ["m1"] and line.endswith("kg")
+    ]
     with pytest.raises(lw.StructureError, match="neither an applied force nor another mass sets the scale"):
         lw.discover(record.select(["x:m1"]), {"m1": "unknown"})
 

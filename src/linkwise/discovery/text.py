@@ -28,8 +28,10 @@ def discovery_text(discovery: Discovery) -> str:
     first, *sentences = headline(discovery)
     blocks = ["\n".join([first, *(fill(sentence, _WIDTH) for sentence in sentences)])]
     links = links_by_certainty(discovery)
-    table = iter(align_columns([TERM_HEAD, *(row for link in links for row in term_rows(discovery, link))]))
-    lines = [next(table)]
+    masses = mass_rows(discovery)
+    terms = [row for link in links for row in term_rows(discovery, link)]
+    table = iter(align_columns([TERM_HEAD, *masses, *terms]))
+    lines = [next(table), *(next(table) for _ in masses)]
     for link in links[:_LINKS]:
         lines.append(link_title(discovery, link))
         lines += [next(table) for _ in link.coefficients]
@@ -101,6 +103,15 @@ def doubt_mark(discovery: Discovery, link: LinkEstimate) -> str:
 def link_title(discovery: Discovery, link: LinkEstimate) -> str:
     """Name, kind and law of a link."""
     return f"{link.link.name}{doubt_mark(discovery, link)}, {link.kind}: {link.link.law.text}"
+
+
+def mass_rows(discovery: Discovery) -> Rows:
+    """A row for every mass that was unknown."""
+    return [
+        (mass.name.removesuffix(".mass"), *_term_row(mass, None, marked=False)[1:4], "", mass.unit)
+        for mass in discovery.estimate.masses
+        if not mass.known
+    ]
 
 
 def term_rows(discovery: Discovery, link: LinkEstimate) -> Rows:

@@ -17,6 +17,7 @@ from linkwise.discovery.text import (
     doubtful_title,
     headline,
     links_by_certainty,
+    mass_rows,
     runner_up_rows,
     term_rows,
 )
@@ -124,8 +125,8 @@ def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]
 
 
 def _rows(discovery: Discovery) -> list[tuple[str, ...]]:
-    """A row for every term; the first of a link names the link."""
-    rows = []
+    """A row for every mass that was unknown and every term; the first of a link names the link."""
+    rows = [("", "", "mass", *row) for row in mass_rows(discovery)]
     for link in links_by_certainty(discovery):
         title = (f"{link.link.name}{doubt_mark(discovery, link)}", " – ".join(link.link.between), link.kind)
         for number, row in enumerate(term_rows(discovery, link)):
