@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,7 +18,12 @@ from linkwise.cli.excitation_options import (
 )
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE
-from linkwise.files import check_record_file
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise import files
+else:
+    files = lazy_module("linkwise.files")  # `--help` loads every command
 
 
 @click.command()
@@ -55,7 +60,7 @@ def simulate(
     Example:
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
     """
-    check_record_file(output)  # before the work, so that nobody waits for a refusal
+    files.check_record_file(output)  # before the work, so that nobody waits for a refusal
     subject = lw.read_structure(structure)
     keywords = {**sampling.keywords(), **drive.keywords()}
     with progress("simulating") as step:
