@@ -86,7 +86,8 @@ class DamagedRuns:
         began = time.monotonic()
         rest, error = run.communicate(timeout=300)
         self.writing = time.monotonic() - began
-        assert run.returncode == 0, error
+        if run.returncode:
+            raise RuntimeError(error.decode(errors="replace"))
         return _TIMES.sub(b"", first + rest)
 
     def started(self, name: str, folder: Path, code: str = _COMMAND, *before: str) -> subprocess.Popen[bytes]:

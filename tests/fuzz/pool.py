@@ -64,9 +64,11 @@ def outcomes(seeds: Iterable[int], count: int) -> Iterator[tuple[int, Outcome]]:
             worker.waited += waited
         late = [c for c, worker in workers.items() if worker.waited > _PATIENCE and c not in ready]
         for connection in [*ready, *late]:
-            assert isinstance(connection, Connection)
+            if not isinstance(connection, Connection):
+                raise TypeError(f"{connection!r} is no connection to a worker")
             worker = workers[connection]
-            assert worker.seed is not None
+            if worker.seed is None:
+                raise RuntimeError("a worker without an input has answered")
             try:
                 if connection in late:
                     raise EOFError

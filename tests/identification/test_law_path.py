@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from present import some
 
@@ -74,9 +75,14 @@ def test_magnet_beam_in_eight_coefficients(shared_data: Path) -> None:
     assert len(path[-1].terms) == 8
     assert path[-1].left < 0.05  # the free run of all 3 s
     fit = lw.identify(record, path[-1].structure)
-    assert (
-        not fit.trusted and fit.diagnosis
-    )  # no polynomial is the law of this beam: no band, and what is left is named
+    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,) and fit.model_error < 0.01 and fit.diagnosis
+    shorter = [lw.identify(record, step.structure) for step in path[2:-1:2]]
+    for (
+        other
+    ) in shorter:  # laws of the same beam: their stiffnesses had excluded each other by up to nine errors
+        assert not other.trusted
+        difference = abs(other.values[0] - fit.values[0])
+        assert difference < 3.0 * np.sqrt(other.covariance[0, 0] + fit.covariance[0, 0])
     small, middle, large = equivalent(fit.links[0], [2e-5, 1e-4, 2e-4], 42.0).damping
     assert (
         small < middle > large

@@ -110,7 +110,7 @@ def _cause(
         standard_error=float(deviation),
         term=hypothesis.term,
         source=hypothesis.source,
-        share=abs(float(size)) / force if force > 0.0 else 0.0,
+        share=abs(float(size)) / float(force) if force > 0.0 else 0.0,
     )
 
 
