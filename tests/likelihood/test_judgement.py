@@ -181,3 +181,13 @@ def test_a_negative_variance_is_not_trusted(fitted: lw.Estimate) -> None:
     bad = replace(fitted, covariance=covariance)
     assert lw.Verdict.COVARIANCE_NOT_POSITIVE in bad.verdicts and not bad.trusted
     assert bad.coefficient(bad.parameters[0].name).standard_error is None
+
+
+def test_a_record_too_short_for_blocks_is_not_trusted_with_a_missing_term(chain: lw.Structure) -> None:
+    """Intervals count what follows the motion only where blocks of the record can be compared."""
+    text = lw.format_structure(chain).replace("beta*d**3", "beta*d**3 + q*d**5")
+    quintic = lw.parse_structure(text.replace("c = 0.02 }", "c = 0.02, q = 3e7 }"))
+    short = record(quintic)[:490].with_noise(50.0, seed=1)  # 98 segments of the 100 that blocks need
+    fit = lw.identify(short, chain.unknown("nes"))
+    assert 0.0 < fit.diagnosis[0].share < 0.05  # a longer record would be trusted with such a term
+    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)

@@ -25,7 +25,7 @@ def dead(signals: RecordSignals) -> Iterator[Alert]:
             yield Alert("dead", each.name, message, np.inf)
         elif not each.is_input and each.rms**2 < _MOTION * each.sigma**2:
             message = (
-                f"holds nothing but noise of {each.sigma:.3g} {each.channel.unit}: it tells nothing of the motion; look after "
+                f"holds nothing but noise of {each.sigma:.3g} {each.channel.unit}: nothing of the motion is in it; look after "
                 "sensor, cable and range, excite more strongly, or leave the channel out"
             )
             yield Alert("dead", each.name, message, np.inf)

@@ -140,7 +140,7 @@ def _forces(
     of_terms, _ = candidate_forces(optimum, misfit, forces)
     units = [1.0] * len(
         forces
-    )  # a term is told by the root mean square of its force, which is its scale here
+    )  # the size of a term is the root mean square of its force, which is its scale here
     starts, middles, masses = [of_terms.starts], [of_terms.middles], []
     for hypothesis, mass, at_ends, between in _inertia_and_inputs(optimum, misfit, identified):
         scale = float(np.sqrt(np.mean(at_ends**2)))

@@ -68,7 +68,10 @@ def _judged(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple[
         return Verdict.UNEXPLAINED_FORCES, (
             f"{explained}; that is too much for intervals: a term or a link is missing.{_likeliest(causes)}"
         )
-    if causes and (fit.model_error == 0.0 or causes[0].share > _LARGEST_TERM):
+    by_blocks = (
+        fit.model_error > 0.0 and fit.error_ratios is not None
+    )  # only then do intervals count what follows the motion
+    if causes and not (by_blocks and causes[0].share <= _LARGEST_TERM):
         return Verdict.SYSTEMATIC_MISFIT, (
             f"{explained}, but what they leave follows the motion: {_would_explain(causes[0])}. Intervals would count that as "
             "noise, so none is given; a term or a link is missing, or a sensor is not what it is taken for."
