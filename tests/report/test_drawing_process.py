@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from importlib import import_module
 from pathlib import Path
+from threading import Thread, current_thread
 from time import monotonic, sleep
 from types import SimpleNamespace
 from typing import Any
@@ -151,6 +152,22 @@ def test_a_result_that_cannot_be_sent_is_drawn_by_the_first_process(
         process.draw(Log())
         folder_of(name).write(Log(), tmp_path / "both", process=process)
     assert sorted((tmp_path / "log").read_text().splitlines()) == sorted(f"first {each}" for each in NAMES)
+
+
+def test_a_result_is_sent_as_it_is_when_it_is_handed_over(kind: Callable[..., str], tmp_path: Path) -> None:
+    class Caching(SimpleNamespace):
+        """A result that takes note of the threads in which it is pickled, as one that caches what it is asked for."""
+
+        def __reduce__(self) -> tuple[type, tuple[str]]:
+            threads.append(current_thread())
+            return Path, (str(tmp_path / "log"),)
+
+    threads: list[Thread] = []
+    name = kind()
+    with closing(DrawingProcess(name)) as process:
+        process.draw(Caching())
+        assert threads == [current_thread()]
+        assert set(process.pictures()) == NAMES
 
 
 def test_a_figure_that_cannot_be_drawn_is_an_error_of_the_first_process(

@@ -159,9 +159,9 @@ def discover(
         for remark in lw.check_discovery(records, masses, options):
             tell(f"note: {remark}")
         found = lw.discover(records, masses, options, progress=step)
-    result = lw.discovery_of(found, true)
     if process is not None:
         process.draw(found, true)
+    result = lw.discovery_of(found, true)
     deliver(
         to_json(result) if as_json else "\n".join([str(found), *_comparison_lines(result)]),
         output,

@@ -160,11 +160,11 @@ def identify(
             progress=step,
         )
         profiles = _profiles(estimate, step) if chosen.profile else {}
+    if process is not None:
+        process.draw(estimate, true)
     result = lw.result_of(estimate, true)
     if chosen.profile:
         result["profile_intervals"] = {name: list(ends) for name, ends in profiles.items()}
-    if process is not None:
-        process.draw(estimate, true)
     lines = [str(estimate), *_profile_lines(estimate, profiles), *_comparison_lines(result)]
     deliver(
         to_json(result) if as_json else "\n".join(lines),

@@ -66,9 +66,11 @@ class DrawingProcess:
         self._thread: Thread | None = None
 
     def draw(self, result: object, truth: Structure | None = None) -> None:
-        """Have the figures of a result drawn; returns at once."""
-        self._thread = Thread(target=self._attend, args=(result, truth), daemon=True)
-        self._thread.start()
+        """Have the figures of a result drawn; returns when the result is copied, so that it may cache what it is asked for."""
+        with suppress(Exception):  # of a result that cannot be copied the figures are drawn here
+            message = pickle.dumps((result, truth), protocol=pickle.HIGHEST_PROTOCOL)
+            self._thread = Thread(target=self._attend, args=(message,), daemon=True)
+            self._thread.start()
 
     def claim(self, name: str) -> bool:
         """Whether nobody draws the figure of this name yet; from now on the caller does."""
@@ -92,12 +94,12 @@ class DrawingProcess:
         with suppress(OSError):  # of what it did not read
             self._process.communicate()
 
-    def _attend(self, result: object, truth: Structure | None) -> None:
-        """Hand the result over, grant what is not drawn yet, and collect the figures."""
+    def _attend(self, message: bytes) -> None:
+        """Hand the pickled result over, grant what is not drawn yet, and collect the figures."""
         into, out = self._process.stdin, self._process.stdout
         assert into is not None and out is not None
-        with suppress(Exception):  # what is wrong with a result or a figure shows where it is drawn here
-            pickle.dump((result, truth), into, protocol=pickle.HIGHEST_PROTOCOL)
+        with suppress(Exception):  # what is wrong with a figure shows where it is drawn here
+            into.write(message)
             into.flush()
             for name in iter(partial(pickle.load, out), None):
                 granted = self.claim(name)
