@@ -84,6 +84,8 @@ if TYPE_CHECKING:
     from linkwise.model.excitation import Excitation, Impulse
     from linkwise.model.input_signal import PiecewisePolynomial, Sampled, TimeFunction
     from linkwise.model.law import Law, Partials
+    from linkwise.model.link_state import LinkState, StateRate
+    from linkwise.model.named_laws import NAMED_LAWS, LawText, NamedLaw, named_law
     from linkwise.model.parameters import Parameter
     from linkwise.model.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.model.toml_file import (
@@ -142,6 +144,7 @@ __all__ = [
     "CONVENTIONS",
     "GROUND",
     "L1",
+    "NAMED_LAWS",
     "READINGS",
     "Absorption",
     "AbsorptionIntervals",
@@ -185,12 +188,14 @@ __all__ = [
     "Law",
     "LawError",
     "LawStep",
+    "LawText",
     "LeastSquares",
     "Limit",
     "Link",
     "LinkEstimate",
     "LinkLimit",
     "LinkMotion",
+    "LinkState",
     "LinkwiseError",
     "Loss",
     "Mass",
@@ -200,6 +205,7 @@ __all__ = [
     "MethodResult",
     "Modes",
     "MotionDiagnostics",
+    "NamedLaw",
     "NoiseEstimate",
     "Parameter",
     "PartialStructure",
@@ -223,6 +229,7 @@ __all__ = [
     "SimulationTruth",
     "Sink",
     "SinkResult",
+    "StateRate",
     "States",
     "Stlsq",
     "StreamedSystem",
@@ -271,6 +278,7 @@ __all__ = [
     "monomial_equations",
     "monomial_force",
     "monomial_nmse",
+    "named_law",
     "nmse",
     "noisy_states",
     "parse_structure",

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 import tokenize
+from fractions import Fraction
 from functools import cache
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from linkwise.errors import LinkwiseError
 from linkwise.lazy import lazy_module
@@ -87,6 +88,22 @@ def factor_to_si(unit: str, dimension: str) -> float:
     if quantity.magnitude != 1 or (quantity.unitless and dimension not in _UNITLESS):
         raise LinkwiseError(f"{_shown(unit)} is not a unit: expected {expected}.")
     return _converted(quantity, unit, dimension, expected)
+
+
+def base_exponents(unit: str) -> tuple[Fraction, Fraction, Fraction, Fraction]:
+    """Exponents of kilogram, metre, second and ampere in the unit of a text: of "30 kN/m" 1, 0, -2, 0.
+
+    Raises LinkwiseError for what is not a unit, and for one of temperature, substance or light.
+    """
+    quantity = _read(unit, "?", "a unit")
+    exponents: dict[str, Any] = dict(quantity.dimensionality)
+    shares = [
+        Fraction(exponents.pop(name, 0)).limit_denominator(12)
+        for name in ("[mass]", "[length]", "[time]", "[current]")
+    ]
+    if exponents:
+        raise LinkwiseError(f"{_shown(unit)} is not a unit of mechanics or electricity.")
+    return shares[0], shares[1], shares[2], shares[3]
 
 
 def _finite(value: float, given: object) -> float:

@@ -151,3 +151,31 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--version"]) == 0
     assert lw.__version__ in capsys.readouterr().out
+
+
+def test_named_laws_are_listed_and_printed_as_links_to_edit(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "laws"]) == 0
+    listed = capsys.readouterr().out
+    assert "iwan(6): sliders in parallel" in listed and "z' = (v - s*abs(v)*z" in listed
+    assert run(["structure", "laws", "iwan(2)"]) == 0
+    table = capsys.readouterr().out
+    masses = "".join(f'[[mass]]\nname = "{name}"\nmass = 1.0\n' for name in ("m1", "m2"))
+    assert lw.parse_structure(masses + table).link("iwan").law.states == ("u1", "u2", "ub")
+    assert run(["structure", "laws", "piezo", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)["piezo"]
+    assert document["states"]["V"] == {"rate": "(theta*v - V/R)/C", "unit": "V"}
+    assert document["coefficients"]["theta"]["unit"] == "N/V"
+    assert run(["structure", "laws", "bouc"]) == 2
+    assert "unknown law 'bouc'" in capsys.readouterr().err
+
+
+def test_show_tells_states(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    coil = lw.named_law("coil")
+    values = {name: lw.Coefficient.number(2.0) for name in coil.coefficients}
+    masses = (lw.Mass("m1", lw.Coefficient.number(1.0)),)
+    subject = lw.Structure("rig", masses, (coil.link("coil", ("m1", "ground"), values),))
+    lw.write_structure(subject, tmp_path / "rig.toml")
+    assert run(["structure", "show", str(tmp_path / "rig.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "i' = (g*v - R*i)/L; i in A, 0 at the start" in out
+    assert "equilibria and modes are not shown: link coil has memory" in out

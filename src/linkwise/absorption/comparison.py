@@ -15,6 +15,7 @@ from linkwise.analysis.modes import natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.simulation.checks import check_excitation, output_times
 from linkwise.simulation.schedule import RunSchedule
@@ -40,6 +41,7 @@ class Comparison:
     @classmethod
     def of(cls, structure: Structure, options: AbsorptionOptions) -> Comparison:
         """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
+        refuse_memory(structure.links, "comparisons with and without sinks")
         _ = (
             [link.values for link in structure.links],
             structure.mass_values,

@@ -22,6 +22,7 @@ from linkwise.analysis.wells import RestPoint, rest_points
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 
 _LIMIT = 4096  # default for the most start points or equilibria
@@ -155,6 +156,7 @@ def equilibria(
     >>> len(points), len(points.stable)
     (3, 2)
     """
+    refuse_memory(structure.links, "equilibria and modes")
     bonds = _bonds(structure)
     incidence = _incidence(bonds, structure.size)
     if start is not None:

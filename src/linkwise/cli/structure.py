@@ -1,4 +1,4 @@
-"""`linkwise structure`: write the paper's chain as a file, and look at one."""
+"""`linkwise structure`: write the paper's chain as a file, look at one, and list the named laws."""
 
 from __future__ import annotations
 
@@ -72,7 +72,77 @@ def show(file: Path, as_json: bool) -> None:
             for name, coefficient in link.coefficients.items()
         )
         click.echo(f"  {link.name:10} {link.between[0]} - {link.between[1]}: {link.law.text}; {numbers}")
+        for line in _state_lines(link):
+            click.echo(f"  {'':10} {line}")
     click.echo(_told(subject, rests))
+
+
+@structure.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print the laws as JSON and nothing else.")
+def laws(name: str | None, as_json: bool) -> None:
+    """List the named laws, or print NAME as a link to paste into a structure file and edit.
+
+    A structure file takes a name in place of a law: law = "bouc-wen", or law = "iwan(8)" with a number of sliders.
+
+    \b
+    Example:
+      linkwise structure laws
+      linkwise structure laws bouc-wen
+    """
+    chosen = {name: lw.named_law(name)} if name else {known: lw.named_law(known) for known in lw.NAMED_LAWS}
+    if as_json:
+        click.echo(to_json({key: _law_document(law) for key, law in chosen.items()}))
+    elif name:
+        click.echo(_link_text(name, chosen[name]))
+    else:
+        click.echo("\n\n".join(_law_lines(key, law) for key, law in chosen.items()))
+
+
+def _law_document(law: lw.NamedLaw) -> dict[str, Any]:
+    parsed = lw.Law.parse(law.law, law.states)
+    return {
+        "title": law.title,
+        "law": law.law,
+        "states": {
+            key: {"rate": state.rate, "unit": parsed.state_units[key]} for key, state in law.states.items()
+        },
+        "coefficients": {
+            key: {"unit": unit, "meaning": law.coefficients[key]} for key, unit in parsed.units.items()
+        },
+        "source": law.source,
+    }
+
+
+def _law_lines(name: str, law: lw.NamedLaw) -> str:
+    parsed = lw.Law.parse(law.law, law.states)
+    title = f"{name}({law.branches})" if law.branches else name
+    lines = [f"{title}: {law.title}", f"  f = {law.law}"]
+    for key, state in law.states.items():
+        unit = parsed.state_units[key]
+        lines.append(f"  {key}' = {state.rate}{f'    ({key} in {unit})' if unit else ''}")
+    told = (
+        f"{key}{f' [{unit}]' if unit else ''} {law.coefficients[key]}" for key, unit in parsed.units.items()
+    )
+    return "\n".join([*lines, f"  coefficients: {'; '.join(told)}", f"  source: {law.source}"])
+
+
+def _link_text(name: str, law: lw.NamedLaw) -> str:
+    """The `[[link]]` table of a structure file with the law written out."""
+    masses = tuple(lw.Mass(end, lw.Coefficient.number(1.0)) for end in ("m2", "m1"))
+    link = law.link(name.partition("(")[0], ("m2", "m1"))
+    text = lw.format_structure(lw.Structure("", masses, (link,)))
+    return f"# {law.title}\n# {law.source}\n{text[text.index('[[link]]') :].rstrip()}"
+
+
+def _state_lines(link: lw.Link) -> list[str]:
+    lines = []
+    for rate in link.law.rates:
+        unit, state = link.law.state_units[rate.name], link.states[rate.name]
+        initial = state.initial if isinstance(state, lw.LinkState) else 0.0
+        start = "unknown at the start" if initial is None else f"{initial:g} at the start"
+        lines.append(f"{rate.name}' = {rate.text}; {rate.name}{f' in {unit},' if unit else ''} {start}")
+    return lines
 
 
 def _shown(coefficient: lw.Coefficient) -> str:
@@ -82,9 +152,13 @@ def _shown(coefficient: lw.Coefficient) -> str:
     return "unknown"
 
 
+def _with_memory(subject: lw.Structure) -> list[str]:
+    return [link.name for link in subject.links if link.law.states]
+
+
 def _rests(subject: lw.Structure) -> dict[str, Any] | None:
     """Stable equilibria and their modes as plain data; None where coefficients are unknown or masses too many."""
-    if subject.parameters or subject.size > MANY:
+    if subject.parameters or subject.size > MANY or _with_memory(subject):
         return None
     points = lw.equilibria(subject)
     stable = [rest for rest in points if rest.stable]
@@ -109,6 +183,8 @@ def _rest(subject: lw.Structure, rest: lw.Equilibrium) -> dict[str, Any]:
 def _told(subject: lw.Structure, rests: dict[str, Any] | None) -> str:
     if rests is None:
         why = "coefficients are unknown" if subject.parameters else f"it has more than {MANY} masses"
+        if _with_memory(subject):
+            why = f"link {_with_memory(subject)[0]} has memory"
         return f"  equilibria and modes are not shown: {why}"
     lines = [
         f"  equilibria: {rests['stable']} stable, {rests['unstable']} unstable. {rests['note']}".rstrip()

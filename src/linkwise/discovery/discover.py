@@ -26,6 +26,7 @@ from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -203,6 +204,7 @@ def candidates_for(
         raise IdentificationError(
             'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
         )
+    refuse_memory(stated, "discovery")
     _require_scale(given, records)
     base_moves = any("x:base" in record.channels for record in records)
     return all_candidates(given, parse_terms(terms), stated=stated, base=base_moves)

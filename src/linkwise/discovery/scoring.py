@@ -15,7 +15,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Expression, Number, Program, Sum, Symbol, multiply, substitute, to_text
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import VARIABLES, Law
+from linkwise.model.law import Law
+from linkwise.model.law_text import VARIABLES
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 

@@ -1,10 +1,11 @@
-"""Inference of the units of coefficients from the expression they appear in.
+"""Inference of the units of coefficients and states from the equations they appear in.
 
-Every coefficient has an unknown dimension; every sum, every function and the expression as a whole give a linear equation for
-the exponents, solved exactly in fractions. A number may have a dimension too: the gap in `max(abs(d) - 0.001, 0)` is a length,
-the 1000 in `1000*d + c*v` a stiffness, and a plain `d**3` next to `k*d` has an implicit factor of 1 N/m^3. A number has a
-dimension only where the equations require one. The others are made dimensionless one by one: implicit factors first, then
-numbers that are terms of a sum, then factors. So `k*d*(1 + d/0.01)` has a dimensionless 1 and a length of 0.01.
+Every coefficient, and every state of a link with memory, has an unknown dimension; every sum, every function, every rate of a
+state and the expression as a whole give a linear equation for the exponents, solved exactly in fractions. A number may have a
+dimension too: the gap in `max(abs(d) - 0.001, 0)` is a length, the 1000 in `1000*d + c*v` a stiffness, and a plain `d**3` next
+to `k*d` has an implicit factor of 1 N/m^3. A number has a dimension only where the equations require one. The others are made
+dimensionless one by one: implicit factors first, then numbers that are terms of a sum, then factors. So `k*d*(1 + d/0.01)` has
+a dimensionless 1 and a length of 0.01.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import NamedTuple
 
-from linkwise.expression.dimension import NONE, Dimension
+from linkwise.expression.dimension import NONE, SECOND, Dimension
 from linkwise.expression.functions import FUNCTIONS
 from linkwise.expression.tree import (
     MINUS_ONE,
@@ -33,30 +34,49 @@ _IMPLICIT, _TERM, _FACTOR = range(3)  # the order in which numbers are made dime
 
 
 class UnitConflict(Exception):
-    """No units of the coefficients are consistent: `reason` says why, `part` is the sub-expression at fault."""
+    """No units of the coefficients are consistent.
 
-    def __init__(self, reason: str, part: Expression) -> None:
+    `reason` says why, `part` is the sub-expression at fault, and `equation` the number of the equation that it is in.
+    """
+
+    def __init__(self, reason: str, part: Expression, equation: int = 0) -> None:
         super().__init__(reason)
-        self.reason, self.part = reason, part
+        self.reason, self.part, self.equation = reason, part, equation
 
 
 def infer(
-    expression: Expression, variables: Mapping[str, Dimension], whole: Dimension
+    expression: Expression,
+    variables: Mapping[str, Dimension],
+    whole: Dimension,
+    *,
+    rates: Mapping[str, Expression] | None = None,
+    known: Mapping[str, Dimension] | None = None,
 ) -> dict[str, Dimension | None]:
     """The dimension of every symbol that is not a variable, in order of appearance; None where any is consistent.
 
-    `variables` gives the dimensions of the variables, `whole` that of the expression. Raises UnitConflict where none is
-    consistent.
+    `variables` gives the dimensions of the variables, `whole` that of the expression, `rates` the rate of each state, which is
+    in the unit of the state per second, and `known` dimensions that are stated. Raises UnitConflict where none is consistent:
+    equation 0 is the expression, those of the rates follow.
     """
     constraints = _Constraints(variables)
     constraints.equate(
         constraints.term(expression), _Monomial({}, whole), expression, f"the force must be in {whole}"
     )
+    for name, dimension in (known or {}).items():
+        requirement = f"{name} is in {str(dimension) or '1'}"
+        constraints.equate(constraints.coefficient(name), _Monomial({}, dimension), Symbol(name), requirement)
+    for number, (name, rate) in enumerate((rates or {}).items(), start=1):
+        constraints.equation = number
+        per_second = constraints.coefficient(name).times(_Monomial({}, SECOND), Fraction(-1))
+        requirement = f"the rate of {name} must be in the unit of {name} per second"
+        constraints.equate(constraints.term(rate), per_second, rate, requirement)
     for _, unknown in sorted(constraints.numbers):
         constraints.system.add(_Monomial({unknown: Fraction(1)}, NONE))
+    trees = (expression, *(rates or {}).values())
+    names = dict.fromkeys([*(name for tree in trees for name in symbols(tree)), *(rates or {})])
     return {
         name: constraints.system.resolve(constraints.coefficient(name))
-        for name in symbols(expression)
+        for name in names
         if name not in variables
     }
 
@@ -114,6 +134,7 @@ class _Constraints:
 
     def __init__(self, variables: Mapping[str, Dimension]) -> None:
         self.variables = variables
+        self.equation = 0
         self.system = _LinearEquations()
         self.count = 0
         self.names: dict[str, _Monomial] = {}
@@ -132,7 +153,9 @@ class _Constraints:
         excess = self.system.add(form.times(other, Fraction(-1)))
         if excess != NONE:
             raise UnitConflict(
-                f"No units of the coefficients are consistent: {requirement}, but differs by {excess}.", part
+                f"No units of the coefficients are consistent: {requirement}, but differs by {excess}.",
+                part,
+                self.equation,
             )
 
     def term(self, expression: Expression) -> _Monomial:

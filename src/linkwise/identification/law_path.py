@@ -17,6 +17,7 @@ from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Link, Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.record import Record
@@ -116,6 +117,7 @@ def law_path(
     >>> [step.terms for step in path]
     [('d', 'v'), ('d', 'v', 'd**3')]
     """
+    refuse_memory(structure.links, "searches for a law")
     terms = tuple(start)
     path = [_fitted(record, structure, link, terms)]
     if path[0] is None:

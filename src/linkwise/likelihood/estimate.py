@@ -23,6 +23,7 @@ from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -93,6 +94,7 @@ class MaximumLikelihood(Estimator):
         IdentificationError
             If an unknown has no starting value, or the records lack channels or differ in them.
         """
+        refuse_memory(structure.links, 'method "ml"')
         theta, spread = starting_values(records, structure, self.starts)
         options = LikelihoodOptions(self.offsets, self.gains, self.loss, progress=progress)
         if needs_integration(records[0], structure):

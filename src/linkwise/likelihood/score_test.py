@@ -19,7 +19,8 @@ from linkwise.likelihood.flow import CandidateForces, Inputs, Trajectories
 from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.model.law import VARIABLES, Law
+from linkwise.model.law import Law
+from linkwise.model.law_text import VARIABLES
 from linkwise.runtime import one_blas_thread
 
 _AT_ONCE = 6_000_000  # numbers in the forces of one batch

@@ -14,7 +14,8 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate
-from linkwise.model.law import VARIABLES, Law
+from linkwise.model.law import Law
+from linkwise.model.law_text import VARIABLES
 from linkwise.model.structure import Structure
 
 

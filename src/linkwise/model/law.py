@@ -1,6 +1,7 @@
 """The force law of a link: one expression for simulation, regression and likelihood.
 
 A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); every other name is a coefficient, except `pi`.
+A link with memory has states of its own: f = f(d, v, s), s' = g(d, v, s), with a rate g for each (METHODS section 10).
 Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS section 1).
 """
 
@@ -19,11 +20,8 @@ from linkwise.errors import LawError
 from linkwise.expression import (
     Expression,
     Number,
-    Power,
-    Program,
     Symbol,
     add,
-    antiderivative,
     differentiate,
     kinks,
     multiply,
@@ -31,17 +29,12 @@ from linkwise.expression import (
     substitute,
     symbols,
 )
-from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON
+from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON, Dimension
 from linkwise.expression.inference import UnitConflict, infer
-from linkwise.expression.parser import Parsed
 from linkwise.expression.quadrature import integral_from_zero
-
-VARIABLES = ("d", "v")
-
-_MISUSED = {
-    "x": "The variables of a law are the elongation d = x_first - x_second of its link and its rate v: write d for x.",
-    "t": "A law does not depend on time; a force that does is an excitation.",
-}
+from linkwise.model.law_programs import force_program, partials_program, potential_programs, rates_program
+from linkwise.model.law_text import VARIABLES, checked_expression
+from linkwise.model.link_state import LinkState, StateRate, as_link_states, unit_dimension
 
 
 class Partials(NamedTuple):
@@ -74,7 +67,9 @@ class Law:
     expression : Expression
         The parsed law.
     coefficients : tuple of str
-        Names of the coefficients in order of appearance, which is the order of all mappings.
+        Names of the coefficients in order of appearance, which is the order of all mappings; those of the rates follow.
+    rates : tuple of StateRate
+        The rates of the states of a link with memory; empty without memory.
 
     Examples
     --------
@@ -91,15 +86,18 @@ class Law:
     text: str
     expression: Expression
     coefficients: tuple[str, ...]
+    rates: tuple[StateRate, ...] = ()
 
     @staticmethod
-    def parse(text: str) -> Law:
+    def parse(text: str, states: Mapping[str, LinkState | str] | None = None) -> Law:
         """Parse a law.
 
         Parameters
         ----------
         text : str
             An expression in d, v, coefficients, numbers, ``+ - * / **`` and the functions of laws.
+        states : mapping of str to LinkState or str, optional
+            The states of a link with memory and their rates: expressions in d, v, the states and coefficients.
 
         Returns
         -------
@@ -109,9 +107,12 @@ class Law:
         Raises
         ------
         LawError
-            If the expression is invalid, or not finite at rest (d = v = 0).
+            If an expression is invalid, or not finite at rest (d = v = 0, states 0).
+        StructureError
+            If a name cannot be that of a state.
         """
-        return _parse(text)
+        rates = {name: (state.rate, state.unit) for name, state in as_link_states(states or {}).items()}
+        return _parse(text, tuple((name, *rate) for name, rate in rates.items()))
 
     def __str__(self) -> str:
         return self.text
@@ -123,6 +124,13 @@ class Law:
         """The sum of two laws; a name in both is one coefficient, so its unit must be the same."""
         if not isinstance(other, Law):
             return NotImplemented
+        if self.rates or other.rates:
+            raise LawError(
+                "A law with states cannot be added.",
+                self.text,
+                None,
+                "Write the sum and its states out in one law.",
+            )
         shared = [name for name in self.coefficients if name in other.coefficients]
         for name in shared:
             if self.units[name] != other.units[name]:
@@ -132,13 +140,31 @@ class Law:
                     parse_with_positions(other.text, VARIABLES).position(Symbol(name)),
                     f"Rename one of the two before adding the laws, for instance to {name}2.",
                 )
-        return _parse(f"{self.text} + {other.text}")
+        return _parse(f"{self.text} + {other.text}", ())
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states of a link with memory, in the order of all arrays."""
+        return tuple(rate.name for rate in self.rates)
+
+    @property
+    def equations(self) -> str:
+        """The law as text and, with memory, the rates of its states: "q; q' = k*(v - q/c)"."""
+        return "; ".join([self.text, *(f"{rate.name}' = {rate.text}" for rate in self.rates)])
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """d, v and the states."""
+        return (*VARIABLES, *self.states)
 
     @cached_property
     def linear(self) -> tuple[str, ...]:
         """Coefficients in which the law is jointly linear, f = sum c_j g_j + g_0, chosen greedily from left to right."""
         slopes: dict[str, set[str]] = {}
+        in_rates = {name for rate in self.rates for name in symbols(rate.expression)}
         for name in self.coefficients:
+            if name in in_rates:
+                continue
             names = set(symbols(differentiate(self.expression, name)))
             if (
                 name not in names
@@ -163,29 +189,38 @@ class Law:
         """The law with every linear coefficient set to 0."""
         return substitute(self.expression, dict.fromkeys(self.linear, Number(0.0)))
 
-    @cached_property
+    @property
     def units(self) -> Mapping[str, str]:
         """SI unit of each coefficient, such as ``"N/m"``; ``"?"`` where any unit is consistent.
 
-        Raises LawError if no units of the coefficients make the law a force, as in ``k*d + k*v``.
+        Raises LawError if no units of the coefficients make the law a force, as in ``k*d + k*v``, or a rate one of its state.
         """
-        try:
-            dimensions = infer(self.expression, {"d": METRE, "v": METRE_PER_SECOND}, NEWTON)
-        except UnitConflict as error:
-            place = parse_with_positions(self.text, VARIABLES).position(error.part)
-            advice = "Give each term a coefficient of its own."
-            raise LawError(error.reason, self.text, place, advice) from None
-        return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions.items()}
+        return {name: self._dimensions[name] for name in self.coefficients}
+
+    @property
+    def state_units(self) -> Mapping[str, str]:
+        """SI unit of each state, ``""`` for none; ``"?"`` where any unit is consistent. Raises LawError as `units` does."""
+        return {name: self._dimensions[name] for name in self.states}
+
+    @cached_property
+    def _dimensions(self) -> Mapping[str, str]:
+        """Unit of each coefficient and state."""
+        found = law_dimensions(
+            self, {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
+        )
+        return {name: "?" if dimension is None else str(dimension) for name, dimension in found.items()}
 
     @cached_property
     def elastic(self) -> Expression:
-        """The law at v = 0, the part that stores energy."""
-        return substitute(self.expression, {"v": Number(0.0)})
+        """The law at v = 0 and, with memory, at states of 0: the part that stores energy."""
+        return substitute(self.expression, dict.fromkeys(self.variables[1:], Number(0.0)))
 
     @cached_property
     def kinks(self) -> tuple[Expression, ...]:
-        """Expressions in d and v at whose zeros the force is not smooth, without repetition."""
-        return tuple(kink for kink in kinks(self.expression) if set(symbols(kink)) & set(VARIABLES))
+        """Expressions in d, v and states at whose zeros the force or a rate is not smooth, without repetition."""
+        trees = (self.expression, *(rate.expression for rate in self.rates))
+        found = dict.fromkeys(kink for tree in trees for kink in kinks(tree))
+        return tuple(kink for kink in found if set(symbols(kink)) & set(self.variables))
 
     def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """Force in N at elongation `d` in m and rate `v` in m/s.
@@ -195,7 +230,7 @@ class Law:
         d, v : array
             Elongation in m and rate in m/s.
         values : mapping of str to array
-            Value of each coefficient; further names are ignored.
+            Value of each coefficient and state; further names are ignored.
 
         Returns
         -------
@@ -205,9 +240,31 @@ class Law:
         Raises
         ------
         LawError
-            If a coefficient has no value.
+            If a coefficient or a state has no value.
         """
-        return _force_program(self.expression, self.coefficients)(d, v, *self._ordered(values))[0][()]
+        return force_program(self.expression, self._named)(d, v, *self._ordered(values))[0][()]
+
+    def state_rates(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[Floats, ...]:
+        """Rate of each state in its unit per second.
+
+        Parameters
+        ----------
+        d, v, values
+            As of `force`.
+
+        Returns
+        -------
+        tuple of array
+            The rates in the order of `states`, each of the broadcast shape of d, v and the coefficients; read-only.
+
+        Raises
+        ------
+        LawError
+            If a coefficient or a state has no value.
+        """
+        return rates_program(tuple(rate.expression for rate in self.rates), self._named, self.variables)(
+            d, v, *self._ordered(values)
+        )
 
     def partials(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Partials:
         """Force and exact derivatives by d, v and every coefficient.
@@ -229,12 +286,13 @@ class Law:
         LawError
             If a coefficient has no value.
         """
-        outputs = _partials_program(self.expression, self.coefficients)(d, v, *self._ordered(values))
+        outputs = partials_program(self.expression, self._named)(d, v, *self._ordered(values))
         force, by_d, by_v, *others = outputs
-        return Partials(force, by_d, by_v, dict(zip(self.coefficients, others, strict=True)))
+        slopes = dict(zip(self._named, others, strict=True))
+        return Partials(force, by_d, by_v, {name: slopes[name] for name in self.coefficients})
 
     def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
-        """Stored energy: the integral of the force at v = 0 from 0 to d.
+        """Stored energy: the integral of the force at v = 0, and at states of 0, from 0 to d.
 
         In closed form if there is one and it is finite; otherwise by Gauss-Legendre quadrature between the kinks of the law.
 
@@ -255,92 +313,66 @@ class Law:
         LawError
             If a coefficient has no value.
         """
-        ordered = self._ordered(values)
-        closed, quadrature = _potential_programs(self.elastic, self.coefficients)
+        ordered = self._ordered({**dict.fromkeys(self.states, 0.0), **values})[len(self.rates) :]
+        closed, quadrature = potential_programs(self.elastic, self.coefficients)
         if closed is not None:
             energy = closed(d, *ordered)[0]
             if np.all(np.isfinite(energy)):
                 return energy[()]
         return integral_from_zero(quadrature, d, ordered)[()]
 
+    @cached_property
+    def _named(self) -> tuple[str, ...]:
+        """States and coefficients: what the law needs besides d and v."""
+        return (*self.states, *self.coefficients)
+
     def _ordered(self, values: Mapping[str, ArrayLike]) -> list[ArrayLike]:
-        missing = [name for name in self.coefficients if name not in values]
+        missing = [name for name in self._named if name not in values]
         if missing:
-            place = parse_with_positions(self.text, VARIABLES).position(Symbol(missing[0]))
+            place = parse_with_positions(self.text, self.variables).position(Symbol(missing[0]))
             given = ", ".join(values) or "none"
+            what = "state" if missing[0] in self.states else "coefficient"
             raise LawError(
-                f"The coefficient {missing[0]!r} has no value.",
+                f"The {what} {missing[0]!r} has no value.",
                 self.text,
                 place,
                 f"Values are given for: {given}.",
             )
-        return [values[name] for name in self.coefficients]
+        return [values[name] for name in self._named]
 
 
-def dissipated_power(law: Expression) -> Expression:
-    """The power in W that a link with this law dissipates, (f(d, v) - f(d, 0)) v.
+def dissipated_power(law: Expression, states: tuple[str, ...] = ()) -> Expression:
+    """The power in W that a link with this law dissipates, (f(d, v) - f(d, 0)) v; with memory, f(d, v, s) - f(d, 0, 0).
 
     It is formed symbolically, so that the stored part cancels exactly.
     """
-    elastic = substitute(law, {"v": Number(0.0)})
+    elastic = substitute(law, dict.fromkeys(("v", *states), Number(0.0)))
     return multiply(Symbol("v"), add(law, multiply(Number(-1.0), elastic)))
 
 
 @lru_cache(maxsize=1024)
-def _parse(text: str) -> Law:
-    parsed = parse_with_positions(text, VARIABLES)
-    expression = parsed.expression
-    for name, advice in _MISUSED.items():
-        place = parsed.position(Symbol(name))
-        if place is not None:
-            raise LawError(f"Unknown variable {name!r} in a law.", text, place, advice)
-    _check_rest(text, parsed)
-    return Law(text, expression, tuple(name for name in symbols(expression) if name not in VARIABLES))
-
-
-def _check_rest(text: str, parsed: Parsed) -> None:
-    """Raise LawError for a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others."""
-    names = dict.fromkeys(
-        name for part, _ in parsed.positions for name in symbols(part)
-    )  # of folded parts too
-    ones = dict.fromkeys(names, 1.0)
-    others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)}
-    if any(np.isfinite(_at_rest(parsed.expression, values)) for values in (ones, others)):
-        return
-    expression, position = next(
-        place for place in parsed.positions if not np.isfinite(_at_rest(place[0], others))
+def _parse(text: str, rates: tuple[tuple[str, str, str], ...]) -> Law:
+    variables = (*VARIABLES, *(name for name, _, _ in rates))
+    expression = checked_expression(text, variables)
+    parsed = tuple(
+        StateRate(name, rate, checked_expression(rate, variables), unit) for name, rate, unit in rates
     )
-    reason, advice = "No finite value", "Check the argument of this function, and the constants."
-    if isinstance(expression, Power):
-        reason, advice = "Division by zero", "Keep the divisor away from 0, as in d/(1 + abs(d)/s)."
-    raise LawError(f"{reason} at rest (d = 0, v = 0), where a law must be finite.", text, position, advice)
+    trees = (expression, *(rate.expression for rate in parsed))
+    names = dict.fromkeys(name for tree in trees for name in symbols(tree))
+    return Law(text, expression, tuple(name for name in names if name not in variables), parsed)
 
 
-def _at_rest(expression: Expression, values: Mapping[str, float]) -> float:
-    names = symbols(expression)
-    given = (0.0 if name in VARIABLES else values[name] for name in names)
-    return float(Program([expression], names)(*given)[0])
+def law_dimensions(law: Law, known: Mapping[str, Dimension]) -> dict[str, Dimension | None]:
+    """Dimension of each coefficient and state of a law, given some; None where any is consistent.
 
-
-@lru_cache(maxsize=1024)
-def _force_program(expression: Expression, coefficients: tuple[str, ...]) -> Program:
-    return Program([expression], (*VARIABLES, *coefficients), wide=VARIABLES)
-
-
-@lru_cache(maxsize=1024)
-def _partials_program(expression: Expression, coefficients: tuple[str, ...]) -> Program:
-    names = (*VARIABLES, *coefficients)
-    return Program([expression, *(differentiate(expression, name) for name in names)], names, wide=VARIABLES)
-
-
-@lru_cache(maxsize=1024)
-def _potential_programs(elastic: Expression, coefficients: tuple[str, ...]) -> tuple[Program | None, Program]:
-    """The closed form, if there is one, and the program for quadrature: the force at v = 0 and its kinks."""
-    names = ("d", *coefficients)
-    elastic_kinks = [kink for kink in kinks(elastic) if "d" in symbols(kink)]
-    quadrature = Program([elastic, *elastic_kinks], names, wide=("d",))
-    primitive = antiderivative(elastic, "d")
-    if primitive is None:
-        return None, quadrature
-    at_zero = substitute(primitive, {"d": Number(0.0)})
-    return Program([add(primitive, multiply(Number(-1.0), at_zero))], names, wide=("d",)), quadrature
+    Raises LawError if none are consistent; it has the place where they disagree.
+    """
+    rates = {rate.name: rate.expression for rate in law.rates}
+    variables = {"d": METRE, "v": METRE_PER_SECOND}
+    try:
+        return infer(law.expression, variables, NEWTON, rates=rates, known=known)
+    except UnitConflict as error:
+        text = (law.text, *(rate.text for rate in law.rates))[error.equation]
+        place = parse_with_positions(text, law.variables).position(error.part)
+        advice = "Give each term a coefficient of its own."
+        raise LawError(error.reason, text, place, advice) from None

@@ -18,6 +18,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
+from linkwise.model.link_state import LinkState, as_link_states
 from linkwise.text import near_miss
 
 GROUND = "ground"
@@ -85,12 +86,17 @@ class Link:
     law : Law
         Force in N on the first end, with reversed sign.
     coefficients : mapping of str to Coefficient
-        One coefficient for each name in the law.
+        One coefficient for each name in the law and in the rates of its states.
+    states : mapping of str to LinkState or str, optional
+        The states of a link with memory, such as ``{"z": "(v - abs(v)*z)/x0"}``: the rate of each, or a `LinkState` with its
+        initial value and unit too. By default those that `law` was parsed with.
 
     Raises
     ------
     StructureError
         If coefficients are missing or unknown to the law, or the ends are equal or no masses.
+    LawError
+        If the rate of a state is not valid.
 
     Examples
     --------
@@ -106,10 +112,12 @@ class Link:
     between: tuple[str, str]
     law: Law
     coefficients: Mapping[str, Coefficient] = field(hash=False)
+    states: Mapping[str, LinkState | str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         _check_name(self.name, "link")
         where = f'link "{self.name}"'
+        self._bind_states(where)
         object.__setattr__(self, "between", tuple(self.between))
         if len(self.between) != 2:
             raise StructureError(f"`between` must name two ends, got {list(self.between)}", where)
@@ -123,8 +131,32 @@ class Link:
         ordered = {name: self.coefficients[name] for name in self.law.coefficients}
         object.__setattr__(self, "coefficients", MappingProxyType(ordered))
 
-    def __reduce__(self) -> tuple[type[Link], tuple[str, tuple[str, str], Law, dict[str, Coefficient]]]:
-        return Link, (self.name, self.between, self.law, dict(self.coefficients))
+    def __reduce__(self) -> tuple[type[Link], tuple[object, ...]]:
+        return Link, (self.name, self.between, self.law, dict(self.coefficients), dict(self.states))
+
+    def _bind_states(self, where: str) -> None:
+        """Make the states those of the law, in which their names are coefficients until then."""
+        given = self.states or {rate.name: LinkState(rate.text, unit=rate.unit) for rate in self.law.rates}
+        try:
+            states = as_link_states(given)
+        except StructureError as error:
+            raise StructureError(error.message, where) from None
+        if states:
+            object.__setattr__(self, "law", Law.parse(self.law.text, states))
+        object.__setattr__(self, "states", MappingProxyType(states))
+
+    @property
+    def initial_states(self) -> dict[str, float]:
+        """Initial value of each state in SI units. Raises StructureError for one that is unknown."""
+        values = {}
+        for name, state in as_link_states(self.states).items():
+            if state.initial is None:
+                raise StructureError(
+                    f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}",
+                    f'link "{self.name}"',
+                )
+            values[name] = state.initial
+        return values
 
     def _check_coefficients(self, where: str) -> None:
         missing = [name for name in self.law.coefficients if name not in self.coefficients]
@@ -155,20 +187,29 @@ class Link:
             values[name] = coefficient.value
         return values
 
-    def force(self, d: ArrayLike, v: ArrayLike = 0.0) -> Floats:
+    def force(
+        self, d: ArrayLike, v: ArrayLike = 0.0, states: Mapping[str, ArrayLike] | None = None
+    ) -> Floats:
         """Force of the link.
 
         Parameters
         ----------
         d, v : array
             Elongation in m and rate in m/s.
+        states : mapping of str to array, optional
+            The states of a link with memory in SI units.
 
         Returns
         -------
         array
             Force in N, of the broadcast shape of d and v.
+
+        Raises
+        ------
+        LawError
+            If a state is not given.
         """
-        return _full(self.law.force(d, v, self.values), d, v)
+        return _full(self.law.force(d, v, {**self.values, **(states or {})}), d, v)
 
     def stiffness(self, d: ArrayLike) -> Floats:
         """Tangent stiffness at rest (v = 0).
@@ -186,7 +227,7 @@ class Link:
         return self.tangent(d)[0]
 
     def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Tangent stiffness and damping.
+        """Tangent stiffness and damping; with memory, at states of 0.
 
         Parameters
         ----------
@@ -198,7 +239,7 @@ class Link:
         tuple of two arrays
             Derivatives of the force by d in N/m and by v in N s/m, each of the broadcast shape of d and v.
         """
-        partials = self.law.partials(d, v, self.values)
+        partials = self.law.partials(d, v, {**self.values, **dict.fromkeys(self.law.states, 0.0)})
         return _full(partials.by_d, d, v), _full(partials.by_v, d, v)
 
     def potential(self, d: ArrayLike) -> Floats:

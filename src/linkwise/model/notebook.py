@@ -16,7 +16,7 @@ def structure_html(structure: Structure) -> str:
         (mass.name, "unknown" if mass.mass.value is None else f"{mass.mass.value:g} kg")
         for mass in structure.masses[:_MOST]
     ]
-    links = [(link.name, " - ".join(link.between), link.law.text) for link in structure.links[:_MOST]]
+    links = [(link.name, " - ".join(link.between), link.law.equations) for link in structure.links[:_MOST]]
     count = f"{len(structure.masses)} masses, {len(structure.links)} links"
     lines = [f"{structure.name or 'structure'}: {count}", *align_columns([("mass", ""), *masses])]
     if links:

@@ -1,7 +1,8 @@
 """Structures as TOML files; a structure that is written and read back is the same to the last bit.
 
 A coefficient (or a mass) is a number, a string with a unit ("30 kN/m"), "unknown", a table of `start`, `lower`, `upper` for an
-unknown with start value and bounds, or "=link.coefficient" for a shared one.
+unknown with start value and bounds, or "=link.coefficient" for a shared one. A state of a link is the text of its rate, or a
+table of `rate`, `initial` and `unit`.
 """
 
 from __future__ import annotations
@@ -9,32 +10,22 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from linkwise.errors import LinkwiseError, StructureError
+from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law
 from linkwise.model.link import Link, Mass
+from linkwise.model.link_state import as_link_states
 from linkwise.model.parameters import KILOGRAM
 from linkwise.model.structure import Structure
-from linkwise.text import near_miss
+from linkwise.model.toml_link import LinkTable, coefficient_of, link_of
 from linkwise.toml_tables import decode, parse_toml, read_toml_text
-from linkwise.units import to_si
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
-
-
-class _UnknownTable(msgspec.Struct, forbid_unknown_fields=True):
-    """An unknown with start value and bounds, in SI units or as text with a unit."""
-
-    start: float | str | None = None
-    lower: float | str | None = None
-    upper: float | str | None = None
 
 
 class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -42,22 +33,15 @@ class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
     mass: float | str | dict[str, Any]
 
 
-class _LinkTable(msgspec.Struct, forbid_unknown_fields=True):
-    name: str
-    between: list[str]
-    law: str
-    coefficients: dict[str, Any] = {}
-
-
 class _StructureTable(msgspec.Struct, forbid_unknown_fields=True):
     mass: list[_MassTable]
-    link: list[_LinkTable]
+    link: list[LinkTable]
     name: str = ""
 
 
 class _PartialTable(msgspec.Struct, forbid_unknown_fields=True):
     mass: list[_MassTable]
-    link: list[_LinkTable] = []
+    link: list[LinkTable] = []
     name: str = ""
 
 
@@ -237,7 +221,7 @@ def _masses_and_links(
     table: _StructureTable | _PartialTable, source: str
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
     masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
-    links = tuple(_link(entry, index, source) for index, entry in enumerate(table.link))
+    links = tuple(link_of(entry, index, source) for index, entry in enumerate(table.link))
     return masses, links
 
 
@@ -270,7 +254,7 @@ def format_structure(structure: Structure) -> str:
         ends = ", ".join(_string(end) for end in link.between)
         blocks.append(
             f"[[link]]\nname = {_string(link.name)}\nbetween = [{ends}]\n"
-            f"law = {_string(link.law.text)}\ncoefficients = {{ {pairs} }}\n"
+            f"law = {_string(link.law.text)}\n{_states_text(link)}coefficients = {{ {pairs} }}\n"
         )
     return "\n".join(blocks)
 
@@ -278,71 +262,25 @@ def format_structure(structure: Structure) -> str:
 def _mass(entry: _MassTable, index: int, source: str) -> Mass:
     path = f"mass[{index}]"
     where = f'{source}, {path} "{entry.name}"'
-    coefficient = _coefficient(entry.mass, KILOGRAM, source, f"{path}.mass")
+    coefficient = coefficient_of(entry.mass, KILOGRAM, source, f"{path}.mass")
     try:
         return Mass(entry.name, coefficient)
     except StructureError as error:
         raise StructureError(error.message, where) from None
 
 
-def _link(entry: _LinkTable, index: int, source: str) -> Link:
-    path = f"link[{index}]"
-    where = f'{source}, {path} "{entry.name}"'
-    try:
-        law = _law(entry.law)
-        units = law.units
-    except LinkwiseError as error:
-        raise StructureError(f"invalid law: {error}", where) from None
-    coefficients = {
-        name: _coefficient(given, units.get(name, ""), source, f"{path}.coefficients.{name}")
-        for name, given in entry.coefficients.items()
-    }
-    try:
-        return Link(entry.name, (*entry.between,), law, coefficients)  # type: ignore[arg-type]  # Link counts the ends
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
-
-
-@lru_cache(maxsize=256)
-def _law(text: str) -> Law:
-    """The law of a text, parsed once for all links that have it."""
-    return Law.parse(text)
-
-
-def _coefficient(given: object, unit: str, source: str, path: str) -> Coefficient:
-    """The coefficient for a value of the file, in SI units `unit`."""
-    try:
-        if isinstance(given, dict):
-            table = decode(given, _UnknownTable, source, path, StructureError)
-            start = None if table.start is None else _si(table.start, unit)
-            lower = -math.inf if table.lower is None else _si(table.lower, unit)
-            upper = math.inf if table.upper is None else _si(table.upper, unit)
-            return Coefficient.unknown(start, lower=lower, upper=upper)
-        if isinstance(given, str):
-            if given.strip() == "unknown":
-                return Coefficient.unknown()
-            if given.startswith("="):
-                return Coefficient.shared(given[1:].strip())
-        if isinstance(given, str | int | float) and not isinstance(given, bool):
-            return Coefficient.number(_si(given, unit))
-    except StructureError as error:
-        raise StructureError(error.message, error.where or f"{source}, {path}") from None
-    raise StructureError(
-        f'expected a number, a text such as "unknown", "30 kN/m" or "=link.coefficient", or a table of start, lower, upper; '
-        f"got {given!r}",
-        f"{source}, {path}",
-    )
-
-
-def _si(given: float | str, unit: str) -> float:
-    """A number unchanged, a text converted to `unit`."""
-    if not isinstance(given, str):
-        return given
-    try:
-        return float(to_si(given, unit))
-    except LinkwiseError as error:
-        hint = near_miss(given.strip().lower(), ["unknown"])
-        raise StructureError(f"{error}{hint}") from None
+def _states_text(link: Link) -> str:
+    """The line of the states of a link; empty without memory."""
+    entries = []
+    for name, state in as_link_states(link.states).items():
+        fields = [f"rate = {_string(state.rate)}"]
+        if state.initial != 0.0:
+            fields.append(f"initial = {_string('unknown') if state.initial is None else repr(state.initial)}")
+        if state.unit:
+            fields.append(f"unit = {_string(state.unit)}")
+        text = _string(state.rate) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
+        entries.append(f"{_key(name)} = {text}")
+    return f"states = {{ {', '.join(entries)} }}\n" if entries else ""
 
 
 def _coefficient_text(coefficient: Coefficient) -> str:

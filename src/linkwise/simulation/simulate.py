@@ -12,6 +12,7 @@ from linkwise.errors import RecordError, SimulationError
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.input_signal import InputSignal
 from linkwise.model.link import BASE
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import Channel
@@ -83,6 +84,7 @@ def simulate(
     >>> lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=["x", "a:m2"])
     Record of 1001 samples at 1000 Hz, 0 to 1 s: x:m1, x:m2, a:m2
     """
+    refuse_memory(structure.links, "simulations")
     grid = output_times(duration, rate, times)
     drive = Excitation.of(**excitation)
     check_excitation(structure, drive, float(grid[-1]))

@@ -14,6 +14,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -103,6 +104,7 @@ class PhysicsInformedSindy(Estimator):
         IdentificationError
             If there are several records, a law is not linear in an unknown, or the columns are collinear.
         """
+        refuse_memory(structure.links, 'method "sindy"')
         record = self.only_record(records)
         states = differentiate(record, self.derivative)
         system = link_columns(states, structure)

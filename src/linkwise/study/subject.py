@@ -13,6 +13,7 @@ from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.link import BASE
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.records.channel import Channel
@@ -73,6 +74,7 @@ class Subject:
     seen = DeprecatedAttribute(Deprecated("measured", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
+        refuse_memory(self.structure.links, "studies")
         for key, value in (("duration", self.duration), ("rate", self.rate)):
             if not 0.0 < value < float("inf"):
                 raise StudyError(f"must be positive and finite, got {value!r}", key)

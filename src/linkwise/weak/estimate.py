@@ -16,6 +16,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -83,6 +84,7 @@ class WeakForm(Estimator):
         IdentificationError
             If there are several records, no displacements, or a parameter that the record does not determine.
         """
+        refuse_memory(structure.links, 'method "weak"')
         record = self.only_record(records)
         with one_blas_thread():
             motion = read_displacements(record, structure)

@@ -13,6 +13,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.model.law import Law
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.model.topology import GROUND_INDEX
 from linkwise.weak.patch_layout import GroupTerms, PatchLayout, TermCoefficients, WeakLawGroup
@@ -197,6 +198,7 @@ def structure_layout(structure: Structure) -> StructureLayout:
     StructureLayout
         Its layout.
     """
+    refuse_memory(structure.links, "the weak form")
     topology = structure.topology
     parameters = structure.parameters
     return StructureLayout(

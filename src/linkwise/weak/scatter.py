@@ -22,7 +22,8 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
-from linkwise.model.law import VARIABLES, Law
+from linkwise.model.law import Law
+from linkwise.model.law_text import VARIABLES
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2

@@ -11,6 +11,7 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.model.input_signal import Sampled
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -90,6 +91,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     >>> sorted(run.rmse)
     ['x:m1', 'x:m2']
     """
+    refuse_memory(structure.links, "validation")
     channels = _responses(structure, record)
     if not 2 <= settling < len(record):
         raise RecordError(

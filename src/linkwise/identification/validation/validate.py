@@ -19,6 +19,7 @@ from linkwise.identification.validation.result import CoefficientAgreement, Vali
 from linkwise.identification.validation.scores import channel_scores
 from linkwise.identification.validation.sensor_noise import sensor_noise
 from linkwise.identification.validation.windows import WindowPredictor
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, part, silent
 from linkwise.records.channel import Channel
@@ -89,6 +90,7 @@ def validate(
     """
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
+    refuse_memory(structure.links, "validation")
     law_error = _law_error(given.model_error if model_error is None else model_error)
     used = _usable(record, structure)
     samples = _burn_samples(used, burn)

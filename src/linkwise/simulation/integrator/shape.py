@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from linkwise.expression import FUNCTIONS, Call, Expression, Number, add, symbols, walk
-from linkwise.model.law import VARIABLES
+from linkwise.model.law_text import VARIABLES
 
 SCALE = 2.0**-40  # m, a power of two so that scaling causes no rounding
 

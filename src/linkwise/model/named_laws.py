@@ -1,0 +1,384 @@
+"""Named laws: texts of laws from the literature, with and without memory, that a user sees and may edit.
+
+A law is added by one entry of `NAMED_LAWS`. In a structure file the name stands in place of the law; it is replaced by the
+text when the file is read.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, final
+
+from linkwise.errors import StructureError
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.link_state import LinkState
+from linkwise.registry import Registry
+
+_SPELLED = re.compile(r"\s*([a-z]+(?:-[a-z]+)*)\s*(?:\(\s*(\d+)\s*\))?\s*")
+_MOST_BRANCHES = 16  # whose force still fits the longest text of a law
+_DECADES = math.exp(2.0)  # between neighbouring rates of a fractional law: errors of its sum are below 1e-3
+
+
+class LawText(NamedTuple):
+    """A law as text, and the states beside it."""
+
+    law: str
+    states: Mapping[str, LinkState]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class NamedLaw:
+    """A law of the literature.
+
+    Parameters
+    ----------
+    title : str
+        What it describes.
+    source : str
+        Where it comes from.
+    coefficients : mapping of str to str
+        Meaning of each coefficient.
+    formula : LawText or callable
+        The law; for a family a function of its number of branches.
+    branches : int, optional
+        Number of branches by default of a family, such as the sliders of Iwan's law; 0 of a single law.
+    bounds : mapping of str to tuple, optional
+        Bounds in SI units of coefficients that have some, within which they are searched for.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> law = lw.named_law("dahl")
+    >>> law.law, law.states["q"].rate
+    ('q + c*v', 'sigma*(v - abs(v)*q/Fc)')
+    """
+
+    title: str
+    source: str
+    coefficients: Mapping[str, str]
+    formula: LawText | Callable[[int], LawText]
+    branches: int = 0
+    bounds: Mapping[str, tuple[float, float]] | None = None
+
+    @property
+    def text(self) -> LawText:
+        """The law and its states."""
+        return self.formula if isinstance(self.formula, LawText) else self.formula(self.branches)
+
+    @property
+    def law(self) -> str:
+        """The law as text."""
+        return self.text.law
+
+    @property
+    def states(self) -> Mapping[str, LinkState]:
+        """The states by name; empty for a law without memory."""
+        return self.text.states
+
+    def coefficient(self, name: str) -> Coefficient:
+        """The coefficient of that name as an unknown within its bounds."""
+        lower, upper = (self.bounds or {}).get(name, (-math.inf, math.inf))
+        return Coefficient.unknown(lower=lower, upper=upper)
+
+    def link(
+        self, name: str, between: tuple[str, str], coefficients: Mapping[str, Coefficient] | None = None
+    ) -> Link:
+        """A link with this law.
+
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+        between : tuple of two str
+            Its ends.
+        coefficients : mapping of str to Coefficient, optional
+            Coefficients; the others are unknown within their bounds.
+
+        Returns
+        -------
+        Link
+            The link.
+
+        Raises
+        ------
+        StructureError
+            As of `Link`.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> link = lw.named_law("jenkins").link("joint", ("m1", "ground"), {"k": lw.Coefficient.number(1e4)})
+        >>> [name for name, coefficient in link.coefficients.items() if not coefficient.known]
+        ['Fs']
+        """
+        law = Law.parse(self.law, self.states)
+        given = {key: self.coefficient(key) for key in law.coefficients} | dict(coefficients or {})
+        return Link(name, between, law, given, self.states)
+
+
+def named_law(name: str) -> NamedLaw:
+    """Look up a law of the literature.
+
+    Parameters
+    ----------
+    name : str
+        Its name, such as ``"bouc-wen"``; of a family also with a number of branches, ``"iwan(8)"``.
+
+    Returns
+    -------
+    NamedLaw
+        The law.
+
+    Raises
+    ------
+    StructureError
+        If there is no law of this name, or the number of branches is not possible.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.named_law("maxwell").law
+    'q'
+    """
+    spelled = _SPELLED.fullmatch(name)
+    if spelled is None:
+        raise StructureError(f"{name!r} is not the name of a law; choose from {', '.join(NAMED_LAWS)}")
+    law = NAMED_LAWS.lookup(spelled[1])
+    if spelled[2] is None:
+        return law
+    count = int(spelled[2])
+    if not law.branches:
+        raise StructureError(f"{spelled[1]} has no branches, got {name!r}; write {spelled[1]}")
+    if not 1 <= count <= _MOST_BRANCHES:
+        raise StructureError(f"{spelled[1]} has 1 to {_MOST_BRANCHES} branches, got {count}")
+    return NamedLaw(
+        title=law.title, source=law.source, coefficients=law.coefficients, formula=law.formula, branches=count,
+        bounds=law.bounds,
+    )  # fmt: skip
+
+
+def is_law_name(text: str) -> bool:
+    """Whether a text in place of a law names one."""
+    spelled = _SPELLED.fullmatch(text)
+    return spelled is not None and spelled[1] in NAMED_LAWS
+
+
+def _single(law: str, **rates: str | LinkState) -> LawText:
+    return LawText(
+        law, {name: LinkState(rate) if isinstance(rate, str) else rate for name, rate in rates.items()}
+    )
+
+
+def _iwan(sliders: int) -> LawText:
+    """Sliders over equal parts of the slip displacements up to the largest; their sums are F_S and K_T exactly."""
+    largest = "FS*(1 + beta)/(KT*(beta + (chi + 1)/(chi + 2)))"
+    states, force = {}, []
+    for j in range(1, sliders + 1):
+        upper, lower = f"({j}/{sliders})" if j < sliders else "1", f"({j - 1}/{sliders})"
+        share = f"({upper}**(chi + 1) - {lower}**(chi + 1))" if j > 1 else f"{upper}**(chi + 1)"
+        moment = f"({upper}**(chi + 2) - {lower}**(chi + 2))" if j > 1 else f"{upper}**(chi + 2)"
+        slip = f"{largest}*(chi + 1)/(chi + 2)*{moment}/{share}"
+        states[f"u{j}"] = LinkState(_stick_slip("v", f"u{j}", slip))
+        force.append(f"{share}*u{j}")
+    states["ub"] = LinkState(_stick_slip("v", "ub", largest))
+    return LawText(f"KT/(1 + beta)*({' + '.join(force)} + beta*ub)", states)
+
+
+def _stick_slip(sticking: str, state: str, largest: str) -> str:
+    """A rate that is `sticking` until the state reaches its largest size, and 0 while it would exceed it."""
+    return f"{sticking}*(1 - 0.25*(1 + sign(abs({state}) - {largest}))*(1 + sign({state}*v)))"
+
+
+def _fractional(branches: int) -> LawText:
+    """A fractional derivative as a sum over relaxation rates, evenly spaced in their logarithm (Diethelm 2008)."""
+    states, force = {}, []
+    for j in range(branches):
+        ratio = repr(float(f"{_DECADES**j:.12g}"))
+        states[f"q{j + 1}"] = LinkState(f"v - {ratio}*w*q{j + 1}")
+        force.append(f"{ratio}**a*q{j + 1}")
+    return LawText(f"2*K*sin(pi*a)/pi*({' + '.join(force)})", states)
+
+
+_POSITIVE = (0.0, math.inf)
+_SHARE = (0.0, 1.0)
+_VOLTAGE = LinkState("(theta*v - V/R)/C", unit="V")
+_CURRENT = LinkState("(g*v - R*i)/L", unit="A")
+_SPRING = {"k": "stiffness", "c": "damping"}
+_WELLS = {"alpha": "linear stiffness, negative", "beta": "cubic stiffness", "c": "damping"}
+_PIEZO = {"theta": "electromechanical coupling", "C": "capacitance", "R": "resistance of the load"}
+_COIL = {"g": "electromechanical coupling", "L": "inductance", "R": "resistance of coil and load"}
+_BOUC_WEN = {**_SPRING, "F": "largest hysteretic force", "x0": "elongation at which it yields", "s": "shape"}
+
+NAMED_LAWS: Registry[NamedLaw] = Registry(
+    "law",
+    {
+        "bouc-wen": NamedLaw(
+            title="smooth hysteresis, scaled: z is between -1 and 1",
+            source="Bouc 1967; Wen, J. Eng. Mech. Div. 102, 249 (1976); scaled as by Ma et al., J. Appl. Mech. 71, 342 (2004)",
+            coefficients=_BOUC_WEN,
+            formula=_single("k*d + c*v + F*z", z="(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"),
+            bounds={"x0": _POSITIVE, "s": _SHARE},
+        ),
+        "bouc-wen-baber-noori": NamedLaw(
+            title="smooth hysteresis with pinching and degradation by the dissipated energy e",
+            source="Baber and Noori, J. Eng. Mech. 111, 1010 (1985); Foliente, J. Struct. Eng. 121, 1013 (1995)",
+            coefficients={
+                **_BOUC_WEN,
+                "nu": "loss of strength",
+                "eta": "loss of stiffness",
+                "zs": "total slip of the pinching",
+                "p": "rate of the slip",
+                "q": "residual force of the pinching",
+                "psi": "magnitude of the pinching",
+                "dpsi": "its growth",
+                "lam": "severity of the pinching",
+            },
+            formula=_single(
+                "k*d + c*v + F*z",
+                z="(1 - zs*(1 - exp(-p*e))*exp(-(z*sign(v) - q/(1 + nu*e))**2/((psi + dpsi*e)*(lam + zs*(1 - exp(-p*e))))**2))"
+                "*(v - (1 + nu*e)*(s*abs(v)*z + (1 - s)*v*abs(z)))/(x0*(1 + eta*e))",
+                e="z*v/x0",
+            ),
+            bounds={
+                "x0": _POSITIVE,
+                "s": _SHARE,
+                "nu": _POSITIVE,
+                "eta": _POSITIVE,
+                "zs": _SHARE,
+                "p": _POSITIVE,
+                "psi": _POSITIVE,
+                "dpsi": _POSITIVE,
+                "lam": _POSITIVE,
+            },
+        ),
+        "dahl": NamedLaw(
+            title="friction that yields before it slides",
+            source="Dahl, Aerospace Corporation TOR-0158(3107-18)-1 (1968)",
+            coefficients={
+                "sigma": "stiffness before sliding",
+                "Fc": "friction while sliding",
+                "c": "damping",
+            },
+            formula=_single("q + c*v", q="sigma*(v - abs(v)*q/Fc)"),
+            bounds={"sigma": _POSITIVE, "Fc": _POSITIVE},
+        ),
+        "lugre": NamedLaw(
+            title="friction of bristles with the Stribeck effect",
+            source="Canudas de Wit et al., IEEE Trans. Automat. Contr. 40, 419 (1995)",
+            coefficients={
+                "s0": "stiffness of the bristles",
+                "s1": "their damping",
+                "s2": "viscous damping",
+                "Fc": "friction while sliding",
+                "Fs": "friction at the onset of sliding",
+                "vs": "Stribeck velocity",
+            },
+            formula=_single(
+                "s0*z + s1*(v - s0*abs(v)*z/(Fc + (Fs - Fc)*exp(-(v/vs)**2))) + s2*v",
+                z="v - s0*abs(v)*z/(Fc + (Fs - Fc)*exp(-(v/vs)**2))",
+            ),
+            bounds=dict.fromkeys(("s0", "Fc", "Fs", "vs"), _POSITIVE),
+        ),
+        "jenkins": NamedLaw(
+            title="a spring in series with a dry slider",
+            source="Iwan, J. Appl. Mech. 33, 893 (1966)",
+            coefficients={"k": "stiffness while sticking", "Fs": "force at which it slides"},
+            formula=_single("q", q=_stick_slip("k*v", "q", "Fs")),
+            bounds=dict.fromkeys(("k", "Fs"), _POSITIVE),
+        ),
+        "iwan": NamedLaw(
+            title="sliders in parallel with a power law of their slip forces",
+            source="Segalman, J. Appl. Mech. 72, 752 (2005)",
+            coefficients={
+                "FS": "force at which the joint slides",
+                "KT": "stiffness while it sticks",
+                "chi": "power, -1 to 0",
+                "beta": "share of the last slider",
+            },
+            formula=_iwan,
+            branches=6,
+            bounds={"FS": _POSITIVE, "KT": _POSITIVE, "chi": (-1.0, 0.0), "beta": _POSITIVE},
+        ),
+        "maxwell": NamedLaw(
+            title="a spring in series with a damper",
+            source="Maxwell, Phil. Trans. R. Soc. 157, 49 (1867)",
+            coefficients=_SPRING,
+            formula=_single("q", q="k*(v - q/c)"),
+            bounds=dict.fromkeys(("k", "c"), _POSITIVE),
+        ),
+        "zener": NamedLaw(
+            title="a spring beside a Maxwell element: the standard linear solid",
+            source="Zener, Elasticity and Anelasticity of Metals (1948)",
+            coefficients={"k": "stiffness at rest", "k1": "stiffness of the branch", "c1": "its damping"},
+            formula=_single("k*d + q", q="k1*(v - q/c1)"),
+            bounds=dict.fromkeys(("k1", "c1"), _POSITIVE),
+        ),
+        "fractional": NamedLaw(
+            title="a fractional derivative of d of order a over the rates w to w*exp(2*n), by n Maxwell branches",
+            source="Bagley and Torvik, J. Rheol. 27, 201 (1983); Diethelm, Numer. Algorithms 47, 361 (2008)",
+            coefficients={
+                "K": "stiffness at the rate w",
+                "a": "order of the derivative",
+                "w": "lowest relaxation rate",
+            },
+            formula=_fractional,
+            branches=5,
+            bounds={"a": _SHARE, "w": _POSITIVE},
+        ),
+        "stribeck": NamedLaw(
+            title="friction that falls from rest to sliding",
+            source="Stribeck, Z. VDI 46, 1341 (1902); Bo and Pavelescu, Wear 82, 277 (1982)",
+            coefficients={
+                "Fc": "friction while sliding",
+                "Fs": "friction at rest",
+                "vs": "Stribeck velocity",
+                "c": "viscous damping",
+            },
+            formula=_single("(Fc + (Fs - Fc)*exp(-(v/vs)**2))*sign(v) + c*v"),
+            bounds={"vs": _POSITIVE},
+        ),
+        "hertz": NamedLaw(
+            title="elastic contact of curved bodies that touch at the elongation -gap",
+            source="Hertz, J. reine angew. Math. 92, 156 (1882)",
+            coefficients={"kh": "contact stiffness", "gap": "distance at rest"},
+            formula=_single("-kh*max(-d - gap, 0)**1.5"),
+            bounds={"kh": _POSITIVE},
+        ),
+        "piezo": NamedLaw(
+            title="a piezoelectric transducer on a resistor: C V' + V/R = theta v",
+            source="Erturk and Inman, Piezoelectric Energy Harvesting (2011)",
+            coefficients={**_SPRING, **_PIEZO},
+            formula=_single("k*d + c*v + theta*V", V=_VOLTAGE),
+            bounds=dict.fromkeys(("C", "R"), _POSITIVE),
+        ),
+        "coil": NamedLaw(
+            title="a magnet in a coil: L i' + R i = g v",
+            source="Stephen, J. Sound Vib. 293, 409 (2006)",
+            coefficients={**_SPRING, **_COIL},
+            formula=_single("k*d + c*v + g*i", i=_CURRENT),
+            bounds=dict.fromkeys(("L", "R"), _POSITIVE),
+        ),
+        "piezo-harvester": NamedLaw(
+            title="a bistable link with a piezoelectric transducer on a resistor",
+            source="Erturk, Hoffmann and Inman, Appl. Phys. Lett. 94, 254102 (2009)",
+            coefficients={**_WELLS, **_PIEZO},
+            formula=_single("alpha*d + beta*d**3 + c*v + theta*V", V=_VOLTAGE),
+            bounds=dict.fromkeys(("C", "R"), _POSITIVE),
+        ),
+        "coil-harvester": NamedLaw(
+            title="a bistable link with a magnet in a coil",
+            source="Mann and Owens, J. Sound Vib. 329, 1215 (2010)",
+            coefficients={**_WELLS, **_COIL},
+            formula=_single("alpha*d + beta*d**3 + c*v + g*i", i=_CURRENT),
+            bounds=dict.fromkeys(("L", "R"), _POSITIVE),
+        ),
+    },
+    StructureError,
+)
+"""The named laws; one entry each."""

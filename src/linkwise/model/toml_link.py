@@ -1,0 +1,175 @@
+"""A link of a structure file: its table, and the law, states and coefficients that it says.
+
+A state is the text of its rate, or a table of `rate`, `initial` and `unit`. Where only the units of coefficients tell the
+unit of a state ("43 nF" that of a voltage), they are read first.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import msgspec
+
+from linkwise.errors import LinkwiseError, StructureError
+from linkwise.expression.dimension import Dimension
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law, law_dimensions
+from linkwise.model.link import Link
+from linkwise.model.link_state import LinkState, unit_dimension
+from linkwise.model.named_laws import NamedLaw, is_law_name, named_law
+from linkwise.text import near_miss
+from linkwise.toml_tables import decode
+from linkwise.units import to_si
+
+_WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*[^\W\d].*")
+
+
+class _UnknownTable(msgspec.Struct, forbid_unknown_fields=True):
+    """An unknown with start value and bounds, in SI units or as text with a unit."""
+
+    start: float | str | None = None
+    lower: float | str | None = None
+    upper: float | str | None = None
+
+
+class LinkTable(msgspec.Struct, forbid_unknown_fields=True):
+    """A link as written: `states` and `coefficients` are decoded with the law."""
+
+    name: str
+    between: list[str]
+    law: str
+    coefficients: dict[str, Any] = {}
+    states: dict[str, Any] = {}
+
+
+class _StateTable(msgspec.Struct, forbid_unknown_fields=True):
+    """A state of a link: its rate, its initial value in SI units or as text with a unit, and its unit."""
+
+    rate: str
+    initial: float | str = 0.0
+    unit: str = ""
+
+
+def link_of(entry: LinkTable, index: int, source: str) -> Link:
+    """The link of entry `index` of the file `source`. Raises StructureError with the place of what is wrong."""
+    path = f"link[{index}]"
+    where = f'{source}, {path} "{entry.name}"'
+    try:
+        named = named_law(entry.law) if is_law_name(entry.law) else None
+        states = _states(entry, named, source, path)
+        law = _law(named.law if named else entry.law, tuple(states.items()))
+        known = {state.name: unit_dimension(state.unit) for state in law.rates if state.unit}
+        stated = _stated_units(entry, law)
+        open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
+        if open_states:  # the units of coefficients tell them
+            found = law_dimensions(law, {**stated, **known})
+            told = {name: replace(states[name], unit=str(found[name])) for name in open_states if found[name]}
+            states |= told
+            law = _law(law.text, tuple(states.items()))
+        units = law.units
+    except LinkwiseError as error:
+        if isinstance(error, StructureError) and error.where:
+            raise
+        raise StructureError(f"invalid law: {error}", where) from None
+    coefficients = {
+        name: coefficient_of(given, units.get(name, ""), source, f"{path}.coefficients.{name}")
+        for name, given in entry.coefficients.items()
+    }
+    if named is not None:
+        coefficients = {name: named.coefficient(name) for name in law.coefficients} | coefficients
+    initial = _initial_values(entry, law, source, path)
+    states = {name: replace(state, initial=initial[name]) for name, state in states.items()}
+    try:
+        return Link(entry.name, (*entry.between,), law, coefficients, states)  # type: ignore[arg-type]  # Link counts the ends
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+
+
+def _states(entry: LinkTable, named: NamedLaw | None, source: str, path: str) -> dict[str, LinkState]:
+    """The states of a link; initial values are read once their units are known."""
+    if named is not None:
+        if entry.states:
+            raise StructureError(f"the law {entry.law!r} has states of its own: write it out to change them")
+        return dict(named.states)
+    states: dict[str, LinkState] = {}
+    for name, given in entry.states.items():
+        place = f"{path}.states.{name}"
+        if isinstance(given, dict):
+            table = decode(given, _StateTable, source, place, StructureError)
+            states[name] = LinkState(table.rate, unit=table.unit)
+        elif isinstance(given, str):
+            states[name] = LinkState(given)
+        else:
+            raise StructureError(
+                f"expected a rate as text or a table of rate, initial, unit; got {given!r}",
+                f"{source}, {place}",
+            )
+    return states
+
+
+def _initial_values(entry: LinkTable, law: Law, source: str, path: str) -> dict[str, float | None]:
+    """The initial value of each state of a law in SI units; None for an unknown one."""
+    values: dict[str, float | None] = {}
+    for name, unit in law.state_units.items():
+        given = entry.states.get(name)
+        initial = given.get("initial", 0.0) if isinstance(given, dict) else 0.0
+        value = coefficient_of(initial, unit, source, f"{path}.states.{name}.initial")
+        values[name] = value.value if value.known else None
+    return values
+
+
+def _stated_units(entry: LinkTable, law: Law) -> dict[str, Dimension]:
+    """Dimensions of the coefficients that are given with a unit."""
+    texts: dict[str, str] = {}
+    for name, given in entry.coefficients.items():
+        candidates = given.values() if isinstance(given, dict) else (given,)
+        for text in candidates:
+            if name in law.coefficients and isinstance(text, str) and _WITH_UNIT.fullmatch(text):
+                texts[name] = text
+    return {name: unit_dimension(text) for name, text in texts.items()}
+
+
+@lru_cache(maxsize=256)
+def _law(text: str, states: tuple[tuple[str, LinkState], ...]) -> Law:
+    """The law of a text, parsed once for all links that have it."""
+    return Law.parse(text, dict(states))
+
+
+def coefficient_of(given: object, unit: str, source: str, path: str) -> Coefficient:
+    """The coefficient for a value of the file, in SI units `unit`."""
+    try:
+        if isinstance(given, dict):
+            table = decode(given, _UnknownTable, source, path, StructureError)
+            start = None if table.start is None else _si(table.start, unit)
+            lower = -math.inf if table.lower is None else _si(table.lower, unit)
+            upper = math.inf if table.upper is None else _si(table.upper, unit)
+            return Coefficient.unknown(start, lower=lower, upper=upper)
+        if isinstance(given, str):
+            if given.strip() == "unknown":
+                return Coefficient.unknown()
+            if given.startswith("="):
+                return Coefficient.shared(given[1:].strip())
+        if isinstance(given, str | int | float) and not isinstance(given, bool):
+            return Coefficient.number(_si(given, unit))
+    except StructureError as error:
+        raise StructureError(error.message, error.where or f"{source}, {path}") from None
+    raise StructureError(
+        f'expected a number, a text such as "unknown", "30 kN/m" or "=link.coefficient", or a table of start, lower, upper; '
+        f"got {given!r}",
+        f"{source}, {path}",
+    )
+
+
+def _si(given: float | str, unit: str) -> float:
+    """A number unchanged, a text converted to `unit`."""
+    if not isinstance(given, str):
+        return given
+    try:
+        return float(to_si(given, unit))
+    except LinkwiseError as error:
+        hint = near_miss(given.strip().lower(), ["unknown"])
+        raise StructureError(f"{error}{hint}") from None

@@ -1,0 +1,216 @@
+"""Links with memory: states as text, their units, the structure file, named laws, and what refuses them."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+import linkwise as lw
+from linkwise.model.named_laws import NAMED_LAWS
+
+JOINT = """
+[[mass]]
+name = "m1"
+mass = 1.0
+
+[[link]]
+name = "joint"
+between = ["m1", "ground"]
+law = "k*d + c*v + F*z"
+states = { z = "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0" }
+coefficients = { k = 1e3, c = 0.5, F = "20 N", x0 = "1 mm", s = 0.6 }
+"""
+PIEZO = """
+[[mass]]
+name = "m1"
+mass = "10 g"
+
+[[link]]
+name = "piezo"
+between = ["m1", "base"]
+law = "alpha*d + beta*d**3 + c*v - theta*V"
+states = { V = STATE }
+coefficients = { alpha = "unknown", beta = "unknown", c = "unknown", theta = "unknown", R = "100 kohm", C = "43 nF" }
+"""
+RATE = "(-theta*v - V/R)/C"
+
+
+def piezo(state: str) -> lw.Link:
+    return lw.parse_structure(PIEZO.replace("STATE", state)).link("piezo")
+
+
+def test_units_follow_through_the_rates() -> None:
+    link = lw.parse_structure(JOINT).link("joint")
+    assert dict(link.law.units) == {"k": "N/m", "c": "N s/m", "F": "N", "s": "", "x0": "m"}
+    assert dict(link.law.state_units) == {"z": ""}
+    assert link.coefficients["x0"].value == 1e-3
+
+
+def test_electrical_units_follow_from_one_coefficient_or_from_the_state() -> None:
+    for state in (f'"{RATE}"', f'{{ rate = "{RATE}", unit = "V" }}'):
+        link = piezo(state)
+        assert link.law.state_units["V"] == "V"
+        assert link.law.units["theta"] == "N/V" and link.law.units["C"] == "F"
+        assert link.coefficients["C"].value == pytest.approx(43e-9, rel=1e-12)
+
+
+def test_without_any_electrical_unit_the_unit_of_a_voltage_is_open() -> None:
+    link = lw.Link(
+        "piezo",
+        ("m1", "ground"),
+        lw.Law.parse("k*d - theta*V"),
+        {name: lw.Coefficient.unknown() for name in ("k", "theta", "R", "C")},
+        {"V": RATE},
+    )
+    assert link.law.state_units["V"] == "?" and link.law.units["k"] == "N/m"
+
+
+@pytest.mark.parametrize(
+    ("law", "rate", "message", "position"),
+    [
+        ("F*z", "v - abs(v)*z/x0 + d*z/x0", "must be in the unit of 'v'", 18),
+        ("z + k*d", "v - abs(v)*z", "must be in the unit of z per second", 0),  # z is in N, not in m
+        ("F*z", "v*(", "empty", 2),
+        ("F*z", "t*v", "Unknown variable 't'", 0),
+        ("F*z", "v/d*z", "Division by zero", 2),
+    ],
+)
+def test_rates_that_disagree_are_refused_at_their_place(
+    law: str, rate: str, message: str, position: int
+) -> None:
+    with pytest.raises(lw.LawError, match=message) as error:
+        _ = lw.Law.parse(law, {"z": rate}).units
+    assert (error.value.text, error.value.position) == (rate, position)
+
+
+def test_a_stated_unit_that_the_rates_exclude_is_refused() -> None:
+    with pytest.raises(lw.LawError, match="No units of the coefficients are consistent"):
+        _ = lw.Law.parse("k*d + q", {"q": lw.LinkState("k*(v - q/c)", unit="V")}).units
+    with pytest.raises(lw.StructureError, match="invalid law: No units"):
+        lw.parse_structure(PIEZO.replace("STATE", f'"{RATE}"').replace("100 kohm", "100 N"))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("d", "the elongation"), ("abs", "a function"), ("2z", "not a valid name"), ("t", "time")],
+)
+def test_names_that_laws_use_are_refused(name: str, message: str) -> None:
+    with pytest.raises(lw.StructureError, match=message):
+        lw.Law.parse("k*d", {name: "v"})
+
+
+@pytest.mark.parametrize("initial", ["0.25", '"unknown"', '"0.5 V"'])
+def test_initial_values_survive_the_file(initial: str) -> None:
+    text = PIEZO.replace("STATE", f'{{ rate = "{RATE}", initial = {initial}, unit = "V" }}')
+    structure = lw.parse_structure(text)
+    assert lw.parse_structure(lw.format_structure(structure)) == structure
+    state = structure.link("piezo").states["V"]
+    assert isinstance(state, lw.LinkState)
+    assert state.initial == {"0.25": 0.25, '"unknown"': None, '"0.5 V"': 0.5}[initial]
+
+
+def test_an_unknown_initial_value_is_asked_for_when_it_is_needed() -> None:
+    link = piezo(f'{{ rate = "{RATE}", initial = "unknown" }}')
+    with pytest.raises(
+        lw.StructureError, match=r"initial value of state V is unknown.*release state:piezo.V"
+    ):
+        _ = link.initial_states
+
+
+def test_a_table_of_a_state_is_decoded_strictly() -> None:
+    with pytest.raises(lw.StructureError, match=r"states.V, unknown key .start|unknown key .start"):
+        piezo(f'{{ rate = "{RATE}", start = 1.0 }}')
+    with pytest.raises(lw.StructureError, match=r"link\[0\]\.states\.V: expected a rate as text or a table"):
+        piezo("3.0")
+
+
+def test_links_with_memory_are_values() -> None:
+    structure = lw.parse_structure(JOINT)
+    assert pickle.loads(pickle.dumps(structure)) == structure
+    assert hash(structure.link("joint")) == hash(pickle.loads(pickle.dumps(structure.link("joint"))))
+    assert "z&#x27; = (v - s*abs(v)*z" in structure._repr_html_()
+    freed = structure.unknown("joint")
+    assert [p.name for p in freed.parameters] == ["joint.k", "joint.c", "joint.F", "joint.s", "joint.x0"]
+    assert freed.link("joint").states == structure.link("joint").states
+
+
+def test_force_and_rate_take_the_states() -> None:
+    link = lw.parse_structure(JOINT).link("joint")
+    assert float(link.force(1e-3, 0.0, {"z": 0.5})) == pytest.approx(1.0 + 10.0, rel=1e-15)
+    (rate,) = link.law.state_rates(0.0, [0.1, -0.1], {**link.values, "z": 0.5})
+    np.testing.assert_allclose(rate, [(0.1 - 0.05) / 1e-3, (-0.1 - 0.03 + 0.02) / 1e-3], rtol=1e-14)
+    assert float(link.potential(2e-3)) == pytest.approx(0.5 * 1e3 * 4e-6, rel=1e-14)
+    with pytest.raises(lw.LawError, match="state 'z' has no value"):
+        link.force(1e-3)
+
+
+@pytest.mark.parametrize("name", NAMED_LAWS)
+def test_every_named_law_is_consistent_and_complete(name: str) -> None:
+    named = lw.named_law(name)
+    link = named.link("link", ("m1", "ground"))
+    assert set(link.law.coefficients) == set(named.coefficients) >= set(named.bounds or {})
+    assert "?" not in {*link.law.units.values(), *link.law.state_units.values()}
+    assert named.title and named.source
+
+
+def test_a_named_law_stands_in_place_of_a_law() -> None:
+    written = lw.parse_structure(
+        'mass = [{ name = "m1", mass = 1.0 }]\n'
+        '[[link]]\nname = "joint"\nbetween = ["m1", "ground"]\nlaw = "bouc-wen"\ncoefficients = { k = "2 kN/m" }'
+    )
+    link = written.link("joint")
+    assert link.law.text == lw.named_law("bouc-wen").law and link.law.states == ("z",)
+    assert link.coefficients["k"].value == 2000.0 and not link.coefficients["x0"].known
+    assert (link.coefficients["s"].lower, link.coefficients["s"].upper) == (0.0, 1.0)
+    assert lw.parse_structure(lw.format_structure(written)) == written
+
+
+def test_families_take_a_number_of_branches() -> None:
+    assert len(lw.named_law("iwan(3)").states) == 4 and len(lw.named_law("fractional(8)").states) == 8
+    for name, message in (("iwan(99)", "1 to 16"), ("dahl(2)", "no branches"), ("bouc-wenn", "did you mean")):
+        with pytest.raises(lw.StructureError, match=message):
+            lw.named_law(name)
+
+
+def test_iwan_sliders_add_up_to_its_force_and_stiffness() -> None:
+    law = lw.named_law("iwan(5)")
+    parsed = lw.Law.parse(law.law, law.states)
+    values = {"FS": 30.0, "KT": 2e4, "chi": -0.4, "beta": 0.7}
+    small = 1e-9  # m, sticking: every slider has the elongation of the link
+    stuck = parsed.force(small, 0.0, {**values, **dict.fromkeys(parsed.states, small)})
+    assert float(stuck) == pytest.approx(values["KT"] * small, rel=1e-12)
+    slips = []
+    for number, name in enumerate(parsed.states):
+        stretches = np.linspace(0.0, 6e-3, 60001)  # the largest one is where the rate vanishes
+        sizes: dict[str, ArrayLike] = {**values, **dict.fromkeys(parsed.states, 0.0), name: stretches}
+        rate = parsed.state_rates(0.0, 1.0, sizes)[number]
+        slips.append(stretches[np.flatnonzero(rate < 0.9)[0]])
+    slid = parsed.force(0.0, 0.0, {**values, **dict(zip(parsed.states, slips, strict=True))})
+    assert float(slid) == pytest.approx(values["FS"], rel=1e-4)  # the grid has steps of 1e-7 m
+
+
+REFUSED: dict[str, Callable[[lw.Structure, lw.Record], object]] = {
+    "weak": lambda structure, record: lw.identify(record, structure.unknown("joint.k"), method="weak"),
+    "sindy": lambda structure, record: lw.identify(record, structure.unknown("joint.k"), method="sindy"),
+    "comparisons": lambda structure, record: lw.absorb(structure, duration=1.0, release={"v:m1": 1.0}),
+    "limits": lambda structure, record: lw.limit(
+        structure, duration=1.0, rate=100.0, noise=40.0, unknown=["joint"], release={"v:m1": 1.0}
+    ),
+    "discovery": lambda structure, record: lw.discover(record, structure),
+    "studies": lambda structure, record: lw.Subject("s", structure, duration=1.0, rate=100.0),
+    "validation": lambda structure, record: lw.validate(record, structure),
+    "equilibria": lambda structure, record: lw.equilibria(structure),
+    "modes": lambda structure, record: lw.modes(structure),
+}
+
+
+@pytest.mark.parametrize("door", REFUSED)
+def test_what_does_not_take_memory_says_so(door: str) -> None:
+    time = np.arange(200) / 100.0
+    record = lw.Record(start=0.0, rate=100.0, channels=("x:m1",), values=np.sin(9.0 * time)[:, None])
+    with pytest.raises(lw.StructureError, match=rf"joint.*memory \(state z\).*not supported in.*{door}"):
+        REFUSED[door](lw.parse_structure(JOINT), record)
