@@ -101,6 +101,34 @@ def test_a_gain_is_found_where_it_is_asked_for(files: Path) -> None:
     )  # 1000 samples at 30 dB: five deviations of 3 %, over their root
 
 
+def test_a_calibration_is_counted_where_it_is_stated(files: Path) -> None:
+    found = answer(files, "--calibration", "all=1%", "--calibration", "x:m1=0.5 %")
+    by_library = library(files, "run.csv", calibration={"all": 0.01, "x:m1": 0.005})
+    assert alpha(found)["value"] == pytest.approx(by_library, rel=1e-8)
+    assert sum(" of its motion (found" in line for line in found["findings"]) == 2
+
+
+def test_an_error_of_a_sensor_is_let_into_the_model(files: Path) -> None:
+    assert not answer(files, record="gain.csv", code=3)["trusted"]
+    found = answer(files, "--let", "offset,gain", record="gain.csv")
+    assert alpha(found)["value"] == pytest.approx(library(files, "gain.csv", admit=("gain",)), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--calibration", "x:m1=often"), "--calibration takes a percentage"),
+        (("--calibration", "x:m1"), "--calibration"),
+        (("--let", "gain", "--method", "weak"), "--let is for --method ml"),
+    ],
+)
+def test_wrong_calibrations_are_wrong_usage(
+    files: Path, options: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arguments(files, *options)) == 2
+    assert said in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("word", "loss"), [("huber", lw.Huber()), ("student", lw.Student())])
 def test_a_robust_loss_is_chosen_by_name(
     files: Path, word: str, loss: lw.Huber | lw.Student, monkeypatch: pytest.MonkeyPatch
@@ -260,4 +288,4 @@ def test_an_offset_of_a_channel_that_is_not_there_fails_with_a_reason(
 def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["identify", "--help"]) == 0
     out = capsys.readouterr().out
-    assert out.count("linkwise identify run.csv unknown.toml") == 4 and "--profile" in out
+    assert out.count("linkwise identify run.csv unknown.toml") == 6 and "--profile" in out

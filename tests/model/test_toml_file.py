@@ -72,6 +72,17 @@ def test_a_mass_may_be_unknown_or_shared() -> None:
     assert mass.members == ((-1, "mass"), (-2, "mass"))
 
 
+@pytest.mark.parametrize(("sigma", "kilograms"), [("1e-4", 1e-4), ('"0.1 g"', 1e-4), ('"1 %"', 1e-4)])
+def test_a_mass_may_be_known_to_within(sigma: str, kilograms: float) -> None:
+    text = EXAMPLE.replace('mass = "10 g"', f'mass = {{ start = "10 g", sigma = {sigma} }}')
+    structure = parse_structure(text)
+    mass = structure.coefficient("m2.mass")
+    assert (mass.value, mass.known) == (0.01, False)
+    assert mass.sigma == pytest.approx(kilograms, rel=1e-12)
+    assert structure.parameters[-1].sigma == mass.sigma
+    assert parse_structure(format_structure(structure)) == structure
+
+
 def test_an_unknown_constant_force_is_a_coefficient_of_a_law() -> None:
     text = EXAMPLE.replace(
         'law = "alpha*d"\ncoefficients = { alpha',
@@ -156,7 +167,7 @@ REFUSED = {
     "name that is a number": ('name = "m2"', "name = 2", "s.toml, mass[1].name: expected `str`, got `int`"),
     "mass that is true": ('mass = "10 g"', "mass = true", "s.toml, mass[1].mass: expected `float | str | object`, got `bool`"),
     "coefficient that is true": ("c = 1 }", "c = true }", "s.toml, link[0].coefficients.c: expected a number, a text such as"),
-    "coefficient that is a list": ("c = 1 }", "c = [1] }", "or a table of start, lower, upper; got [1]"),
+    "coefficient that is a list": ("c = 1 }", "c = [1] }", "or a table of start, lower, upper, sigma; got [1]"),
     "misspelled unknown": (
         'alpha = "unknown"', 'alpha = "unkonwn"',
         'link[1].coefficients.alpha: \'unkonwn\' cannot be read as a quantity',
@@ -169,6 +180,14 @@ REFUSED = {
     "bounds that exclude the start": (
         "lower = 0.0 }", "lower = 1.0 }",
         "s.toml, link[1].coefficients.c: the start 0.02 is outside the bounds 1.0 to inf",
+    ),
+    "prior without a start": (
+        "{ start = 0.02, lower = 0.0 }", "{ sigma = 0.1 }",
+        "s.toml, link[1].coefficients.c: a coefficient that is known to within sigma needs a start",
+    ),
+    "prior of no width": (
+        "{ start = 0.02, lower = 0.0 }", "{ start = 0.02, sigma = 0 }",
+        "s.toml, link[1].coefficients.c: the standard deviation sigma must be positive, got 0",
     ),
     "negative mass": ('"10 g"', '"-10 g"', 's.toml, mass[1] "m2": the mass must be positive, got -0.01 kg'),
     "bad law": ('"alpha*d"', '"alpha*d +"', 's.toml, link[2] "second": invalid law: '),

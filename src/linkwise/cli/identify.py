@@ -19,6 +19,7 @@ from linkwise.cli.options import (
     grouped,
     keyword_group,
     option_name,
+    pairs,
     record_options,
 )
 from linkwise.identification.methods import METHODS
@@ -46,6 +47,25 @@ class MethodOptions:
 
 def _loss(context: click.Context, option: click.Parameter, name: str | None) -> lw.Loss | None:
     return {None: None, "huber": lw.Huber(), "student": lw.Student()}[name]
+
+
+def _calibration(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, float] | None:
+    """Relative standard deviations by channel."""
+    percentages = pairs(texts, "--calibration", "x:m1=1%")
+    return {name: 0.01 * _percentage(value) for name, value in percentages.items()} or None
+
+
+def _percentage(text: str) -> float:
+    try:
+        return float(text.strip().removesuffix("%"))
+    except ValueError:
+        raise click.UsageError(f"--calibration takes a percentage, such as x:m1=1%, got {text!r}.") from None
+
+
+def _kinds(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(kind.strip() for kind in text.split(","))
 
 
 method_options = grouped(
@@ -84,6 +104,20 @@ ml_options = keyword_group(
         metavar="CHANNEL",
         multiple=True,
         help="Find a constant factor of this channel too (ml). Repeatable.",
+    ),
+    click.option(
+        "--calibration",
+        metavar="CHANNEL=PERCENT%",
+        multiple=True,
+        callback=_calibration,
+        help="How well the gain of a sensor is known; all= for each, common= for a factor that all share (ml). Repeatable.",
+    ),
+    click.option(
+        "--let",
+        "admit",
+        metavar="gain,offset",
+        callback=_kinds,
+        help="Errors of sensors that are taken into the model where the diagnosis names them (ml).",
     ),
     click.option(
         "--robust",
@@ -143,6 +177,8 @@ def identify(
     Examples:
       linkwise identify run.csv unknown.toml -o answer
       linkwise identify run.csv unknown.toml --with run2.csv --offset x:m1 --profile
+      linkwise identify run.csv unknown.toml --calibration all=1%
+      linkwise identify run.csv unknown.toml --let offset,gain
       linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """

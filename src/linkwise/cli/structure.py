@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -146,6 +147,8 @@ def _state_lines(link: lw.Link) -> list[str]:
 
 
 def _shown(coefficient: lw.Coefficient) -> str:
+    if coefficient.sigma < math.inf:
+        return f"{coefficient.value:g} +- {coefficient.sigma:g}"
     if coefficient.known or coefficient.value is not None:
         start = "" if coefficient.known else " (start)"
         return f"{coefficient.value:g}{start}"

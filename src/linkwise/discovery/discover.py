@@ -205,9 +205,21 @@ def candidates_for(
             'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
         )
     refuse_memory(stated, "discovery")
+    _require_no_priors(given, stated)
     _require_scale(given, records)
     base_moves = any("x:base" in record.channels for record in records)
     return all_candidates(given, parse_terms(terms), stated=stated, base=base_moves)
+
+
+def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:
+    stated = {f"{mass.name}.mass": mass.mass for mass in masses}
+    stated |= {f"{link.name}.{name}": value for link in links for name, value in link.coefficients.items()}
+    known = [name for name, value in stated.items() if value.sigma < np.inf]
+    if known:
+        raise StructureError(
+            f"discovery takes a value as known or as unknown, and {', '.join(known)} is stated with a sigma: write a number "
+            'or "unknown" for the discovery, and identify the structure found with the sigma'
+        )
 
 
 def _require_scale(masses: Sequence[Mass], records: Sequence[Record]) -> None:

@@ -13,7 +13,8 @@ class Cause:
     ----------
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, ``"mass"``, ``"force gain"`` or
-        ``"force delay"`` of an applied force, or a missing ``"term"`` of a link.
+        ``"force delay"`` of an applied force, a missing ``"term"`` of a link, or a stated value, ``"prior"``, that the
+        records contradict.
     where : str
         The channel, mass or link.
     size : float
@@ -62,6 +63,12 @@ class Cause:
                 return f"a mass of {place} that is off by {100.0 * self.size:+.3g} %"
             case "force gain":
                 return f"a scale of {place} that is off by {100.0 * self.size:+.3g} %"
+            case "prior":
+                side = "above" if self.size > 0.0 else "below"
+                sigma = f"{self.standard_error:.3g}"
+                return (
+                    f"{place} {size:.3g} {self.unit} {side} the value that is stated with a sigma of {sigma}"
+                )
             case "delay" | "force delay":
                 return f"a delay of {1e3 * self.size:.3g} ms in {place}"
             case "drift":

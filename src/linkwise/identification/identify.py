@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.identification.methods import METHODS
-from linkwise.likelihood.estimate import MaximumLikelihood
-from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
@@ -29,11 +28,8 @@ def identify(
     structure: Structure,
     *,
     method: IdentificationMethod | Estimator = "ml",
-    starts: Mapping[str, float] | None = None,
-    offsets: Sequence[str] = (),
-    gains: Sequence[str] = (),
-    loss: Loss | None = None,
     progress: Progress = silent,
+    **options: Unpack[LikelihoodKeywords],
 ) -> Estimate:
     """Identify the unknown coefficients and masses of a structure.
 
@@ -47,10 +43,10 @@ def identify(
         Maximum likelihood on the raw samples (METHODS section 5); the weak form (section 4: no signal is differentiated,
         noise bias removed; milliseconds); or the paper's physics-informed SINDy. `MaximumLikelihood(...)`, `WeakForm()`
         or `PhysicsInformedSindy(...)` in place of the name says how.
-    starts, offsets, gains, loss
-        Options of "ml", as in `MaximumLikelihood`.
     progress : Progress
         Called with a `ProgressReport` at every step of "ml"; the others are done at once.
+    **options
+        Options of "ml": `starts`, `offsets`, `gains`, `calibration`, `admit` and `loss`, as in `MaximumLikelihood`.
 
     Returns
     -------
@@ -75,7 +71,6 @@ def identify(
     >>> low < -100.0 < high
     True
     """
-    options = {"starts": starts, "offsets": offsets, "gains": gains, "loss": loss}
     estimator = _estimator(method, {name: value for name, value in options.items() if value})
     records = [record] if isinstance(record, Record) else list(record)
     if not records:

@@ -23,7 +23,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.bordered_system import BorderedFactor
-from linkwise.likelihood.damped_step import bounds, damped_step, freedom_per_sample
+from linkwise.likelihood.damped_step import bounds, damped_step, freedom
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.normal_equations import Linearization, linearise
 from linkwise.likelihood.residuals import Misfit, evaluate
@@ -349,7 +349,7 @@ def _fit(
         scales,
         covariance(linear.equations(q).factor(), scales, free),
         ~free,
-        misfit.cost(q) / (samples * freedom_per_sample(segments) * loss.expected),
+        misfit.cost(q) / (freedom(segments) * loss.expected),
         samples,
         status,
         path,

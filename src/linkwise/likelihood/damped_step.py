@@ -85,8 +85,8 @@ def bounds(segments: Segments) -> tuple[Floats, Floats]:
     return np.concatenate([parameters.lower, -open_]), np.concatenate([parameters.upper, open_])
 
 
-def freedom_per_sample(segments: Segments) -> float:
-    """Degrees of freedom per sample: each chain of segments has one free state, and all share the parameters.
+def freedom(segments: Segments) -> float:
+    """Degrees of freedom: each chain of segments has one free state, all share the parameters, a prior is one more residual.
 
     Parameters
     ----------
@@ -96,9 +96,8 @@ def freedom_per_sample(segments: Segments) -> float:
     Returns
     -------
     float
-        The share, below 1.
+        Their number.
     """
-    samples = int(segments.observed.sum())
-    return (
-        1.0 - float(segments.chains * 2 * segments.system.incidence.shape[0] + segments.parameters) / samples
-    )
+    known = 0 if segments.prior is None else segments.prior.count
+    states = segments.chains * 2 * segments.system.incidence.shape[0]
+    return float(int(segments.observed.sum()) + known - states - segments.parameters)

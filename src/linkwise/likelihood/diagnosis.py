@@ -32,6 +32,7 @@ _RELATIVE = ("gain", "crosstalk", "mass", "force gain")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
 _LINKS = 40  # that are tested, in the structure's order
 _CHANCE = 25.0  # square of the standard errors that one cause reaches by chance once in 1.7 million
+_CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 _UNITS = {
     "gain": "1",
     "crosstalk": "1",
@@ -56,12 +57,33 @@ def diagnose(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
 ) -> tuple[Cause, ...]:
     """The causes that are significant, that with the largest gain first; missing terms only where `terms` is true."""
-    optimum = fit.optimum
     try:
         with one_blas_thread():
-            return _diagnosed(optimum, identified, channels, terms)
+            tested = _diagnosed(fit.optimum, identified, channels, terms)
     except np.linalg.LinAlgError:
-        return ()
+        tested = ()
+    return tuple(sorted((*tested, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
+
+
+def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
+    """What was known beforehand of a parameter or of a gain, and the records contradict."""
+    segments, point = fit.segments, fit.optimum.point
+    if segments.prior is None:
+        return
+    system = segments.system.parameters
+    names = [*zip(system.names, system.units, strict=True), *((name, "") for name in fit.offsets)]
+    names += [(f"gain of {name}", "1") for name in fit.gains]
+    limit = _CONTRADICTED + 2.0 * np.log(max(segments.prior.count, 1))
+    for number in np.flatnonzero(fit.prior_conflicts > limit).tolist():
+        where, unit = names[number]
+        yield Cause(
+            kind="prior",
+            where=where,
+            size=float(point.border[number] - segments.prior.mean[number]),
+            unit=unit,
+            gain=float(fit.prior_conflicts[number]),
+            standard_error=float(segments.prior.deviation[number]),
+        )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested

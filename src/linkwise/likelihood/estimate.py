@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar, final
+from typing import ClassVar, TypedDict, final
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.likelihood.admitted_errors import by_channel, estimate_with_admitted
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.judgement import judged
 from linkwise.likelihood.local_optima import lower_of_two
@@ -30,6 +31,17 @@ from linkwise.records.record import Record
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.residual import weak_residual
+
+
+class LikelihoodKeywords(TypedDict, total=False):
+    """Options of `MaximumLikelihood` as keywords of `identify`; None stands for the default."""
+
+    starts: Mapping[str, float] | None
+    offsets: Sequence[str]
+    gains: Sequence[str]
+    calibration: Mapping[str, float] | None
+    admit: Sequence[str]
+    loss: Loss | None
 
 
 @final
@@ -48,6 +60,13 @@ class MaximumLikelihood(Estimator):
         Channels with an unknown constant error, estimated with the rest.
     gains : sequence of str, optional
         Channels with an unknown constant factor, estimated with the rest.
+    calibration : mapping of str to float, optional
+        Relative standard deviations to which the gains of sensors are known, by channel: 0.01 for 1 %. ``"all"`` stands for
+        every response channel that is not named, each with an error of its own, ``"common"`` for a factor that all of them
+        share. Gains are then found with the rest, with these priors, and every interval counts them.
+    admit : sequence of {"gain", "offset"}, optional
+        Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
+        diagnosis names.
     loss : Loss, optional
         Loss of a residual: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
 
@@ -70,6 +89,8 @@ class MaximumLikelihood(Estimator):
     starts: Mapping[str, float] | None = None
     offsets: Sequence[str] = ()
     gains: Sequence[str] = ()
+    calibration: Mapping[str, float] = field(default_factory=dict)
+    admit: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
 
     def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
@@ -96,15 +117,33 @@ class MaximumLikelihood(Estimator):
         """
         refuse_memory(structure.links, 'method "ml"')
         theta, spread = starting_values(records, structure, self.starts)
-        options = LikelihoodOptions(self.offsets, self.gains, self.loss, progress=progress)
+        options = LikelihoodOptions(
+            self.offsets,
+            self.gains,
+            by_channel(self.calibration, records[0].responses),
+            self.loss,
+            progress=progress,
+        )
+
+        def fitted(options: LikelihoodOptions) -> LikelihoodFit:
+            return self._fitted(records, structure, theta, spread, options)
+
+        return estimate_with_admitted(
+            fitted, options, self.admit, lambda fit: estimate_of(fit, structure, records)
+        )
+
+    @staticmethod
+    def _fitted(
+        records: Sequence[Record],
+        structure: Structure,
+        theta: Floats,
+        spread: Floats | None,
+        options: LikelihoodOptions,
+    ) -> LikelihoodFit:
         if needs_integration(records[0], structure):
-            fit = fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
-        else:
-            fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
-            fit = lower_of_two(
-                fit, lambda values: likelihood_fit(records, structure, values, options=options)
-            )
-        return estimate_of(fit, structure, records)
+            return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
+        fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
+        return lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
 
 
 def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Estimate:

@@ -31,6 +31,11 @@ class FisherInformation:
     fisher: Floats
     diagonal_known_states: Floats
 
+    def with_prior(self, deviation: Floats) -> FisherInformation:
+        """The same with what is known beforehand to standard deviations (p,), infinite where nothing is."""
+        known = 1.0 / deviation**2
+        return FisherInformation(self.fisher + np.diag(known), self.diagonal_known_states + known)
+
 
 @dataclass(frozen=True, eq=False)
 class Precision:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -83,7 +83,8 @@ class LikelihoodFit:
     `chi_square` compares what is left to the noise that was stated or found beforehand; `model_error` is the relaxation q of
     the flow where the laws alone leave residuals that are no noise, else 0, and `force_error` (n,) in N on each mass what
     that means. The standard errors in `covariance` are then `error_ratios` (p,) times those of an error that is white noise,
-    as separate blocks of the records say; None where the records are too short for blocks.
+    as separate blocks of the records say; None where the records are too short for blocks. `prior_conflicts` (P,) is what
+    -2 log likelihood would fall by without what is known beforehand of a parameter, an offset or a gain.
     """
 
     values: Floats
@@ -103,6 +104,7 @@ class LikelihoodFit:
     segments: Segments
     misfit: Misfit
     optimum: Optimum
+    prior_conflicts: Floats
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,8 @@ class LikelihoodOptions:
     ----------
     offsets, gains : sequence of str, optional
         Channels with an unknown constant error or factor.
+    calibration : mapping of str to float, optional
+        Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
     loss : Loss, optional
         Loss of a residual.
     model_error : bool, optional
@@ -129,6 +133,7 @@ class LikelihoodOptions:
 
     offsets: Sequence[str] = ()
     gains: Sequence[str] = ()
+    calibration: Mapping[str, float] = field(default_factory=dict)
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     progress: Progress = silent
@@ -177,7 +182,7 @@ def likelihood_fit(
         If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
-    sensing = SensorModel.of(records, options.offsets, options.gains)
+    sensing = SensorModel.of(records, options.offsets, options.gains, options.calibration)
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
         annealer = Annealer(executor, options.loss, options.progress)
@@ -230,7 +235,15 @@ def _fitted(
         segments=segments,
         misfit=fit.misfit,
         optimum=Optimum(segments, fit.point, fit.scales, fit.q, factor, annealer.loss),
+        prior_conflicts=_prior_conflicts(segments, fit, factor),
     )
+
+
+def _prior_conflicts(segments: Segments, fit: AnnealingFit, noise: float) -> Floats:
+    border = fit.point.border
+    if segments.prior is None:
+        return np.zeros(len(border))
+    return segments.prior.conflicts(border, noise**2 * fit.covariance.diagonal())
 
 
 def _ratios_by_blocks(segments: Segments, fit: AnnealingFit, noise: float, loss: Loss) -> Floats | None:

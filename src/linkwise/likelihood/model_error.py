@@ -82,7 +82,8 @@ def _evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tu
     defects = 2 * segments.system.incidence.shape[0] * int(segments.linked.sum())
     nodes = 2 * segments.system.incidence.shape[0] * int((~segments.unconstrained).sum())
     free = ~fit.at_bound
-    freedom = fit.samples + defects - nodes - int(free.sum())
+    known = 0 if segments.prior is None else segments.prior.count
+    freedom = fit.samples + known + defects - nodes - int(free.sum())
     noise = np.sqrt(fit.misfit.cost(q) / (freedom * loss.expected))
     return float(noise), float(
         2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(free)

@@ -11,8 +11,9 @@ from linkwise.arrays import Bools, Floats
 from linkwise.likelihood.bordered_system import BorderedSystem, Damping
 from linkwise.likelihood.flow import CandidateForces, tangents
 from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import A, Scales, Segments, V, X
+from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
 from linkwise.likelihood.sensor_errors import SensorErrors
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
@@ -126,7 +127,18 @@ def linearise(
         ):
             total += share
     data.state[segments.unconstrained] = np.eye(m)  # these nodes stay where they are
+    if segments.prior is not None:
+        _add_prior(data, segments.prior, misfit.point, scales)
     return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
+
+
+def _add_prior(data: NormalBlocks, prior: Prior, point: Iterate, scales: Scales) -> None:
+    """What is known beforehand, in the corner: parameters stand first in the border, offsets and gains last."""
+    border, parameters = point.border, len(point.theta)
+    columns = np.arange(len(border))
+    columns[parameters:] += len(data.corner) - len(border)
+    data.corner[columns, columns] += prior.curvature(scales.theta)
+    data.corner_gradient[columns] += prior.gradient(border, scales.theta)
 
 
 def whitened_jacobian(
@@ -195,14 +207,15 @@ def _calibrate_gains(
     sensors, point = segments.sensors, misfit.point
     moved = jacobian.shape[-1] - 1 - sensors.offsets - sensors.gains
     first = len(point.theta) + len(point.offsets)
-    for channel in np.flatnonzero(sensors.gain >= 0):
-        number = sensors.gain[channel]
+    factors = sensors.factors(point.gains)
+    for channel in sensors.scaled:
         loud = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
         sigma = scales.sigma[channel] * loud
         shown = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
         if sensors.offset[channel] >= 0:
             shown = shown - point.offsets[sensors.offset[channel]] / sigma
-        jacobian[:, :, channel, :moved] *= np.float32(point.gains[number])
-        unit = scales.theta[first + number] / point.gains[number]
-        column = moved + len(point.offsets) + number
-        jacobian[:, :, channel, column] = (root[:, channel] * shown * unit).T
+        jacobian[:, :, channel, :moved] *= np.float32(factors[channel])
+        for number in np.flatnonzero(sensors.gain[channel]):
+            unit = scales.theta[first + number] / factors[channel]
+            column = moved + len(point.offsets) + number
+            jacobian[:, :, channel, column] = (root[:, channel] * shown * unit).T

@@ -28,6 +28,8 @@ class Misfit:
         Defects in units of the state; 0 between segments that are not linked.
     data, continuity : float
         Cost of the residuals, and of the defects for q = 1.
+    prior : float
+        Cost of the unknowns' distances from what is known of them beforehand.
     """
 
     point: Iterate
@@ -36,6 +38,7 @@ class Misfit:
     defects: Floats
     data: float
     continuity: float
+    prior: float = 0.0
 
     def cost(self, q: float) -> float:
         """Total cost.
@@ -48,9 +51,9 @@ class Misfit:
         Returns
         -------
         float
-            data + continuity / q^2.
+            data + prior + continuity / q^2.
         """
-        return self.data + self.continuity / q**2
+        return self.data + self.prior + self.continuity / q**2
 
 
 def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> Misfit:
@@ -85,10 +88,10 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     ):
         chosen = np.flatnonzero(sensors.kind == kind)
         residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
-    for channel in np.flatnonzero(sensors.gain >= 0):
-        residuals[:, channel] -= (point.gains[sensors.gain[channel]] - 1.0) * (
-            segments.samples[:, channel] - residuals[:, channel]
-        )
+    factors = sensors.factors(point.gains)
+    for channel in sensors.scaled:
+        motion = segments.samples[:, channel] - residuals[:, channel]
+        residuals[:, channel] -= (factors[channel] - 1.0) * motion
     for channel in np.flatnonzero(sensors.offset >= 0):
         residuals[:, channel] -= point.offsets[sensors.offset[channel]]
     residuals *= segments.observed
@@ -99,4 +102,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     ends[1] *= rate
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state.reshape(2, -1, 1)
     defects *= segments.linked
-    return Misfit(point, orbit, residuals, defects, loss.total(residuals), float(np.vdot(defects, defects)))
+    prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
+    return Misfit(
+        point, orbit, residuals, defects, loss.total(residuals), float(np.vdot(defects, defects)), prior
+    )

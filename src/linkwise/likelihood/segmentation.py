@@ -17,6 +17,8 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
+COMMON = "common"
+"""Name of an unknown factor that all sensors share."""
 _KINDS = {"x": X, "v": V, "a": A}
 
 
@@ -112,7 +114,7 @@ def sensor_arrays(
     """
     parsed = [Channel.parse(name) for name in channels]
     index = {name: i for i, name in enumerate(structure.mass_names)}
-    absent = [name for name in (*offsets, *gains) if name not in channels]
+    absent = [name for name in (*offsets, *gains) if name not in (*channels, COMMON)]
     if absent:
         raise IdentificationError(
             f"no offset or gain of {absent[0]} can be estimated: the record has {', '.join(channels)}"
@@ -121,7 +123,7 @@ def sensor_arrays(
         kind=np.array([_KINDS[channel.kind] for channel in parsed]),
         mass=np.array([index[channel.mass] for channel in parsed]),
         offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
-        gain=np.array([gains.index(name) if name in gains else -1 for name in channels]),
+        gain=np.array([[float(factor in (name, COMMON)) for factor in gains] for name in channels]),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.flow import Inputs
+from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.system import System
 
 X, V, A = 0, 1, 2
@@ -21,15 +22,16 @@ X, V, A = 0, 1, 2
 
 @dataclass(frozen=True)
 class Sensors:
-    """kind (C,) X, V or A; mass (C,); offset, gain (C,): index of the channel's unknown offset or gain, -1 for none.
+    """kind (C,) X, V or A; mass (C,); offset (C,): index of the channel's unknown offset, -1 for none.
 
-    A sensor shows gain * motion + offset.
+    A sensor shows gain * motion + offset, the gain 1 plus the errors of the unknown factors in its row of `gain` (C, g): ones
+    where a factor acts on the channel, else zeros.
     """
 
     kind: Indices
     mass: Indices
     offset: Indices
-    gain: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
+    gain: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def offsets(self) -> int:
@@ -37,7 +39,16 @@ class Sensors:
 
     @property
     def gains(self) -> int:
-        return int(self.gain.max(initial=-1)) + 1
+        return int(self.gain.shape[1])
+
+    @property
+    def scaled(self) -> Indices:
+        """Channels with an unknown gain."""
+        return np.flatnonzero(self.gain.any(axis=1))
+
+    def factors(self, gains: Floats) -> Floats:
+        """(C,) what the sensors show of the motion, from the unknown factors (g,)."""
+        return np.asarray(1.0 + self.gain @ (gains - 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +58,8 @@ class Segments:
     `refine` over `tangent_refine` is 1 or even.
 
     samples (M, C, K) with 0 where missing; seen (M, C, K) bool; step (K,) s; linked (K - 1,) bool; loudness (C, K) the
-    noise of a channel there over `Scales.sigma`, None where it is the same in all records.
+    noise of a channel there over `Scales.sigma`, None where it is the same in all records; prior: what is known of the
+    unknowns beforehand.
     """
 
     system: System
@@ -60,6 +72,7 @@ class Segments:
     refine: int = 1
     tangent_refine: int = 1
     relative_noise: Floats | None = None
+    prior: Prior | None = None
 
     @property
     def count(self) -> int:

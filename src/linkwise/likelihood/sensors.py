@@ -1,16 +1,18 @@
-"""Sensors of several records: their noise, and which of them have an unknown offset or gain."""
+"""Sensors of several records: their noise, their calibration, and which of them have an unknown offset or gain."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.segmentation import cut_segments
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.system import System
+from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
@@ -27,17 +29,26 @@ class SensorModel:
     Attributes
     ----------
     offsets, gains : tuple of str
-        Channels with an unknown constant error or factor.
+        Channels with an unknown constant error or factor; ``"common"`` is a factor of all of them.
     noise : tuple of dict of str to float
         For each record the standard deviations of the noise by channel, in SI units.
+    calibration : mapping of str to float
+        Standard deviations to which gains are known beforehand, relative, by channel.
     """
 
     offsets: tuple[str, ...]
     gains: tuple[str, ...]
     noise: tuple[dict[str, float], ...]
+    calibration: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, records: Sequence[Record], offsets: Sequence[str], gains: Sequence[str]) -> SensorModel:
+    def of(
+        cls,
+        records: Sequence[Record],
+        offsets: Sequence[str],
+        gains: Sequence[str],
+        calibration: Mapping[str, float] | None = None,
+    ) -> SensorModel:
         """Sensors of records.
 
         Parameters
@@ -46,13 +57,37 @@ class SensorModel:
             The records. Noise that they state is used; the rest is estimated.
         offsets, gains : sequence of str
             Channels with an unknown constant error or factor.
+        calibration : mapping of str to float, optional
+            Standard deviations to which gains are known beforehand, relative, by channel; they are unknown too.
 
         Returns
         -------
         SensorModel
             The sensors.
         """
-        return cls(tuple(offsets), tuple(gains), tuple(channel_noise(record) for record in records))
+        known = dict(calibration or {})
+        every = dict.fromkeys((*gains, *known))
+        return cls(tuple(offsets), tuple(every), tuple(channel_noise(record) for record in records), known)
+
+    def prior(self, parameters: Sequence[Parameter]) -> Prior | None:
+        """What is known beforehand of parameters, offsets and gains.
+
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+            The parameters of the structure.
+
+        Returns
+        -------
+        Prior or None
+            The prior; None where nothing is known.
+        """
+        starts = [0.0 if p.start is None else p.start for p in parameters]
+        mean = np.concatenate([starts, np.zeros(len(self.offsets)), np.ones(len(self.gains))])
+        sigma = [p.sigma for p in parameters]
+        gains = [self.calibration.get(name, np.inf) for name in self.gains]
+        prior = Prior(mean, np.concatenate([sigma, np.full(len(self.offsets), np.inf), gains]))
+        return prior if prior.count else None
 
     @property
     def sigma(self) -> Floats:
@@ -85,7 +120,7 @@ class SensorModel:
             if len(self.noise) > 1
             else None
         )
-        return cut_segments(
+        segments = cut_segments(
             records,
             structure,
             system,
@@ -95,3 +130,4 @@ class SensorModel:
             gains=self.gains,
             relative_noise=relative_noise,
         )
+        return replace(segments, prior=self.prior(structure.parameters))

@@ -83,8 +83,8 @@ class Parameters:
 
     Attributes
     ----------
-    names : tuple of str
-        Names of the parameters.
+    names, units : tuple of str
+        Names of the parameters and their SI units.
     constant, map : array of shape (c,), (c, p)
         Map to the c coefficients.
     mass_constant, mass_map : array of shape (n,), (n, p)
@@ -94,6 +94,7 @@ class Parameters:
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     constant: Floats
     map: Floats
     mass_constant: Floats
@@ -228,6 +229,7 @@ def _parameters(structure: Structure, groups: list[LawGroup], order: Indices, ro
     masses = np.array([mass.mass.value or 0.0 for mass in structure.masses])
     return Parameters(
         names=tuple(parameter.name for parameter in free),
+        units=tuple(parameter.unit for parameter in free),
         constant=constant,
         map=map_,
         mass_constant=np.where(mass_map.any(axis=1), 0.0, masses),

@@ -1,4 +1,4 @@
-"""Coefficients of laws, and masses: known numbers, or unknowns with an optional start and bounds."""
+"""Coefficients of laws, and masses: known numbers, known to within, or unknowns with an optional start and bounds."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ class Coefficient:
     same_as : str, optional
         Full name of another coefficient, such as ``"nes1.alpha"``, that this one is equal to. In a `Structure` the other
         fields repeat those of that coefficient.
+    sigma : float, optional
+        Standard deviation of a Gaussian prior about the start value of an unknown, in SI units; infinite for none.
 
     Raises
     ------
@@ -36,6 +38,8 @@ class Coefficient:
     True
     >>> lw.Coefficient.unknown(0.02, lower=0.0).lower
     0.0
+    >>> lw.Coefficient.unknown(0.01, sigma=1e-4).sigma
+    0.0001
     """
 
     value: float | None
@@ -43,6 +47,7 @@ class Coefficient:
     lower: float = -math.inf
     upper: float = math.inf
     same_as: str | None = None
+    sigma: float = math.inf
 
     @staticmethod
     def number(value: float) -> Coefficient:
@@ -62,7 +67,11 @@ class Coefficient:
 
     @staticmethod
     def unknown(
-        start: float | None = None, *, lower: float = -math.inf, upper: float = math.inf
+        start: float | None = None,
+        *,
+        lower: float = -math.inf,
+        upper: float = math.inf,
+        sigma: float = math.inf,
     ) -> Coefficient:
         """A coefficient to be identified.
 
@@ -72,13 +81,15 @@ class Coefficient:
             Start value of the search in SI units.
         lower, upper : float, optional
             Bounds in SI units.
+        sigma : float, optional
+            Standard deviation in SI units to which the start value is known beforehand: a Gaussian prior.
 
         Returns
         -------
         Coefficient
             The coefficient.
         """
-        return Coefficient(start, known=False, lower=lower, upper=upper)
+        return Coefficient(start, known=False, lower=lower, upper=upper, sigma=sigma)
 
     @staticmethod
     def shared(same_as: str) -> Coefficient:
@@ -97,7 +108,7 @@ class Coefficient:
         return Coefficient(None, known=False, same_as=same_as)
 
     def __post_init__(self) -> None:
-        for field in ("value", "lower", "upper"):
+        for field in ("value", "lower", "upper", "sigma"):
             given = getattr(self, field)
             if given is None and field == "value":
                 continue
@@ -108,6 +119,7 @@ class Coefficient:
             raise StructureError(
                 'a known coefficient needs a value; write "unknown" if it is to be identified'
             )
+        self._check_prior()
         if not self.lower < self.upper:
             raise StructureError(
                 f"the lower bound {self.lower!r} must be below the upper bound {self.upper!r}"
@@ -116,6 +128,18 @@ class Coefficient:
             what = "value" if self.known else "start"
             raise StructureError(
                 f"the {what} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
+            )
+
+    def _check_prior(self) -> None:
+        if self.sigma == math.inf:
+            return
+        if not self.sigma > 0.0:
+            raise StructureError(
+                f"the standard deviation sigma must be positive, got {self.sigma!r}; write a number for a known coefficient"
+            )
+        if self.known or self.value is None:
+            raise StructureError(
+                "a coefficient that is known to within sigma needs a start, its most likely value, and is not a known number"
             )
 
     def following(self, leader: Coefficient) -> Coefficient:
@@ -131,10 +155,12 @@ class Coefficient:
         Coefficient
             The coefficient, still shared.
         """
-        return Coefficient(leader.value, leader.known, leader.lower, leader.upper, same_as=self.same_as)
+        return Coefficient(
+            leader.value, leader.known, leader.lower, leader.upper, same_as=self.same_as, sigma=leader.sigma
+        )
 
     def freed(self) -> Coefficient:
-        """This coefficient as an unknown without value or start; bounds and sharing are kept."""
+        """This coefficient as an unknown without value, start or prior; bounds and sharing are kept."""
         return Coefficient(None, known=False, lower=self.lower, upper=self.upper, same_as=self.same_as)
 
 

@@ -6,6 +6,7 @@ leader, the coefficient that it is equal to.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -50,6 +51,8 @@ class Parameter:
         Bounds.
     members : tuple of (int, str)
         Coefficients that take its value: index of the link, or -1 - i for mass i, and name of the coefficient there.
+    sigma : float
+        Standard deviation of a Gaussian prior about `start`; infinite without one.
 
     Examples
     --------
@@ -64,6 +67,7 @@ class Parameter:
     lower: float
     upper: float
     members: tuple[tuple[int, str], ...]
+    sigma: float = math.inf
 
 
 def coefficient_slots(masses: Sequence[Mass], links: Sequence[Link]) -> dict[str, CoefficientSlot]:
@@ -134,7 +138,7 @@ def _parameter(
 ) -> Parameter:
     coefficient = slot.coefficient
     lower = max(coefficient.lower, 0.0) if any(index < 0 for index, _ in members) else coefficient.lower
-    return Parameter(name, unit, coefficient.value, lower, coefficient.upper, members)
+    return Parameter(name, unit, coefficient.value, lower, coefficient.upper, members, coefficient.sigma)
 
 
 def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:

@@ -1,7 +1,8 @@
 """Structures as TOML files; a structure that is written and read back is the same to the last bit.
 
 A coefficient (or a mass) is a number, a string with a unit ("30 kN/m"), "unknown", a table of `start`, `lower`, `upper` for an
-unknown with start value and bounds, or "=link.coefficient" for a shared one. A state of a link is the text of its rate, or a
+unknown with start value and bounds, a table of `start` and `sigma` for one that is known to within a standard deviation, or
+"=link.coefficient" for a shared one. A state of a link is the text of its rate, or a
 table of `rate`, `initial` and `unit`.
 """
 
@@ -292,6 +293,7 @@ def _coefficient_text(coefficient: Coefficient) -> str:
         "start": coefficient.value,
         "lower": coefficient.lower if coefficient.lower > -math.inf else None,
         "upper": coefficient.upper if coefficient.upper < math.inf else None,
+        "sigma": coefficient.sigma if coefficient.sigma < math.inf else None,
     }
     pairs = [f"{name} = {value!r}" for name, value in fields.items() if value is not None]
     return f"{{ {', '.join(pairs)} }}" if pairs else '"unknown"'

@@ -29,11 +29,12 @@ _WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*[^\W\d]
 
 
 class _UnknownTable(msgspec.Struct, forbid_unknown_fields=True):
-    """An unknown with start value and bounds, in SI units or as text with a unit."""
+    """An unknown with start value, bounds and standard deviation, in SI units or as text with a unit."""
 
     start: float | str | None = None
     lower: float | str | None = None
     upper: float | str | None = None
+    sigma: float | str | None = None
 
 
 class LinkTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -147,7 +148,9 @@ def coefficient_of(given: object, unit: str, source: str, path: str) -> Coeffici
             start = None if table.start is None else _si(table.start, unit)
             lower = -math.inf if table.lower is None else _si(table.lower, unit)
             upper = math.inf if table.upper is None else _si(table.upper, unit)
-            return Coefficient.unknown(start, lower=lower, upper=upper)
+            return Coefficient.unknown(
+                start, lower=lower, upper=upper, sigma=_sigma(table.sigma, start, unit)
+            )
         if isinstance(given, str):
             if given.strip() == "unknown":
                 return Coefficient.unknown()
@@ -158,10 +161,26 @@ def coefficient_of(given: object, unit: str, source: str, path: str) -> Coeffici
     except StructureError as error:
         raise StructureError(error.message, error.where or f"{source}, {path}") from None
     raise StructureError(
-        f'expected a number, a text such as "unknown", "30 kN/m" or "=link.coefficient", or a table of start, lower, upper; '
-        f"got {given!r}",
+        f'expected a number, a text such as "unknown", "30 kN/m" or "=link.coefficient", or a table of start, lower, upper, '
+        f"sigma; got {given!r}",
         f"{source}, {path}",
     )
+
+
+def _sigma(given: float | str | None, start: float | None, unit: str) -> float:
+    """A standard deviation in `unit`; a text such as "1 %" is a part of the start value."""
+    if given is None:
+        return math.inf
+    if isinstance(given, str) and given.rstrip().endswith("%") and start is not None:
+        return 0.01 * abs(start) * _percentage(given)
+    return _si(given, unit)
+
+
+def _percentage(given: str) -> float:
+    try:
+        return float(given.rstrip().removesuffix("%"))
+    except ValueError:
+        raise StructureError(f'expected a percentage of the start, such as "1 %", got {given!r}') from None
 
 
 def _si(given: float | str, unit: str) -> float:

@@ -10,6 +10,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
@@ -106,6 +107,7 @@ class PhysicsInformedSindy(Estimator):
         """
         refuse_memory(structure.links, 'method "sindy"')
         record = self.only_record(records)
+        _require_no_priors(structure)
         states = differentiate(record, self.derivative)
         system = link_columns(states, structure)
         fit = REGRESSORS.lookup(self.regressor)().fit(system)
@@ -175,3 +177,12 @@ def _noise(record: Record) -> dict[str, NoiseEstimate]:
         name: NoiseEstimate.of(record, name, float(np.sqrt(variance)))
         for name, variance in zip(named, variances, strict=True)
     }
+
+
+def _require_no_priors(structure: Structure) -> None:
+    known = [parameter.name for parameter in structure.parameters if parameter.sigma < np.inf]
+    if known:
+        raise IdentificationError(
+            f"sparse regression takes no account of what is known beforehand, and {', '.join(known)} is stated with a sigma: "
+            'use method "ml" or "weak", or leave sigma out'
+        )

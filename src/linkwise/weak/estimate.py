@@ -26,6 +26,7 @@ from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, differences, read_displacements
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit
+from linkwise.weak.priors import with_priors
 from linkwise.weak.residual import weak_residual
 from linkwise.weak.weak_form import weak_law
 
@@ -89,9 +90,12 @@ class WeakForm(Estimator):
         with one_blas_thread():
             motion = read_displacements(record, structure)
             equations, fit, converged = weak_search(record, structure, motion)
+            fit, contradicted = with_priors(fit, structure.parameters)
         verdict, message = (
             _verdict(record, equations, fit) if converged else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
         )
+        if contradicted and not verdict.forbids:
+            verdict, message = Verdict.MEASUREMENT_ERROR, _contradiction(contradicted)
         return Estimate(
             method="weak",
             fit_verdicts=(verdict,),
@@ -173,6 +177,13 @@ def weak_search(
             f"{error}. The search was at {last}; give starts nearer to their values, or bounds"
         ) from None
     return equations, fit, False
+
+
+def _contradiction(contradicted: Sequence[str]) -> str:
+    return (
+        f"The record contradicts what is stated of {', '.join(contradicted)} by more than four standard errors, so no "
+        "interval is given: correct the value or its sigma, or look for a sensor that is not what it is taken for."
+    )
 
 
 _NOT_CONVERGED = (

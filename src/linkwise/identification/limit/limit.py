@@ -115,20 +115,22 @@ def limit(
             f"{_SHORTEST / (rate * refinement):.2g} s at {rate:g} Hz"
         )
     progress(ProgressReport(0.5, "sensitivities"))
-    information = fisher_information(
-        cut_segments(
-            pieces,
-            unknown_structure,
-            System.of(unknown_structure),
-            samples=samples * refinement,
-            refine=1,
-            offsets=(),
-        ),
-        Iterate(_nodes(pieces, samples * refinement), values, np.zeros(0)),
-        Scales(np.array(list(sigma.values())), _units(record), np.where(values == 0.0, 1.0, np.abs(values))),
+    segments = cut_segments(
+        pieces, unknown_structure, System.of(unknown_structure), samples=samples * refinement, refine=1
     )
+    point = Iterate(_nodes(pieces, samples * refinement), values, np.zeros(0))
+    units = np.where(values == 0.0, 1.0, np.abs(values))
+    information = fisher_information(
+        segments, point, Scales(np.array(list(sigma.values())), _units(record), units)
+    ).with_prior(np.array([parameter.sigma for parameter in unknown_structure.parameters]))
     return Limit(
-        true, unknown_structure.parameters, values, Precision.of(information), sigma, record, segment
+        true,
+        unknown_structure.parameters,
+        values,
+        Precision.of(information),
+        sigma,
+        record,
+        segment,
     )
 
 

@@ -12,6 +12,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
+from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
@@ -21,6 +22,9 @@ from linkwise.weak.estimate import weak_search
 from linkwise.weak.integrated_displacements import with_displacements
 
 ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
+WeakStart: TypeAlias = Callable[[Structure, Mapping[str, float]], ValuesAndDeviations]
+
+_FIRM = 0.1  # relative deviation of a prior up to which its mean is a better start than what the record alone says
 
 
 def starting_values(
@@ -28,11 +32,12 @@ def starting_values(
     structure: Structure,
     given: Mapping[str, float] | None = None,
     *,
-    weak: Callable[[Structure, Mapping[str, float]], ValuesAndDeviations] | None = None,
+    weak: WeakStart | None = None,
 ) -> tuple[Floats, Floats | None]:
     """Starting values of the parameters.
 
-    Given values come first. The others come from inverse dynamics where displacements were not measured and accelerations
+    Given values come first, then the means of narrow priors.
+    The others come from inverse dynamics where displacements were not measured and accelerations
     determine the forces, else from the weak form, else from the structure.
 
     Parameters
@@ -58,8 +63,53 @@ def starting_values(
     IdentificationError
         If a parameter has no starting value.
     """
-    given, parameters = dict(given or {}), structure.parameters
-    known = {p.name: p.start for p in parameters if p.start is not None} | given
+    given = dict(given or {})
+    priors = {p.name: p for p in structure.parameters if p.sigma < np.inf and p.name not in given}
+    firm = [name for name, p in priors.items() if p.sigma <= _FIRM * abs(_start(p))]
+    try:
+        return _beside_priors(records, structure, given, firm, weak)
+    except IdentificationError:
+        if len(firm) == len(priors):
+            raise
+    return _beside_priors(records, structure, given, list(priors), weak)
+
+
+def _beside_priors(
+    records: Sequence[Record],
+    structure: Structure,
+    given: Mapping[str, float],
+    held: Sequence[str],
+    weak: WeakStart | None,
+) -> tuple[Floats, Floats | None]:
+    """Starting values with the parameters `held` at the most likely values of their priors."""
+    priors = {p.name: p for p in structure.parameters if p.name in held}
+    rest = structure.with_values({name: _start(p) for name, p in priors.items()}) if priors else structure
+    values, deviations = (
+        _values(records, rest, given, weak) if rest.parameters else (np.zeros(0), np.zeros(0))
+    )
+    names = [p.name for p in rest.parameters]
+    found = dict(zip(names, values, strict=True)) | {name: _start(p) for name, p in priors.items()}
+    start = np.array([found[p.name] for p in structure.parameters])
+    if deviations is None:
+        return start, None
+    spread = dict(zip(names, deviations, strict=True)) | {name: p.sigma for name, p in priors.items()}
+    return start, np.array([spread[p.name] for p in structure.parameters])
+
+
+def _start(parameter: Parameter) -> float:
+    """The start of a parameter that has one, as every parameter with a prior does."""
+    assert parameter.start is not None
+    return parameter.start
+
+
+def _values(
+    records: Sequence[Record],
+    structure: Structure,
+    given: Mapping[str, float],
+    weak: WeakStart | None,
+) -> tuple[Floats, Floats | None]:
+    parameters = structure.parameters
+    known = {p.name: p.start for p in parameters if p.start is not None} | dict(given)
     if parameters and all(p.name in given for p in parameters):
         return np.array([given[p.name] for p in parameters]), None
     if needs_integration(records[0], structure):
