@@ -106,6 +106,15 @@ def base_exponents(unit: str) -> tuple[Fraction, Fraction, Fraction, Fraction]:
     return shares[0], shares[1], shares[2], shares[3]
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit, without a number before it."""
+    try:
+        quantity = _read(text, "?", "a unit")
+    except LinkwiseError:
+        return False
+    return bool(quantity.magnitude == 1) and not quantity.unitless
+
+
 def _finite(value: float, given: object) -> float:
     if not math.isfinite(value):
         raise LinkwiseError(f"{_shown(given)} is not finite.")

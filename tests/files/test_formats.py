@@ -84,7 +84,7 @@ def test_one_channel_and_nothing_else(tmp_path: Path, suffix: str) -> None:
 # Errors that all formats share ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet", ".uff", ".tdms"])
+@pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet", ".uff", ".tdms", ".npy", ".npz", ".xlsx"])
 def test_a_damaged_file_is_one_clear_error(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     path.write_bytes(b"this is not what the suffix says, " * 20)

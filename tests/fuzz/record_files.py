@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 import h5py
 import numpy as np
+import openpyxl
 import pyuff
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
@@ -21,7 +23,7 @@ from fuzz.damage import damaged_bytes, damaged_text
 N, RATE = 64, 200.0
 TIME = np.arange(N) / RATE
 CHANNELS = ("x:m1", "x:m2", "force:m1")
-_TEXT = (".csv", ".txt", ".tsv")
+_TEXT = (".csv", ".txt", ".tsv", ".json", ".lvm")
 
 
 def _values() -> Mapping[str, np.ndarray]:
@@ -95,12 +97,39 @@ def _labview(path: Path) -> None:
             writer.write_segment([ChannelObject("rig", name, values, properties=unit)])
 
 
+def _archive(path: Path) -> None:
+    np.savez(path, time=TIME, **{name.replace(":", "_"): values for name, values in _values().items()})  # type: ignore[arg-type]  # the stub takes a flag
+
+
+def _workbook(path: Path) -> None:
+    book = openpyxl.Workbook()
+    sheet = book["Sheet"]
+    sheet.append(["time", *CHANNELS])
+    for row in np.column_stack([TIME, *_values().values()]).tolist():
+        sheet.append(row)
+    book.save(path)
+
+
+def _json() -> bytes:
+    return json.dumps(
+        {"dt": 1.0 / RATE, **{name: values.tolist() for name, values in _values().items()}}
+    ).encode()
+
+
+def _measurement() -> bytes:
+    keys = "LabVIEW Measurement\nSeparator\tTab\nX_Columns\tOne\n***End_of_Header***\n\nChannels\t3\n"
+    keys += f"Y_Unit_Label\tm\tm\tN\nDelta_X\t{1.0 / RATE}\n***End_of_Header***\n"
+    names = "\t".join(CHANNELS)
+    return keys.encode() + _csv("\t", f"X_Value\t{names}\tComment", False)
+
+
 @cache
 def sound_records() -> tuple[tuple[str, bytes], ...]:
     """Suffix and content of files that can be read."""
     names = ",".join(CHANNELS)
     own = [(suffix, _own(suffix)) for suffix in (".csv", ".mat", ".h5", ".parquet")]
     written = {".mat": (_matlab, _matlab_73), ".h5": (_groups,), ".uff": (_universal,), ".tdms": (_labview,)}
+    written |= {".npz": (_archive,), ".xlsx": (_workbook,)}
     others = [(suffix, _written(suffix, write)) for suffix, writers in written.items() for write in writers]
     texts = [
         (".csv", _csv(",", f"time,{names}", False)),
@@ -108,7 +137,7 @@ def sound_records() -> tuple[tuple[str, bytes], ...]:
         (".tsv", _csv("\t", "time[ms]\tx:m1\tx:m2\tforce:m1", False)),
         (".txt", _csv(" ", f"# time {names.replace(',', ' ')}", False, "written by an instrument\nrig 3\n")),
     ]
-    return (*own, *others, *texts)
+    return (*own, *others, *texts, (".json", _json()), (".lvm", _measurement()))
 
 
 @cache

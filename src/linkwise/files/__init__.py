@@ -48,6 +48,11 @@ FORMATS: Registry[Format] = Registry(
         ".parquet": Format("linkwise.files.parquet", library="pyarrow", writable=True),
         ".uff": Format("linkwise.files.uff", library="pyuff"),
         ".unv": Format("linkwise.files.uff", library="pyuff"),
+        ".npy": Format("linkwise.files.numpy_arrays"),
+        ".npz": Format("linkwise.files.numpy_arrays"),
+        ".json": Format("linkwise.files.json", isolated=False),
+        ".lvm": Format("linkwise.files.lvm", isolated=False),
+        ".xlsx": Format("linkwise.files.xlsx", library="openpyxl"),
         ".tdms": Format("linkwise.files.tdms", library="nptdms"),
     },
 )
@@ -69,7 +74,7 @@ def read_record(
     ----------
     path : str or Path
         A file with the suffix ``.csv``, ``.txt``, ``.dat``, ``.tsv``, ``.mat``, ``.h5``, ``.hdf5``, ``.parquet``, ``.uff``,
-        ``.unv`` or ``.tdms``.
+        ``.unv``, ``.tdms``, ``.npy``, ``.npz``, ``.json``, ``.lvm`` or ``.xlsx``.
     channels : mapping of str to str or int, optional
         Column of each channel, or of ``"time"``, for columns whose header does not say it: the header of the column or its
         number from 1. A channel may carry a unit in brackets: ``{"x:m1[mm]": "LVDT 3"}``.

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Column
+from linkwise.records.channel import UNITS
+
+RATES = (
+    "rate",
+    "fs",
+    "sampling_rate",
+    "sampling_frequency",
+    "sampling rate",
+    "sampling freq",
+    "sampling frequency",
+)
+_STEPS = ("dt", "step", "delta_t")
+_SPELLED = re.compile(rf"^({'|'.join(UNITS)})_(\w+)$")
 
 
 def columns_of(tree: Mapping[str, Any]) -> tuple[Column, ...]:
@@ -20,6 +34,28 @@ def columns_of(tree: Mapping[str, Any]) -> tuple[Column, ...]:
     left out unless they have the name of a channel.
     """
     return tuple(column for path, value in _leaves(tree, "") for column in _columns_of_leaf(path, value))
+
+
+def stated_rate(tree: Mapping[str, Any]) -> float | None:
+    """The sampling rate in Hz that a single number beside the arrays states, or a step in s; None without one."""
+    by_name = {name.lower(): _scalar(value) for name, value in tree.items()}
+    rate = next((by_name[name] for name in RATES if by_name.get(name) is not None), None)
+    step = next((by_name[name] for name in _STEPS if by_name.get(name)), None)
+    return rate if rate is not None or step is None else 1.0 / step
+
+
+def _scalar(value: Any) -> float | None:
+    """The number in an array of size 1, or a number; None for anything else."""
+    if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
+        return float(value.flat[0])
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def spelled_as_channel(column: Column) -> Column:
+    """The column with the channel that its name stands for where colons cannot be in names: `x_m1` for x:m1."""
+    leaf = ColumnHeader.parse(column.header.rpartition("/")[2])
+    spelled = _SPELLED.match(leaf.name)
+    return replace(column, meaning=f"{spelled[1]}:{spelled[2]}") if spelled else column
 
 
 @dataclass(frozen=True)

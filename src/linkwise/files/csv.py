@@ -16,18 +16,35 @@ from linkwise.files.header import ColumnHeader
 from linkwise.files.lines import read_lines
 from linkwise.files.table import Table
 from linkwise.records.record import Record
+from linkwise.units import is_unit
 
 _COMMENTS = ("#", "%", "//")
+_NO_UNIT = ("", "-", "1", "none")
 _PREAMBLE = 100  # lines searched for a header
 
 
 def read_table(path: Path) -> Table:
     """The columns of a text file; see `files.read_record`."""
-    lines = read_lines(path)
+    return table_of(read_lines(path), path)
+
+
+def table_of(
+    lines: list[str],
+    path: Path,
+    *,
+    rate: float | None = None,
+    notes: tuple[str, ...] = (),
+    lines_before: int = 0,
+) -> Table:
+    """The columns of a text of these lines, which `lines_before` others precede in the file `path`.
+
+    `rate` in Hz is what the file states besides, and `notes` is what was assumed so far.
+    """
     header, first = _header(lines)
     kept = _data_lines(lines, first)
     if not len(kept):
-        raise RecordError("there are no data below the header", path, None if header is None else header + 1)
+        line = None if header is None else header + 1 + lines_before
+        raise RecordError("there are no data below the header", path, line)
     body = lines[first:] if len(kept) == len(lines) - first else [lines[i] for i in kept]
     opening = lines[first].strip() if header is None else _uncommented(lines[header])
     dialect = Dialect.of(opening, body)
@@ -35,19 +52,43 @@ def read_table(path: Path) -> Table:
     headers = [str(i + 1) for i in range(len(cells))] if header is None else cells
     if header is not None and not headers[-1] and len(dialect.split(body[0])) == len(headers) - 1:
         headers.pop()  # a trailing delimiter in the header only
+    kept += lines_before
+    units = None if header is None else _units(dialect.split(body[0]), headers)
+    if units is not None and len(body) > 1:
+        headers, body, kept = units, body[1:], kept[1:]
     columns = columns_of(body, kept + 1, headers, dialect, str(path))
     skipped = sum(not _is_blank_or_comment(line) for line in lines[: header or 0])
-    notes = [f"Lines of text skipped above the header: {skipped}."] if skipped else []
+    found = [f"Lines of text skipped above the header: {skipped}."] if skipped else []
+    if units is not None:
+        found.append("The line below the header was read as the units of the columns.")
     if dialect.decimal_comma:
-        notes.append("Commas were read as decimal points.")
+        found.append("Commas were read as decimal points.")
     return Table(
         columns,
         lines=kept + 1,
-        header_line=None if header is None else header + 1,
+        header_line=None if header is None else header + 1 + lines_before,
         named=header is not None,
         opening=opening,
-        notes=tuple(notes),
+        rate=rate,
+        notes=(*notes, *found),
     )
+
+
+def _units(cells: list[str], headers: list[str]) -> list[str] | None:
+    """The headers with the units that a line of `cells` below them states; None where it states none."""
+    if (
+        len(cells) != len(headers)
+        or not any(cells)
+        or any(parse_number(cell) is not None for cell in cells if cell)
+    ):
+        return None
+    bare = [cell.strip("[]()") for cell in cells]
+    if not all(is_unit(unit) for unit in bare if unit not in _NO_UNIT):
+        return None
+    return [
+        header if unit in _NO_UNIT or ColumnHeader.parse(header).unit else f"{header}[{unit}]"
+        for header, unit in zip(headers, bare, strict=True)
+    ]
 
 
 def _is_blank_or_comment(line: str) -> bool:

@@ -18,13 +18,11 @@ import numpy as np
 from scipy.io import loadmat, savemat
 from scipy.sparse import csc_array, issparse
 
-from linkwise.files.arrays import Unread, columns_of
+from linkwise.files.arrays import Unread, columns_of, spelled_as_channel
 from linkwise.files.table import Column, Table
-from linkwise.records.channel import UNITS
 from linkwise.records.record import Record
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable
-_SPELLED = re.compile(rf"^({'|'.join(UNITS)})_(\w+)$")
 _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
 _RATES = ("rate", "fs", "Fs")
 _OWN = frozenset({"channels", "variables", "noise", "notes", "start", "rate", "source"})
@@ -52,11 +50,9 @@ def read_table(path: Path) -> Table:
 
 def _named(column: Column, names: Mapping[str, str]) -> Column:
     """The column under the channel that its variable stands for."""
-    leaf = column.header.rpartition("/")[2]
     if column.header in names:
         return replace(column, header=names[column.header])
-    spelled = _SPELLED.match(leaf)
-    return replace(column, meaning=f"{spelled[1]}:{spelled[2]}") if spelled else column
+    return spelled_as_channel(column)
 
 
 def _scalar(value: Any) -> float | None:

@@ -40,6 +40,10 @@ class Column:
         """A column from an array of any type; one that is not real numbers keeps its first cell as the reason."""
         if values.dtype.kind == "b":
             values = values.astype(np.int8)
+        if values.dtype.kind == "f":
+            values = values.astype(
+                np.float64, copy=False
+            )  # limits of doubles are infinite in single precision
         if values.dtype.kind in "iuf":
             return cls(header, values, meaning=meaning)
         return cls(header, None, BadCell(str(values.flat[0])[:_SHOWN] if values.size else ""), meaning)

@@ -1,0 +1,184 @@
+"""NumPy, JSON, LVM and Excel files, and a line of units below a header: by name or by mapping, with clear errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openpyxl
+import pytest
+
+from linkwise.errors import RecordError
+from linkwise.files import read_record
+
+N, RATE = 120, 250.0
+T = np.arange(N) / RATE
+X, A = np.sin(20.0 * T), np.cos(31.0 * T)
+
+
+def agrees(path: Path, **keywords: Any) -> None:
+    """What is read has both motions in SI units at the sampling rate."""
+    record = read_record(path, **keywords)
+    assert record.rate == pytest.approx(RATE, rel=1e-9)
+    # texts of nine digits and a factor of a unit
+    assert record.channel("x:m1") == pytest.approx(X, abs=1e-8)
+    assert record.channel("a:m2") == pytest.approx(A, abs=1e-8)
+
+
+def test_a_numpy_archive_by_name(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", **{"x:m1": X, "a_m2": A, "fs": RATE})  # type: ignore[arg-type]  # stub takes a flag
+    agrees(tmp_path / "run.npz")
+    np.savez(tmp_path / "step.npz", x_m1=X, a_m2=A, dt=1.0 / RATE)
+    agrees(tmp_path / "step.npz")
+
+
+def test_a_numpy_array_by_number(tmp_path: Path) -> None:
+    np.save(tmp_path / "run.npy", np.stack([T, X, A]))  # channels by samples, as the longer side says
+    agrees(tmp_path / "run.npy", channels={"time": 1, "x:m1": 2, "a:m2": 3})
+    with pytest.raises(RecordError, match="there is no header"):
+        read_record(tmp_path / "run.npy")
+
+
+def test_a_numpy_array_with_fields(tmp_path: Path) -> None:
+    fields = np.zeros(N, dtype=[("time", float), ("x:m1", float), ("a:m2", np.float32)])
+    fields["time"], fields["x:m1"], fields["a:m2"] = T, X, A
+    np.save(tmp_path / "run.npy", fields)
+    record = read_record(tmp_path / "run.npy")
+    assert record.channel("a:m2") == pytest.approx(A, abs=1e-7)  # single precision
+
+
+def test_numpy_files_with_objects_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "run.npy", np.array([{"x": 1}, None]), allow_pickle=True)
+    with pytest.raises(RecordError, match=r"cannot be read as a \.npy file.*allow_pickle"):
+        read_record(tmp_path / "run.npy")
+    np.save(tmp_path / "cube.npy", np.zeros((3, 4, 5)))
+    with pytest.raises(RecordError, match="an array of 3 x 4 x 5 numbers"):
+        read_record(tmp_path / "cube.npy")
+
+
+@pytest.mark.parametrize(
+    ("content", "keywords"),
+    [
+        ({"x:m1": X.tolist(), "a:m2": A.tolist(), "dt": 1.0 / RATE}, {}),
+        ({"time": T.tolist(), "rig": {"x_m1": X.tolist(), "a_m2": A.tolist()}}, {}),
+        ({"columns": ["time", "x:m1", "a:m2"], "data": np.stack([T, X, A], axis=1).tolist()}, {}),
+        (
+            {"data": np.stack([X, A], axis=1).tolist(), "sampling freq": RATE},
+            {"channels": {"x:m1": "data(:,1)", "a:m2": "data(:,2)"}},
+        ),
+        ([{"time": t, "x:m1": x, "a:m2": a} for t, x, a in zip(T, X, A, strict=True)], {}),
+    ],
+    ids=["columns", "groups", "named rows", "rows", "objects"],
+)
+def test_json_in_its_usual_forms(content: Any, keywords: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(json.dumps(content))
+    agrees(tmp_path / "run.json", **keywords)
+
+
+def test_null_in_json_is_a_missing_sample(tmp_path: Path) -> None:
+    values: list[float | None] = X.tolist()
+    values[7] = None
+    (tmp_path / "run.json").write_text(json.dumps({"time": T.tolist(), "x:m1": values, "a:m2": A.tolist()}))
+    assert np.flatnonzero(np.isnan(read_record(tmp_path / "run.json").channel("x:m1"))).tolist() == [7]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "is not valid JSON"),
+        ("3.5", "holds a single value"),
+        ("[" * 5000, "is not valid JSON|objects within objects"),
+        ('{"x:m1": [[1, 2], [3]], "time": [0, 1]}', "rows of unequal length"),
+        ("[]", "no channel is recognised"),
+    ],
+)
+def test_json_that_is_no_record_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(RecordError, match=said):
+        read_record(tmp_path / "run.json")
+
+
+def lvm(clocks: str, rows: list[str], names: str, separator: str = "\t") -> str:
+    lines = [
+        "LabVIEW Measurement", "Writer_Version\t2", f"Separator\t{'Tab' if separator == chr(9) else 'Comma'}",
+        "Decimal_Separator\t.", f"X_Columns\t{clocks}", "***End_of_Header***", "",
+        "Channels\t2", "Samples\t120\t120", "Y_Unit_Label\tmm\tg", "X_Dimension\tTime\tTime",
+        f"Delta_X\t{1.0 / RATE}\t{1.0 / RATE}", "***End_of_Header***", names, *rows,
+    ]  # fmt: skip
+    return "\n".join(line.replace("\t", separator) for line in lines) + "\n"
+
+
+CELLS = [(f"{t:.9g}", f"{1e3 * x:.12g}", f"{a / 9.80665:.12g}") for t, x, a in zip(T, X, A, strict=True)]
+
+
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_lvm_with_one_clock_with_several_and_without(separator: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.lvm"
+    one = lvm("One", ["\t".join(row) for row in CELLS], "X_Value\tx:m1\ta:m2\tComment", separator)
+    path.write_text(one)
+    agrees(path)
+    rows = ["\t".join((t, x, t, a)) for t, x, a in CELLS]
+    path.write_text(lvm("Multi", rows, "X_Value\tx:m1\tX_Value\ta:m2\tComment", separator))
+    agrees(path)
+    rows = ["\t".join(("", x, a)) for _, x, a in CELLS]
+    path.write_text(lvm("No", rows, "X_Value\tx:m1\ta:m2\tComment", separator))
+    agrees(path)
+
+
+def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.lvm"
+    rows = ["\t".join(row) for row in CELLS]
+    whole = lvm("One", rows, "X_Value\tx:m1\ta:m2\tComment")
+    segment = whole[whole.index("Channels") :]
+    for text, said in (
+        (whole + "\n" + segment, "holds 2 segments of measurements"),
+        ("time\tx:m1\n0\t1\n", "is no LVM file"),
+        (whole[: whole.index("X_Value")], "no measurements below the header"),
+        (whole[:-3], "cells? where the header has|1.4"),
+    ):
+        path.write_text(text)
+        if text == whole[:-3]:
+            assert len(read_record(path)) == N  # a last number that lost digits cannot be told from another
+            continue
+        with pytest.raises(RecordError, match=said):
+            read_record(path)
+
+
+def workbook(path: Path, rows: list[list[Any]], more: bool = False) -> None:
+    book = openpyxl.Workbook()
+    book.create_sheet("notes", 0).append(["Rig 3"])
+    sheet = book["Sheet"]
+    for row in rows:
+        sheet.append(row)
+    if more:
+        book.create_sheet("second").append([1.0])
+    book.save(path)
+
+
+def test_a_workbook_with_units_below_its_header(tmp_path: Path) -> None:
+    numbers = [[float(t), 1e3 * float(x), float(a)] for t, x, a in zip(T, X, A, strict=True)]
+    rows: list[list[Any]] = [["time", "x:m1", "a:m2"], ["s", "mm", "m/s^2"], *numbers]
+    workbook(tmp_path / "run.xlsx", rows, more=True)
+    agrees(tmp_path / "run.xlsx")
+    notes = read_record(tmp_path / "run.xlsx").notes
+    assert "Sheet Sheet was read; second was not." in notes
+    assert "The line below the header was read as the units of the columns." in notes
+    workbook(tmp_path / "empty.xlsx", [["time", "x:m1"]])
+    with pytest.raises(RecordError, match="no sheet of the workbook holds numbers"):
+        read_record(tmp_path / "empty.xlsx")
+
+
+def test_units_below_the_header_of_a_text_file(tmp_path: Path) -> None:
+    body = [";".join(row) for row in CELLS]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(["Operator;me", "time;x:m1;a:m2", "[s];[mm];[g]", *body]) + "\n")
+    agrees(path)
+    path.write_text(
+        "\n".join(["time;x:m1[mm];a:m2[g]", ";;-", *body]) + "\n"
+    )  # no unit: an empty line is data
+    assert np.isnan(read_record(path, rate=RATE).values[0]).all()
+    path.write_text("\n".join(["time;x:m1;a:m2", "s;mm;wombats", *body]) + "\n")
+    with pytest.raises(RecordError, match="'mm' is not a number"):
+        read_record(path)
