@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -112,6 +113,48 @@ def test_an_old_attribute_of_an_object_is_the_new_one() -> None:
         assert subject.judged == subject.judged_links
     with pytest.warns(DeprecationWarning, match=r"use Subject\.unknown_structure"):
         assert subject.asked is subject.unknown_structure
+
+
+def old_keywords(text: str) -> set[tuple[str, str, str]]:
+    """Function, old keyword and new keyword of every decorator `deprecated_keyword` of a module's text."""
+    return {
+        (node.name, ast.literal_eval(decorator.args[0]), entry.new)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef)
+        for decorator in node.decorator_list
+        if isinstance(decorator, ast.Call) and getattr(decorator.func, "id", "") == "deprecated_keyword"
+        for entry in entries(ast.unparse(decorator))
+    }
+
+
+def test_every_old_keyword_works_and_is_in_the_changelog() -> None:
+    stated = {
+        keyword
+        for path in SOURCE.rglob("*.py")
+        if path.name != "deprecation.py"
+        for keyword in old_keywords(path.read_text(encoding="utf-8"))
+    }
+    assert {("nmse", "found", "estimated"), ("write_absorption", "answer", "result")} < stated
+    for function, old, new in sorted(stated):
+        assert new in inspect.signature(getattr(lw, function)).parameters
+        assert f"| `{function}({old}=...)` | `{function}({new}=...)` |" in CHANGELOG
+        told = f"keyword '{old}' of {function} .* use '{new}'"
+        with (
+            pytest.warns(DeprecationWarning, match=told),
+            pytest.raises((TypeError, AttributeError, lw.StudyError)),
+        ):
+            getattr(lw, function)(**{old: None})  # too few arguments, or none that it can use
+    assert old_keywords('@deprecated_keyword("a", Deprecated("b", since="1", until="2"))\ndef f(): pass') == {
+        ("f", "a", "b")
+    }
+
+
+def test_the_force_error_may_be_asked_for_by_its_old_keyword() -> None:
+    chain = lw.bnes_chain(2)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
+    true, other = chain.link("nes1"), lw.bnes_chain(2, alpha=-90.0).link("nes1")
+    with pytest.warns(DeprecationWarning, match="use 'estimated'"):
+        assert lw.nmse(true, found=other, record=record) == lw.nmse(true, other, record) > 0.0  # type: ignore[call-arg]
 
 
 def test_a_study_may_be_given_by_its_old_keyword() -> None:

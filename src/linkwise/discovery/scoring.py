@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import StructureError
 from linkwise.expression import Expression, Number, Program, Sum, Symbol, multiply, substitute, to_text
 from linkwise.model.coefficient import Coefficient
@@ -39,6 +40,16 @@ class TermScore:
         Discovered terms that the true structure has not.
     missing_links, extra_links : tuple of str
         True links of which no term was discovered, and discovered links between whose ends there is no true one.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> cubic = lw.Law.parse("k3*d**3")
+    >>> link = lw.Link("m2-m1", ("m2", "m1"), cubic, {"k3": lw.Coefficient.number(1e6)})
+    >>> score = lw.term_score(lw.Structure("discovered", chain.masses, (link,)), chain)
+    >>> score.right, score.exact, score.missing_links
+    (('m2-m1.k3',), False, ('spring1',))
     """
 
     right: tuple[str, ...]
@@ -65,12 +76,13 @@ class _ComparedTerm:
     samples: Floats
 
 
-def term_score(found: Structure, truth: Structure) -> TermScore:
+@deprecated_keyword("found", Deprecated("discovered", since="0.2.0", until="0.4.0"))
+def term_score(discovered: Structure, truth: Structure) -> TermScore:
     """Compare a discovered structure with the true one, term by term.
 
     Parameters
     ----------
-    found : Structure
+    discovered : Structure
         The discovered structure, every coefficient a number.
     truth : Structure
         The true structure, every coefficient a number. A coefficient of 0 counts as no term, in both.
@@ -83,7 +95,7 @@ def term_score(found: Structure, truth: Structure) -> TermScore:
     Raises
     ------
     StructureError
-        If the true structure lacks a mass of `found`, or a coefficient is unknown.
+        If the true structure lacks a mass of `discovered`, or a coefficient is unknown.
 
     Examples
     --------
@@ -93,11 +105,11 @@ def term_score(found: Structure, truth: Structure) -> TermScore:
     >>> lw.term_score(linear, chain).missing
     ('nes1.beta',)
     """
-    _require_masses(found, truth)
-    orientation = {frozenset(link.between): link.between for link in found.links}
+    _require_masses(discovered, truth)
+    orientation = {frozenset(link.between): link.between for link in discovered.links}
     ours, theirs = (
         [term for link in structure.links for term in _terms(link, orientation) if term.value != 0.0]
-        for structure in (found, truth)
+        for structure in (discovered, truth)
     )
     right = [term for term in ours if any(_factor(term, other) is not None for other in theirs)]
     missing = [other for other in theirs if all(_factor(term, other) is None for term in ours)]
@@ -107,16 +119,17 @@ def term_score(found: Structure, truth: Structure) -> TermScore:
         missing=tuple(term.name for term in missing),
         extra=tuple(term.name for term in extra),
         missing_links=_links_elsewhere(truth, {term.ends for term in ours}),
-        extra_links=_links_elsewhere(found, {term.ends for term in theirs}),
+        extra_links=_links_elsewhere(discovered, {term.ends for term in theirs}),
     )
 
 
-def align_truth(found: Structure, truth: Structure) -> Structure:
+@deprecated_keyword("found", Deprecated("discovered", since="0.2.0", until="0.4.0"))
+def align_truth(discovered: Structure, truth: Structure) -> Structure:
     """Write the true laws under the names, ends and coefficients of the links of a discovered structure.
 
     Parameters
     ----------
-    found : Structure
+    discovered : Structure
         The discovered structure, every coefficient a number.
     truth : Structure
         The true structure, every coefficient a number.
@@ -124,13 +137,13 @@ def align_truth(found: Structure, truth: Structure) -> Structure:
     Returns
     -------
     Structure
-        The masses and laws of `truth` on the links of `found`. Terms that a link of `found` lacks are added to its law, and a
+        The masses and laws of `truth` on the links of `discovered`. Terms that a link of it lacks are added to its law, and a
         link between whose ends there is no true one has coefficients of 0.
 
     Raises
     ------
     StructureError
-        If the true structure lacks a mass of `found`, or a coefficient is unknown.
+        If the true structure lacks a mass of `discovered`, or a coefficient is unknown.
 
     Examples
     --------
@@ -142,16 +155,16 @@ def align_truth(found: Structure, truth: Structure) -> Structure:
     >>> lw.align_truth(lw.Structure("found", chain.masses, links), chain).link("m1-ground").law.text
     'k*d + true1*(v)'
     """
-    _require_masses(found, truth)
-    orientation = {frozenset(link.between): link.between for link in found.links}
+    _require_masses(discovered, truth)
+    orientation = {frozenset(link.between): link.between for link in discovered.links}
     theirs = [term for link in truth.links for term in _terms(link, orientation) if term.value != 0.0]
     done: set[frozenset[str]] = set()
     links = []
-    for link in found.links:
+    for link in discovered.links:
         ends = frozenset(link.between)
         links.append(_true_link(link, [term for term in theirs if term.ends == ends and ends not in done]))
         done.add(ends)
-    masses = tuple(truth.mass(name) for name in found.mass_names)
+    masses = tuple(truth.mass(name) for name in discovered.mass_names)
     return Structure(truth.name, masses, tuple(links))
 
 
@@ -222,8 +235,8 @@ def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[s
     return tuple(link.name for link in structure.links if frozenset(link.between) not in ends)
 
 
-def _require_masses(found: Structure, truth: Structure) -> None:
-    missing = [name for name in found.mass_names if name not in truth.mass_names]
+def _require_masses(discovered: Structure, truth: Structure) -> None:
+    missing = [name for name in discovered.mass_names if name not in truth.mass_names]
     if missing:
         raise StructureError(
             f"the true structure does not have the mass {', '.join(missing)}, so the two cannot be compared; it has "

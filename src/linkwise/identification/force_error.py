@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import RecordError
 from linkwise.model.structure import BASE, GROUND, Link
 from linkwise.records.record import Record
 
 
-def nmse(true: Link, found: Link, record: Record) -> float:
+@deprecated_keyword("found", Deprecated("estimated", since="0.2.0", until="0.4.0"))
+def nmse(true: Link, estimated: Link, record: Record) -> float:
     """Compute the normalised mean square error of an identified force.
 
     It is the mean square of the difference of both stiffness forces (v = 0) over the variance of the true one, at the
@@ -20,7 +22,7 @@ def nmse(true: Link, found: Link, record: Record) -> float:
     ----------
     true : Link
         The link with its true law.
-    found : Link
+    estimated : Link
         The link with the identified law.
     record : Record
         The motion over which both are compared.
@@ -55,7 +57,7 @@ def nmse(true: Link, found: Link, record: Record) -> float:
         raise RecordError(
             f'the true force of link "{true.name}" does not vary over the record, so no relative error exists'
         )
-    return float(100.0 * np.mean((force - found.force(d)) ** 2) / variance)
+    return float(100.0 * np.mean((force - estimated.force(d)) ** 2) / variance)
 
 
 def _elongation(link: Link, record: Record) -> Floats:

@@ -1,4 +1,4 @@
-"""Fisher information of theta in segments with free starts: what any estimate that does not look beyond a segment can know.
+"""Fisher information of theta in segments with free initial states: the bound on estimates that do not link segments.
 
 The full-record bound is useless for a chaotic structure, whose sensitivities of 1e20 make it collapse; segments of a quarter
 of a second with free states are not (METHODS section 5).
@@ -13,19 +13,20 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.likelihood.flow import flow, tangents
 from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
 
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
-_BLIND = 1e-9  # of what would be known beside known states: below it single-precision tangents say nothing
-_SEEN_TOGETHER = 1e-3  # share of a combination in blind directions that makes it blind
-_RELATED = 0.01  # cosine between the blind parts of two parameters that are confused with each other
+_SINGULAR = 1e-9  # eigenvalue, relative to the information with known states, that single precision cannot tell from 0
+_IN_NULL_SPACE = 1e-3  # share of a combination in the null space that makes it unidentifiable
+_CONFOUNDED = 0.01  # cosine between the null-space parts of two parameters that are confounded
 
 
 @dataclass(frozen=True, eq=False)
 class FisherInformation:
-    """`fisher` (p, p) with the starts of all segments unknown, `diagonal_known_states` (p,) its diagonal if they were
-    known.
+    """`fisher` (p, p) with the initial states of all segments unknown; `diagonal_known_states` (p,), its diagonal with
+    these known.
     """
 
     fisher: Floats
@@ -36,69 +37,100 @@ class FisherInformation:
         known = 1.0 / deviation**2
         return FisherInformation(self.fisher + np.diag(known), self.diagonal_known_states + known)
 
+    @property
+    def precision(self) -> Precision:
+        """The covariance at the bound, from the eigenvalues of the information in units of `diagonal_known_states`."""
+        known = self.diagonal_known_states
+        scale = np.sqrt(np.where(known > 0.0, known, 1.0))
+        values, vectors = np.linalg.eigh(self.fisher / np.outer(scale, scale))
+        determined = values > _SINGULAR
+        root = vectors[:, determined] / np.sqrt(values[determined]) / scale[:, None]
+        return Precision(root, vectors[:, ~determined], scale)
+
 
 @dataclass(frozen=True, eq=False)
 class Precision:
-    """How well p parameters are told: covariance = `root` root', over what is told at all.
+    """The covariance of p parameters at the bound, and the combinations of them that the sensors do not determine.
 
-    `null_directions` (p, b) holds orthonormal directions of `scale` * theta that leave no trace in the sensors.
+    Attributes
+    ----------
+    root : array of shape (p, r)
+        A root of the covariance, which is ``root @ root.T`` in SI units, over the r directions that are determined.
+    null_directions : array of shape (p, p - r)
+        Orthonormal directions of ``scale * theta`` (no unit) that leave no trace in the sensors.
+    scale : array of shape (p,)
+        What each parameter theta is multiplied by, in the inverse of its SI unit.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> planned = lw.limit(chain, duration=0.5, rate=1000.0, noise=40.0, unknown=["nes"], release={"v:m1": 1.0})
+    >>> planned.precision.null_directions.shape[1], planned.precision.confounded
+    (0, ())
     """
 
     root: Floats
     null_directions: Floats
     scale: Floats
 
-    @classmethod
-    def of(cls, information: FisherInformation) -> Precision:
-        """From the eigenvalues of the information, each parameter in units of what would be known of it alone."""
-        scale = np.sqrt(
-            np.where(information.diagonal_known_states > 0.0, information.diagonal_known_states, 1.0)
-        )
-        values, vectors = np.linalg.eigh(information.fisher / np.outer(scale, scale))
-        told = values > _BLIND
-        return cls(vectors[:, told] / np.sqrt(values[told]) / scale[:, None], vectors[:, ~told], scale)
+    blind = DeprecatedAttribute(Deprecated("null_directions", since="0.2.0", until="0.4.0"))
+    confused = DeprecatedAttribute(Deprecated("confounded", since="0.2.0", until="0.4.0"))
 
     def variance(self, gradient: Floats) -> Floats:
-        """(...) of gradient (..., p) times theta; infinite where blind directions have a part in it."""
+        """The variance of linear combinations of the parameters at the bound.
+
+        Parameters
+        ----------
+        gradient : array of shape (..., p)
+            The combinations: derivatives by each parameter, in the inverse of its SI unit.
+
+        Returns
+        -------
+        array of shape (...)
+            The variances (no unit where `gradient` has that of a relative change); infinite for combinations that the sensors
+            do not determine.
+        """
         scaled = gradient / self.scale
-        lost = np.linalg.norm(scaled @ self.null_directions, axis=-1)
+        in_null_space = np.linalg.norm(scaled @ self.null_directions, axis=-1)
         variance = np.sum((gradient @ self.root) ** 2, axis=-1)
-        return np.where(lost > _SEEN_TOGETHER * np.linalg.norm(scaled, axis=-1), np.inf, variance)
+        undetermined = in_null_space > _IN_NULL_SPACE * np.linalg.norm(scaled, axis=-1)
+        return np.where(undetermined, np.inf, variance)
 
     @property
     def confounded(self) -> tuple[Indices, ...]:
-        """Groups of parameters that are seen only together; a group of one leaves no trace at all."""
+        """Indices of parameters that only a combination of is determined, group by group; one alone leaves no trace."""
         shares = np.linalg.norm(self.null_directions, axis=1)
-        lost = np.flatnonzero(shares > _SEEN_TOGETHER)
-        part = self.null_directions[lost] / shares[lost, None]
+        undetermined = np.flatnonzero(shares > _IN_NULL_SPACE)
+        part = self.null_directions[undetermined] / shares[undetermined, None]
         _, labels = scipy.sparse.csgraph.connected_components(
-            np.abs(part @ part.T) > _RELATED, directed=False
+            np.abs(part @ part.T) > _CONFOUNDED, directed=False
         )
-        return tuple(lost[labels == label] for label in range(labels.max(initial=-1) + 1))
+        return tuple(undetermined[labels == label] for label in range(labels.max(initial=-1) + 1))
 
 
 def fisher_information(segments: Segments, point: Iterate, scales: Scales) -> FisherInformation:
-    """What `segments` (one step of the flow a sample) tell of theta at the truth, `point`, whatever their starts.
+    """The information on theta in `segments` (one step of the flow a sample) at the truth, `point`, for any initial states.
 
-    The sensitivities of a segment are reduced by QR, not by normal equations, so that what states explain is taken off
-    without losing digits; order 4 in the step, as the tangents are.
+    The sensitivities of a segment are reduced by QR, not by normal equations, which projects the initial states out without
+    loss of digits; of order 4 in the step, as the tangents are.
     """
     p, m = segments.system.parameters.size, len(scales.state)
     per_segment = segments.observed[..., 0].size * (m + p)
     size = max(1, _NUMBERS // per_segment)
-    fisher, beside = np.zeros((p, p)), np.zeros(p)
+    fisher, diagonal = np.zeros((p, p)), np.zeros(p)
     for first in range(0, segments.count, size):
         rows = _sensitivities(segments, point, scales, slice(first, min(first + size, segments.count)))
         triangle: Floats = np.asarray(np.linalg.qr(rows, mode="r"))
-        left = triangle[:, m:, m:].reshape(-1, p)
-        fisher += left.T @ left
-        beside += np.sum(triangle[..., m:] ** 2, axis=(0, 1))
+        projected = triangle[:, m:, m:].reshape(-1, p)
+        fisher += projected.T @ projected
+        diagonal += np.sum(triangle[..., m:] ** 2, axis=(0, 1))
     unit = scales.theta
-    return FisherInformation(fisher / np.outer(unit, unit), beside / unit**2)
+    return FisherInformation(fisher / np.outer(unit, unit), diagonal / unit**2)
 
 
 def _sensitivities(segments: Segments, point: Iterate, scales: Scales, part: slice) -> Floats:
-    """(k, rows, 2n + p) of all samples that are seen, in noise deviations, by scaled states and theta."""
+    """(k, rows, 2n + p) of all samples observed, in standard deviations of the noise, by scaled states and theta."""
     blocks = list(_samples(segments, point, scales, part))
     return np.concatenate(blocks, axis=1)
 
@@ -107,16 +139,16 @@ def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) ->
     """(k, C, 2n + p) sample by sample."""
     mechanics, step = segments.system.at(point.theta), segments.step[part]
     orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, segments.inputs.part(part))
-    seen, sensors = segments.observed[..., part], segments.sensors
+    observed, sensors = segments.observed[..., part], segments.sensors
     rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2}
     for sample, (state, acceleration) in enumerate(
         tangents(mechanics, orbit, step, scales.state, scales.theta)
     ):
-        if acceleration is None or not seen[sample].any():
+        if acceleration is None or not observed[sample].any():
             continue
         motion = {X: state[0], V: state[1], A: acceleration}
         rows = np.empty((len(step), len(sensors.kind), state.shape[2]))
         for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
-            weight = seen[sample, channel] * rates[kind] / scales.sigma[channel]
+            weight = observed[sample, channel] * rates[kind] / scales.sigma[channel]
             rows[:, channel] = (motion[kind][mass] * weight).T
         yield rows

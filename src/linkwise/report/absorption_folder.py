@@ -12,6 +12,7 @@ from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.model.toml_file import write_structure
 from linkwise.progress import Progress, silent
 from linkwise.report.absorption_json import absorption_of
@@ -27,12 +28,13 @@ from linkwise.report.section import Reported, sections_of
 from linkwise.text import csv_cell
 
 
-def write_absorption(answer: Answer, folder: str | Path, *, progress: Progress = silent) -> Path:
+@deprecated_keyword("answer", Deprecated("result", since="0.2.0", until="0.4.0"))
+def write_absorption(result: Answer, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a comparison with and without sinks into a folder: absorption.json, histories, figures and report.html.
 
     Parameters
     ----------
-    answer : Absorption or AbsorptionIntervals
+    result : Absorption or AbsorptionIntervals
         What `absorb` or `absorption_intervals` returned.
     folder : path-like
         The folder. An earlier result of `absorb` in it is replaced when the new one is complete.
@@ -48,16 +50,28 @@ def write_absorption(answer: Answer, folder: str | Path, *, progress: Progress =
     ------
     OutputError
         If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_absorption(result, f"{folder}/absorption")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['absorption.json', 'report.html', 'structure.toml']
     """
-    return ABSORPTION_FOLDER.write(answer, folder, progress=progress)
+    return ABSORPTION_FOLDER.write(result, folder, progress=progress)
 
 
-def write_absorption_map(found: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
+@deprecated_keyword("found", Deprecated("result", since="0.2.0", until="0.4.0"))
+def write_absorption_map(result: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a sweep into a folder: absorption.json, map.csv, map.png, map.svg and report.html.
 
     Parameters
     ----------
-    found : AbsorptionMap
+    result : AbsorptionMap
         What `absorption_map` returned.
     folder : path-like
         The folder. An earlier result of `absorb` in it is replaced when the new one is complete.
@@ -73,8 +87,20 @@ def write_absorption_map(found: AbsorptionMap, folder: str | Path, *, progress: 
     ------
     OutputError
         If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_absorption_map(swept, f"{folder}/map")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['absorption.json', 'report.html']
     """
-    return MAP_FOLDER.write(found, folder, progress=progress)
+    return MAP_FOLDER.write(result, folder, progress=progress)
 
 
 def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) -> None:
@@ -99,10 +125,10 @@ def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
     _write_columns(folder / "map.csv", names, table)
 
 
-def _write_histories(answer: Answer, folder: Path) -> None:
+def _write_histories(result: Answer, folder: Path) -> None:
     """decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
-    absorption = without_intervals(answer)
-    bands = (answer.lower, answer.upper) if isinstance(answer, AbsorptionIntervals) else ()
+    absorption = without_intervals(result)
+    bands = (result.lower, result.upper) if isinstance(result, AbsorptionIntervals) else ()
     names, columns = ["time"], [absorption.time]
     for number, mass in enumerate(absorption.masses):
         for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
@@ -132,7 +158,7 @@ def _write_histories(answer: Answer, folder: Path) -> None:
 
 ABSORPTION_FOLDER: ResultFolder[Answer] = ResultFolder(
     mark=ABSORPTION,
-    document=lambda answer, _: absorption_of(answer),
+    document=lambda result, _: absorption_of(result),
     data=_write_data,
     figures=lambda reported: sections_of(SECTIONS, reported),
     page=absorption_page,

@@ -8,14 +8,16 @@ from typing import Any
 from linkwise.absorption.intervals import AbsorptionIntervals
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
+from linkwise.deprecation import Deprecated, deprecated_keyword
 
 
-def absorption_of(found: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
+@deprecated_keyword("found", Deprecated("result", since="0.2.0", until="0.4.0"))
+def absorption_of(result: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
     """Return the content of absorption.json as plain data.
 
     Parameters
     ----------
-    found : Absorption, AbsorptionIntervals or AbsorptionMap
+    result : Absorption, AbsorptionIntervals or AbsorptionMap
         A result of `absorb`, `absorption_intervals` or `absorption_map`.
 
     Returns
@@ -30,4 +32,4 @@ def absorption_of(found: Absorption | AbsorptionIntervals | AbsorptionMap) -> di
     >>> lw.absorption_of(result)["trusted"]
     True
     """
-    return {**found.to_dict(), "version": version("linkwise")}
+    return {**result.to_dict(), "version": version("linkwise")}

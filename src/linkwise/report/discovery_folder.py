@@ -7,6 +7,7 @@ import math
 from dataclasses import fields, replace
 from pathlib import Path
 
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth
 from linkwise.model.structure import Structure
@@ -19,8 +20,9 @@ from linkwise.report.section import Reported
 from linkwise.text import csv_cell
 
 
+@deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
 def write_discovery(
-    found: Discovery,
+    discovery: Discovery,
     folder: str | Path,
     *,
     truth: Structure | None = None,
@@ -32,7 +34,7 @@ def write_discovery(
 
     Parameters
     ----------
-    found : Discovery
+    discovery : Discovery
         What `discover` returned.
     folder : path-like
         The folder. An earlier result in it is replaced when the new one is complete.
@@ -53,8 +55,20 @@ def write_discovery(
         If the folder holds something else, or cannot be written; then nothing is changed.
     StructureError
         If `truth` has other masses.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_discovery(discovery, f"{folder}/discovery")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['report.html', 'result.json', 'structure.toml']
     """
-    return DISCOVERY_FOLDER.write(found, folder, truth=truth, progress=progress)
+    return DISCOVERY_FOLDER.write(discovery, folder, truth=truth, progress=progress)
 
 
 _COLUMNS = {"identifiable": "told", "unambiguous": "reliable"}

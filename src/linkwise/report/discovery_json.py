@@ -5,18 +5,20 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
+from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.model.structure import Structure
 from linkwise.report.estimate_json import result_of
 
 
-def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, Any]:
+@deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
+def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[str, Any]:
     """Return the content of result.json for a discovery as plain data.
 
     Parameters
     ----------
-    found : Discovery
+    discovery : Discovery
         A result of `discover`.
     truth : Structure, optional
         The true structure, which adds "nmse_percent", the NMSE of each force in % (paper Eq. 8) or None where it does not
@@ -40,10 +42,10 @@ def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, 
     >>> lw.discovery_of(lw.discover(record, {"m1": 1.0, "m2": 0.01}), chain)["truth"]["missing"]
     []
     """
-    result = {**found.to_dict(), "version": version("linkwise")}
+    result = {**discovery.to_dict(), "version": version("linkwise")}
     if truth is None:
         return result
-    score = term_score(found.structure, truth)
+    score = term_score(discovery.structure, truth)
     compared = {
         "right": list(score.right),
         "missing": list(score.missing),
@@ -51,5 +53,5 @@ def discovery_of(found: Discovery, truth: Structure | None = None) -> dict[str, 
         "missing_links": list(score.missing_links),
         "extra_links": list(score.extra_links),
     }
-    beside = result_of(found.estimate, align_truth(found.structure, truth))
-    return {**result, "nmse_percent": beside["nmse_percent"], "truth": compared}
+    aligned = result_of(discovery.estimate, align_truth(discovery.structure, truth))
+    return {**result, "nmse_percent": aligned["nmse_percent"], "truth": compared}

@@ -15,12 +15,12 @@ from linkwise.report.validation_json import validation_of
 from linkwise.report.validation_page import SECTIONS, validation_page
 
 
-def write_validation(found: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
+def write_validation(validation: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a validation into a folder: validation.json, structure.toml, predicted.csv, figures and report.html.
 
     Parameters
     ----------
-    found : Validation
+    validation : Validation
         What `validate` returned.
     folder : path-like
         The folder. An earlier result of `validate` in it is replaced when the new one is complete.
@@ -36,8 +36,21 @@ def write_validation(found: Validation, folder: str | Path, *, progress: Progres
     ------
     OutputError
         If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_validation(result, f"{folder}/validation")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['report.html', 'structure.toml', 'validation.json']
     """
-    return VALIDATION_FOLDER.write(found, folder, progress=progress)
+    return VALIDATION_FOLDER.write(validation, folder, progress=progress)
 
 
 def _write_data(reported: Reported[Validation], folder: Path) -> None:
@@ -48,7 +61,7 @@ def _write_data(reported: Reported[Validation], folder: Path) -> None:
 
 VALIDATION_FOLDER: ResultFolder[Validation] = ResultFolder(
     mark=VALIDATION,
-    document=lambda found, _: validation_of(found),
+    document=lambda validation, _: validation_of(validation),
     data=_write_data,
     figures=lambda reported: sections_of(SECTIONS, reported),
     page=validation_page,

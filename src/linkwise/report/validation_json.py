@@ -8,12 +8,12 @@ from typing import Any
 from linkwise.identification.validation.result import Validation
 
 
-def validation_of(found: Validation) -> dict[str, Any]:
+def validation_of(validation: Validation) -> dict[str, Any]:
     """Return the content of validation.json as plain data.
 
     Parameters
     ----------
-    found : Validation
+    validation : Validation
         A result of `validate`.
 
     Returns
@@ -30,4 +30,4 @@ def validation_of(found: Validation) -> dict[str, Any]:
     >>> result["free_run"], result["channels"]["x:m1"]["unit"]
     (True, 'm')
     """
-    return {**found.to_dict(), "version": version("linkwise")}
+    return {**validation.to_dict(), "version": version("linkwise")}

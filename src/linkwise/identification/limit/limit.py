@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.identification.limit.result import Limit
-from linkwise.likelihood.fisher_information import Precision, fisher_information
+from linkwise.likelihood.fisher_information import fisher_information
 from linkwise.likelihood.segmentation import cut_segments
 from linkwise.likelihood.segments import Iterate, Scales
 from linkwise.likelihood.system import System
@@ -127,7 +127,7 @@ def limit(
         true,
         unknown_structure.parameters,
         values,
-        Precision.of(information),
+        information.precision,
         sigma,
         record,
         segment,
