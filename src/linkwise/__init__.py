@@ -21,14 +21,8 @@ if TYPE_CHECKING:
     from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
     from linkwise.absorption.options import AbsorptionOptions
     from linkwise.absorption.quantities import AbsorptionQuantity
-    from linkwise.absorption.result import (
-        Absorption,
-        AbsorptionRun,
-        Harvest,
-        MassChange,
-        MassDecay,
-        SinkResult,
-    )
+    from linkwise.absorption.result import Absorption
+    from linkwise.absorption.result_parts import AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
     from linkwise.absorption.sinks import Sink
     from linkwise.absorption.sweep import absorption_map
     from linkwise.analysis.equilibria import Equilibria, Equilibrium, equilibria

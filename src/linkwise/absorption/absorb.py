@@ -11,7 +11,8 @@ from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.rest_positions import rest_positions
-from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
+from linkwise.absorption.result import Absorption
+from linkwise.absorption.result_parts import AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.runs import single_run
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Floats

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from textwrap import fill
 
-from linkwise.absorption.result import Absorption, AbsorptionRun, MassChange, SinkResult
+from linkwise.absorption.result import Absorption
+from linkwise.absorption.result_parts import AbsorptionRun, MassChange, SinkResult
 from linkwise.text import align_columns, as_text
 
 Rows = list[tuple[str, ...]]
