@@ -21,6 +21,13 @@ class ProgressReport:
     detail : object, optional
         What the work itself notes at this point: an `AnnealingStep` of a maximum-likelihood fit, a `StudyProgress` of a
         study, else None.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> report = lw.ProgressReport(0.25, "step 3")
+    >>> f"{report.activity}: {report.fraction:.0%}"
+    'step 3: 25%'
     """
 
     fraction: float

@@ -131,7 +131,16 @@ def status_of(verdicts: Iterable[Verdict]) -> str:
 
 
 class Decision(Enum):
-    """How firm a decision on a term or a link is by a record."""
+    """How firm a decision on a term or a link is by a record.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.Decision("doubtful")
+    <Decision.DOUBTFUL: 'doubtful'>
+    >>> [decision.value for decision in lw.Decision]
+    ['certain', 'doubtful', 'not identifiable']
+    """
 
     CERTAIN = "certain"
     DOUBTFUL = "doubtful"

@@ -43,6 +43,17 @@ class QuantityInterval:
         Ends of the interval; `upper` is None if it may not exist.
     missing : int
         The number of draws without a value.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="ml")
+    >>> result = lw.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
+    >>> interval = result.quantity("rms_reduction")
+    >>> interval.quantity.title, interval.lower < interval.value < interval.upper
+    ('RMS reduction', True)
     """
 
     quantity: AbsorptionQuantity
@@ -72,6 +83,18 @@ class AbsorptionIntervals(JudgedView):
         The number of draws whose motion diverged.
     closure : float
         The largest error of an energy balance, as a part of the energy supplied.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="ml")
+    >>> result = lw.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
+    >>> result.draws, result.lower.shape == result.upper.shape == (len(result.absorption.time), 1)
+    (20, True)
+    >>> result.trusted
+    True
     """
 
     absorption: Absorption
@@ -120,7 +143,13 @@ class AbsorptionIntervals(JudgedView):
         return tuple(dict.fromkeys((*self.absorption.verdicts, closure_verdict(self.closure))))
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain data: that of `Absorption.to_dict`, and the intervals."""
+        """The result as plain data: that of `Absorption.to_dict`, and the intervals.
+
+        Returns
+        -------
+        dict
+            What `Absorption.to_dict` returns at the identified values, and "intervals" by name of the quantity.
+        """
         return {
             **self.absorption.to_dict(),
             "verdicts": [verdict.name for verdict in self.verdicts],

@@ -31,6 +31,14 @@ class SweepAxis:
         Its SI unit.
     values : (K,) ndarray
         Its values.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> axis = lw.SweepAxis("nes1.beta", "N/m^3", np.geomspace(1e5, 1e7, 5))
+    >>> axis.logarithmic
+    True
     """
 
     name: str
@@ -71,6 +79,16 @@ class AbsorptionMap(JudgedView):
         The runs that came to their end.
     horizon : float or None
         Time in s past which a chaotic motion cannot be predicted, in the middle of the grid; None if it can throughout.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
+    >>> swept["sinks_share"].shape, bool(swept.completed.all())
+    ((3,), True)
+    >>> list(swept.best("sinks_share"))
+    ['nes1.alpha']
     """
 
     structure: Structure
@@ -140,7 +158,13 @@ class AbsorptionMap(JudgedView):
         return {axis.name: float(axis.values[k]) for axis, k in zip(self.axes, index, strict=True)}
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain data: the axes, and each quantity over them with its range and optimum."""
+        """The result as plain data: the axes, and each quantity over them with its range and optimum.
+
+        Returns
+        -------
+        dict
+            The content of absorption.json: the axes, and each quantity over them with its range and optimum; SI units.
+        """
         return {
             "method": "absorb",
             "without": self.removal,

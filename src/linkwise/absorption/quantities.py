@@ -28,6 +28,15 @@ class AbsorptionQuantity:
         Its description.
     least_is_best : bool
         Whether small values are good.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
+    >>> settled = swept.quantities[0]
+    >>> settled.name, settled.unit, settled.least_is_best
+    ('settled', 's', True)
     """
 
     name: str

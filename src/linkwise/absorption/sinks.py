@@ -26,6 +26,13 @@ class Sink:
         The mass that it carries; None if it holds a primary mass to the ground or the base.
     host : str
         What the mass is linked to: another mass, "ground" or "base".
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, release={"v:m1": 1.0})
+    >>> result.sinks[0].sink
+    Sink(link='nes1', mass='m2', host='m1')
     """
 
     link: str

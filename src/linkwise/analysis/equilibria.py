@@ -73,6 +73,13 @@ class Equilibria(Sequence[Equilibrium]):
         Whether there are no others.
     note : str
         What limits the list; empty if nothing does.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.equilibria(lw.bnes_chain(2))
+    >>> len(found), len(found.stable), found.complete
+    (3, 2, True)
     """
 
     points: tuple[Equilibrium, ...]

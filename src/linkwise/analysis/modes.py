@@ -42,6 +42,15 @@ class Modes:
         Eigenvalues of the state matrix in 1/s, by ascending modulus.
     note : str
         What is not an ordinary vibration about an equilibrium; empty if nothing.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> linear = lw.modes(lw.bnes_chain(2))
+    >>> linear.frequencies.round(2).tolist()
+    [22.29, 27.83]
+    >>> linear.shapes.shape, linear.note
+    ((2, 2), '')
     """
 
     at: Floats

@@ -75,7 +75,25 @@ class DiscoveryOptions:
 
     @classmethod
     def given(cls, options: DiscoveryOptions | None, keywords: DiscoveryKeywords) -> DiscoveryOptions:
-        """The options of a call that takes either an object or keywords; TypeError for both."""
+        """The options of a call that takes either an object or keywords.
+
+        Parameters
+        ----------
+        options : DiscoveryOptions or None
+            The object, where the call has one.
+        keywords : mapping
+            The keywords of the call, as `of` takes them.
+
+        Returns
+        -------
+        DiscoveryOptions
+            `options`, or those made from the keywords.
+
+        Raises
+        ------
+        TypeError
+            If both are given, or a keyword is unknown.
+        """
         if options is not None and keywords:
             raise TypeError(f"got options and also {', '.join(keywords)}; give one of the two")
         return cls.of(**keywords) if options is None else options

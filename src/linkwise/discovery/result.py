@@ -54,6 +54,16 @@ class TermEvidence:
     References
     ----------
     R. E. Kass and A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995), for the scale of `margin`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> term = discovery.kept[0]
+    >>> term.decision is lw.Decision.CERTAIN, term.z**2 > term.penalty
+    (True, True)
     """
 
     name: str
@@ -109,6 +119,16 @@ class PathPoint:
         The term added ("+ m2-m1.k3") or dropped ("- m2-m1.c") on the way from the selected model.
     chosen : bool
         Whether this is the selected model.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> chosen = next(point for point in discovery.path if point.chosen)
+    >>> chosen.terms == len(discovery.kept), chosen.criterion
+    (True, 0.0)
     """
 
     terms: int
@@ -128,6 +148,16 @@ class RunnerUp:
         The difference in words, "without m2-m1.c".
     margin : float
         By how much its criterion is higher.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> margins = [model.margin for model in discovery.runners_up]
+    >>> margins == sorted(margins)
+    True
     """
 
     change: str
@@ -165,6 +195,19 @@ class Discovery(JudgedView):
         Rounds of fit and selection.
     seconds : float
         Computing time in s.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> discovery.trusted
+    True
+    >>> [(term.name, term.term) for term in sorted(discovery.kept, key=lambda term: term.name)]
+    [('m1-ground.c', 'v'), ('m1-ground.k', 'd'), ('m2-m1.c', 'v'), ('m2-m1.k', 'd'), ('m2-m1.k3', 'd**3')]
+    >>> discovery.decision("m2-m1")
+    <Decision.CERTAIN: 'certain'>
     """
 
     estimate: Estimate
@@ -208,7 +251,17 @@ class Discovery(JudgedView):
         )
 
     def decision(self, link: str) -> Decision:
-        """How firm it is that the link named `link` is there: certain if it was stated, or one of its terms is certain.
+        """How firm it is that a link is there: certain if it was stated, or one of its terms is certain.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link.
+
+        Returns
+        -------
+        Decision
+            `Decision.CERTAIN` or `Decision.DOUBTFUL`.
 
         Raises
         ------
@@ -220,7 +273,17 @@ class Discovery(JudgedView):
         return Decision.CERTAIN if any(tested.get(name, True) for name in names) else Decision.DOUBTFUL
 
     def certainty(self, link: str) -> float:
-        """By how much the criterion rises without the most certain term of the link named `link`; infinite if it was stated.
+        """By how much the criterion rises without the most certain term of a link.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link.
+
+        Returns
+        -------
+        float
+            On the scale of -2 log likelihood (no unit); infinite if the link was stated.
 
         Raises
         ------
@@ -237,7 +300,13 @@ class Discovery(JudgedView):
         return as_text(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain data: that of the estimate, and the evidence."""
+        """The result as plain data: that of the estimate, and the evidence.
+
+        Returns
+        -------
+        dict
+            The content of result.json: that of `Estimate.to_dict`, and "terms", "path", "runners_up" and "remarks".
+        """
         return {
             **self.estimate.to_dict(),
             "seconds": self.seconds,

@@ -31,6 +31,19 @@ class Cause:
         The channel that crosstalk comes from, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> values = record.values.copy()
+    >>> values[:, record.channels.index("x:m2")] *= 1.05
+    >>> wrong = lw.Record(record.start, record.rate, record.channels, values)
+    >>> fit = lw.identify(wrong, chain.unknown("nes"), method="ml")
+    >>> fit.diagnosis[0].kind, fit.diagnosis[0].where
+    ('gain', 'x:m2')
     """
 
     kind: str
@@ -76,7 +89,13 @@ class Cause:
         return f"an offset of {self.size:.3g} {self.unit} in {place}"
 
     def to_dict(self) -> dict[str, str | float]:
-        """What result.json holds of it."""
+        """What result.json holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of result.json.
+        """
         return {
             "cause": self.kind if not self.term else f"term {self.term}",
             "where": self.where,

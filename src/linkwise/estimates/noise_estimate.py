@@ -22,6 +22,15 @@ class NoiseEstimate:
         The unit.
     snr_db : float
         Signal-to-noise ratio in dB, of the mean square of the motion to that of the noise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> noise = lw.identify(record, chain.unknown("nes"), method="weak").noise["x:m1"]
+    >>> noise.unit, round(noise.snr_db)
+    ('m', 40)
     """
 
     sigma: float

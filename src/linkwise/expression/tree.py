@@ -25,7 +25,15 @@ from linkwise.expression.functions import FUNCTIONS
 
 
 class Expression:
-    """A node. Immutable, hashable, compared by structure."""
+    """A node. Immutable, hashable, compared by structure.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> first, second = (lw.Law.parse(text).expression for text in ("k*d + c*v", "c*v + k*d"))
+    >>> isinstance(first, lw.Expression), first == second
+    (True, False)
+    """
 
     __slots__ = ()
 

@@ -55,6 +55,16 @@ class LawStep:
         Standard deviation of the residuals, in standard deviations of the noise.
     bic : float
         The Bayesian information criterion with `residual` profiled out; smaller is better.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> spring = lw.Link("k", ("m", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(400.0)})
+    >>> structure = lw.Structure("oscillator", (lw.Mass("m", lw.Coefficient.number(1.0)),), (spring,))
+    >>> record = lw.simulate(structure, release={"v:m": 1.0}, duration=2.0, rate=200.0).with_noise(40.0, seed=1)
+    >>> path = lw.law_path(record, structure.unknown("k"), "k", candidates=("d", "v"), start=("d",), most=2)
+    >>> [step.terms for step in path]
+    [('d',), ('d', 'v')]
     """
 
     structure: Structure

@@ -44,5 +44,11 @@ class Alert:
         return f"{self.kind} {self.channel}: {self.message}"
 
     def to_dict(self) -> dict[str, str]:
-        """What the JSON of an inspection holds of it."""
+        """What the JSON of an inspection holds of it.
+
+        Returns
+        -------
+        dict of str to str
+            Its part of the JSON of an inspection.
+        """
         return {"kind": self.kind, "channel": self.channel, "message": self.message, "record": self.record}

@@ -40,6 +40,14 @@ class ChannelSummary:
         Frequency in Hz below which lie 99 % of the power of the motion.
     samples_per_period : float or None
         Samples in a period of that frequency.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+    >>> summary = lw.inspect(record.with_noise(40.0, seed=1)).channel("x:m1")
+    >>> summary.samples, summary.unit, round(summary.snr_db)
+    (2001, 'm', 40)
     """
 
     name: str
@@ -59,7 +67,13 @@ class ChannelSummary:
     samples_per_period: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """What the JSON of an inspection holds of it."""
+        """What the JSON of an inspection holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of the JSON of an inspection, all but the name.
+        """
         return {name: value for name, value in vars(self).items() if name != "name"}
 
 

@@ -129,15 +129,6 @@ class AnnealingStep:
     data_per_sample: float
     damping: float
 
-    @classmethod
-    def of(
-        cls, step: int, control: _SearchState, misfit: Misfit, trial: Misfit, predicted: float, samples: int
-    ) -> AnnealingStep:
-        """The step between two misfits, whose cost was predicted to fall by `predicted`."""
-        cost = misfit.cost(control.q)
-        gained = cost - trial.cost(control.q)
-        return cls(step, control.q, cost, predicted, gained, trial.data / samples, control.damping)
-
     @property
     def remaining(self) -> float:
         """Estimate of the reduction of the cost that is left at this q."""
@@ -218,6 +209,14 @@ class _SearchState:
     def firmer(self) -> _SearchState:
         """The state after equations that were not positive definite."""
         return replace(self, damping=max(10.0 * self.damping, 1e-6))
+
+    def taken(
+        self, step: int, misfit: Misfit, trial: Misfit, predicted: float, samples: int
+    ) -> AnnealingStep:
+        """The step between two misfits, whose cost was predicted to fall by `predicted`."""
+        cost = misfit.cost(self.q)
+        gained = cost - trial.cost(self.q)
+        return AnnealingStep(step, self.q, cost, predicted, gained, trial.data / samples, self.damping)
 
     def after(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
         """The state after a step."""
@@ -308,7 +307,7 @@ def anneal(
                 control = control.firmer()
                 continue
             trial = evaluate(segments, attempt[0], scales, loss)
-            taken = AnnealingStep.of(len(path), control, misfit, trial, attempt[1], samples)
+            taken = control.taken(len(path), misfit, trial, attempt[1], samples)
             path.append(taken)
             progress(taken.report)
             if taken.reduction > 0.0:

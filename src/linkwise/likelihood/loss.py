@@ -102,6 +102,7 @@ class Gaussian(Loss):
 
     @property
     def expected(self) -> float:
+        """Mean cost of a standard normal residual, 1."""
         return 1.0
 
 

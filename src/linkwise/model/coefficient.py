@@ -160,7 +160,13 @@ class Coefficient:
         )
 
     def freed(self) -> Coefficient:
-        """This coefficient as an unknown without value, start or prior; bounds and sharing are kept."""
+        """This coefficient as an unknown without value, start or prior; bounds and sharing are kept.
+
+        Returns
+        -------
+        Coefficient
+            The unknown.
+        """
         return Coefficient(None, known=False, lower=self.lower, upper=self.upper, same_as=self.same_as)
 
 

@@ -30,6 +30,11 @@ class TimeFunction:
     text : str
         An expression of ``t`` in s, such as ``"2*sin(30*t)*exp(-t)"``, in N for a force and in m for the base.
 
+    Attributes
+    ----------
+    expression : Expression
+        The parsed text.
+
     Raises
     ------
     LawError
@@ -94,7 +99,24 @@ def _program(expression: Expression) -> Program:
 
 
 class PiecewisePolynomial(NamedTuple):
-    """A piecewise polynomial: on [edges[p], edges[p+1]] it is sum_k coefficients[p, k] (t - edges[p])^k."""
+    """A piecewise polynomial: on [edges[p], edges[p+1]] it is sum_k coefficients[p, k] (t - edges[p])^k.
+
+    Attributes
+    ----------
+    edges : array of shape (P + 1,)
+        Times in s, ascending.
+    coefficients : array of shape (P, order + 1)
+        Coefficients in the unit of the input per s^k, constant first.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> ramp = lw.Sampled(0.0, 10.0, np.arange(5.0), order=1)
+    >>> pieces = ramp.pieces
+    >>> pieces.edges.tolist(), pieces.coefficients.shape
+    ([0.0, 0.1, 0.2, 0.3, 0.4], (4, 2))
+    """
 
     edges: Floats
     coefficients: Floats

@@ -48,6 +48,13 @@ class Partials(NamedTuple):
         Derivatives by elongation in N/m and by rate in N s/m.
     by_coefficient : dict of str to array
         Derivative by each coefficient.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> partials = lw.Law.parse("k*d + c*v").partials(0.1, 2.0, {"k": 400.0, "c": 0.5})
+    >>> float(partials.force), float(partials.by_d), float(partials.by_v), float(partials.by_coefficient["k"])
+    (41.0, 400.0, 0.5, 0.1)
     """
 
     force: Floats

@@ -20,9 +20,21 @@ BASE_INDEX = -2
 class Topology:
     """Which links join which masses, by number.
 
-    `index` is the number of each mass by name, from 0, and `GROUND_INDEX` and `BASE_INDEX` of "ground" and "base"; `ends` (L,
-    2) are those of the first and the second end of each link; `by_law` has each law with the numbers (m,) of its links, in
-    order of first appearance.
+    Attributes
+    ----------
+    index : mapping of str to int
+        The number of each mass by name, from 0; that of "ground" is -1, of "base" -2.
+    ends : array of int, shape (L, 2)
+        Numbers of the first and the second end of each link.
+    by_law : tuple of (Law, array of int)
+        Each law with the numbers (m,) of its links, in order of first appearance.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> topology = lw.bnes_chain(4).topology
+    >>> topology.size, topology.ends.tolist()
+    (4, [[0, -1], [1, 0], [2, 0], [3, 2]])
     """
 
     index: Mapping[str, int]
@@ -31,7 +43,20 @@ class Topology:
 
     @classmethod
     def of(cls, mass_names: Sequence[str], links: Sequence[Link]) -> Topology:
-        """The topology of these masses and links."""
+        """Number the masses and links of a structure.
+
+        Parameters
+        ----------
+        mass_names : sequence of str
+            The n masses, in order.
+        links : sequence of Link
+            The L links.
+
+        Returns
+        -------
+        Topology
+            The numbering.
+        """
         index = {name: number for number, name in enumerate(mass_names)}
         index |= {GROUND: GROUND_INDEX, BASE: BASE_INDEX}
         ends = np.array([[index[end] for end in link.between] for link in links], dtype=np.intp)

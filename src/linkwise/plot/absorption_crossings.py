@@ -89,7 +89,25 @@ def crossings(
 
 
 def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
-    """The sinks, each in a strip of its own; of more than 8 the first."""
+    """The sinks, each in a strip of its own; of more than 8 the first.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.crossings_figure(result).axes)
+    1
+    """
     names = [each.sink.link for each in without_intervals(result).sinks[:_MOST]]
     with sheet(len(names), height=1.2 + 1.3 * len(names), share_time=True) as (figure, strips):
         for axes, name in zip(strips, names, strict=True):

@@ -77,7 +77,25 @@ def absorption(
 
 
 def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
-    """The primary masses, each in a strip of its own; of more than 8 the first."""
+    """The primary masses, each in a strip of its own; of more than 8 the first.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.decay_figure(result).axes)
+    1
+    """
     plain = without_intervals(result)
     names = [mass.name for mass in plain.masses[:_MOST]]
     with sheet(len(names), height=1.3 + 1.25 * len(names), share_time=True) as (figure, strips):

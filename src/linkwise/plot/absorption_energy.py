@@ -65,7 +65,25 @@ def energy(
 
 
 def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
-    """Where the energy went with the sinks and, beside it, without them."""
+    """Where the energy went with the sinks and, beside it, without them.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.energy_figure(result).axes)
+    2
+    """
     with sheet(columns=2, height=3.4) as (figure, panels):
         energy(result, legend=False, ax=panels[0])
         energy(result, with_sinks=False, legend=False, ax=panels[1])

@@ -70,7 +70,33 @@ def map(
 
 
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
-    """One panel a quantity."""
+    """One panel a quantity.
+
+    Parameters
+    ----------
+    result : AbsorptionMap
+        What `linkwise.absorption_map` returned.
+    names : sequence of str
+        Names of the quantities, a panel each.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    KeyError
+        If there is no such quantity.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.map_figure(swept, ["sinks_share", "rms_reduction"]).axes)
+    2
+    """
     rows = -(-len(names) // 2)
     with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows, colorbars=True) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):

@@ -71,7 +71,27 @@ def spectrum(
 
 
 def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
-    """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first."""
+    """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        What `linkwise.inspect` returned.
+    number : int, default 0
+        Place of the record in ``inspection.records``, from 0.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> len(lw.plot.spectra_figure(lw.inspect(record)).axes)
+    2
+    """
     record = inspection.records[number]
     names = (*record.inputs, *record.responses)[:_MOST]
     of = {each.name: each.noise for each in inspection.channels_of(number)}

@@ -66,7 +66,26 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
 
 
 def evidence_figure(discovery: Discovery) -> Figure:
-    """The evidence term by term on a figure of its own, as high as there are terms."""
+    """The evidence term by term on a figure of its own, as high as there are terms.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        What `linkwise.discover` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> len(lw.plot.evidence_figure(discovery).axes)
+    1
+    """
     with sheet(height=_height(sum(map(len, _rows(discovery))))) as (figure, [axes]):
         evidence(discovery, legend=False, ax=axes)
         legend_below(figure, axes)

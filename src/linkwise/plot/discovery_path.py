@@ -117,7 +117,26 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
 
 
 def path_figure(discovery: Discovery) -> Figure:
-    """The path and, beside it, the next best models."""
+    """The path and, beside it, the next best models.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        What `linkwise.discover` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> len(lw.plot.path_figure(discovery).axes)
+    2
+    """
     with sheet(columns=2, width=8.0, height=3.6) as (figure, [left, right]):
         path(discovery, legend=False, ax=left)
         runners_up(discovery, ax=right)

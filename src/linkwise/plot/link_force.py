@@ -78,7 +78,36 @@ def force(
 
 
 def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = None) -> Figure:
-    """The force of a link on a figure of its own, with a second panel near the wells where there are two or more."""
+    """The force of a link on a figure of its own, with a second panel near the wells where there are two or more.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What `linkwise.identify` returned.
+    link : str
+        Name of the link.
+    truth : Structure, optional
+        The true structure, to draw its force beside.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> len(lw.plot.force_figure(fit, "nes1").axes)
+    2
+    """
     near = force_curve(estimate, link, truth).between_wells
     with sheet(columns=1 if near is None else 2) as (figure, panels):
         force(estimate, link, truth=truth, legend=False, ax=panels[0])

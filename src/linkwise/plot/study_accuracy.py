@@ -106,8 +106,26 @@ def study(
     return axes
 
 
-def accuracy_figure(table: StudyTable) -> Figure:
-    """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them."""
+def accuracy_figure(result: StudySummary | StudyTable | Iterable[Row]) -> Figure:
+    """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them.
+
+    Parameters
+    ----------
+    result : StudySummary or StudyTable or iterable of Row
+        What `linkwise.study_summary`, `linkwise.run_study` or `linkwise.read_rows` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> len(lw.plot.accuracy_figure(lw.read_rows("results/mine")).axes)
+    2
+    """
+    table = _table(result)
     count = len(table.decibels) + 1
     rows = -(-count // 2)
     with sheet(rows, 2, height=0.9 + 2.3 * rows) as (figure, panels):

@@ -164,7 +164,36 @@ def _without_glyph_warnings() -> Iterator[None]:
 
 
 def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
-    """Write `stem`.png and `stem`.svg and return both paths."""
+    """Write a figure as PNG and as SVG.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    stem : pathlib.Path
+        Folder and name of both files, without suffix.
+
+    Returns
+    -------
+    png, svg : pathlib.Path
+        The files.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     paths = lw.plot.save(lw.plot.histories_figure(record), Path(folder) / "motion")
+    >>> [path.name for path in paths]
+    ['motion.png', 'motion.svg']
+    """
     png, svg = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.svg")
     for path, content in zip((png, svg), encoded(figure), strict=True):
         path.write_bytes(content)

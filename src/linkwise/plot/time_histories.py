@@ -84,7 +84,25 @@ def histories(
 
 
 def histories_figure(record: Record) -> Figure:
-    """Each channel over time in a strip of its own; of more than 10 channels the first."""
+    """Each channel over time in a strip of its own; of more than 10 channels the first.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> len(lw.plot.histories_figure(record).axes)
+    2
+    """
     names = _shown(record)
     with sheet(len(names), height=0.9 + 0.95 * len(names), share_time=True) as (figure, strips):
         for axes, name in zip(strips, names, strict=True):

@@ -119,7 +119,27 @@ def prediction_error(
 
 
 def prediction_figure(validation: Validation) -> Figure:
-    """Measured and predicted channels over time, one below the other."""
+    """Measured and predicted channels over time, one below the other.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_figure(result).axes)
+    2
+    """
     with _strips(validation, "measured and predicted") as (figure, strips):
         for name, axes in strips.items():
             prediction(validation, name, legend=False, ax=axes)
@@ -127,7 +147,27 @@ def prediction_figure(validation: Validation) -> Figure:
 
 
 def prediction_error_figure(validation: Validation) -> Figure:
-    """The errors of the channels over time, one below the other."""
+    """The errors of the channels over time, one below the other.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_error_figure(result).axes)
+    2
+    """
     with _strips(validation, "measured less predicted") as (figure, strips):
         for name, axes in strips.items():
             prediction_error(validation, name, legend=False, ax=axes)

@@ -117,7 +117,27 @@ def prediction_spectrum(
 
 
 def prediction_profile_figure(validation: Validation) -> Figure:
-    """The error over elongation and velocity of each link; of more than 4 links the first."""
+    """The error over elongation and velocity of each link; of more than 4 links the first.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_profile_figure(result).axes)
+    4
+    """
     links = [profile.quantity for profile in validation.profiles[1:]][: 2 * _MOST]
     rows = len(links) // 2
     with sheet(rows, 2, height=0.8 + 2.1 * rows) as (figure, panels):
@@ -129,7 +149,27 @@ def prediction_profile_figure(validation: Validation) -> Figure:
 
 
 def prediction_spectrum_figure(validation: Validation) -> Figure:
-    """The spectra of the channels; of more than 4 the first."""
+    """The spectra of the channels; of more than 4 the first.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_spectrum_figure(result).axes)
+    2
+    """
     names = list(validation.spectra)[:_MOST]
     with sheet(len(names), height=0.9 + 1.9 * len(names), share_time=True) as (figure, panels):
         for axes, name in zip(panels, names, strict=True):

@@ -14,14 +14,45 @@ _RESERVED = frozenset(":[]()\"',;\t\n")
 
 @dataclass(frozen=True)
 class Channel:
-    """One sensor or one input: `kind` is a key of `UNITS`, `mass` the name of a mass, or "base" for the moving base."""
+    """One sensor, or one input.
+
+    Parameters
+    ----------
+    kind : {"x", "v", "a", "force"}
+        Displacement (m), velocity (m/s), acceleration (m/s^2) or applied force (N).
+    mass : str
+        Name of the mass, or "base" for the moving base.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> channel = lw.Channel.parse("v:m1")
+    >>> channel.kind, channel.mass, channel.unit, channel.is_input
+    ('v', 'm1', 'm/s', False)
+    """
 
     kind: str
     mass: str
 
     @classmethod
     def parse(cls, name: str) -> Channel:
-        """The channel named `name`, such as "x:m1". Raises RecordError for a name that is not a channel."""
+        """Read the name of a channel.
+
+        Parameters
+        ----------
+        name : str
+            KIND:MASS, such as "x:m1".
+
+        Returns
+        -------
+        Channel
+            The channel.
+
+        Raises
+        ------
+        RecordError
+            If it is not the name of a channel.
+        """
         kind, colon, mass = name.partition(":")
         if not colon or not mass or not kind:
             raise RecordError(

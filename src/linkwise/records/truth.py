@@ -52,14 +52,34 @@ class EnergyBalance:
         return accounted - self.supplied
 
     def rows(self, which: slice) -> EnergyBalance:
-        """The balance at the samples of a slice; energies still count from the start of the simulation."""
+        """The balance at some of the samples; energies still count from the start of the simulation.
+
+        Parameters
+        ----------
+        which : slice
+            The samples, by index.
+
+        Returns
+        -------
+        EnergyBalance
+            Their energies in J.
+        """
         return EnergyBalance(
             self.supplied[which], self.kinetic[which], self.potential[which], self.dissipated[which]
         )
 
 
 class MotionDiagnostics(Protocol):
-    """Results of a simulation that cost more than the motion itself: computed on first use."""
+    """Results of a simulation that cost more than the motion itself: computed on first use.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> diagnostics = record.simulated.diagnostics
+    >>> diagnostics.energy.kinetic.shape, diagnostics.horizon
+    ((501,), None)
+    """
 
     @property
     def energy(self) -> EnergyBalance:
@@ -121,7 +141,18 @@ class SimulationTruth:
         return self.diagnostics.horizon
 
     def rows(self, which: slice) -> SimulationTruth:
-        """The truth at the samples of a slice."""
+        """The truth at some of the samples.
+
+        Parameters
+        ----------
+        which : slice
+            The samples, by index.
+
+        Returns
+        -------
+        SimulationTruth
+            The motion at these samples.
+        """
         all_samples = range(len(self.displacement)) if self.samples is None else self.samples
         return replace(
             self,

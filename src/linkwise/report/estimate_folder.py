@@ -49,6 +49,19 @@ def write_result(
     ------
     OutputError
         If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_result(fit, f"{folder}/answer")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['report.html', 'result.json', 'structure.toml']
     """
     return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 

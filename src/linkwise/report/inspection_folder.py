@@ -31,6 +31,18 @@ def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Pr
     ------
     OutputError
         If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> inspection = lw.inspect(record)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_inspection(inspection, f"{folder}/inspection")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['inspection.json', 'report.html']
     """
     return INSPECTION_FOLDER.write(inspection, folder, progress=progress)
 

@@ -44,6 +44,12 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
     ------
     StudyError
         If there is no study in the folder.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.write_study_report("results/mine").name
+    'report.html'
     """
     home = Path(folder)
     report = StudyReport.of(stored_study(home), read_rows(home))

@@ -34,6 +34,15 @@ class Cell:
         The number of cases that the study asks for.
     answers, failures : tuple of Row
         The rows with and without an answer.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> cell = lw.study_summary("results/mine").cells[0]
+    >>> cell.structure, cell.method, cell.snr_db, cell.done
+    ('bnes2', 'weak', 40.0, 2)
+    >>> cell.low <= cell.nmse <= cell.high
+    True
     """
 
     structure: str
@@ -80,7 +89,18 @@ class Cell:
         return min(self.answers, key=lambda row: (abs(_error(row) - median), row.seed))
 
     def share_above(self, value: float) -> float:
-        """The part of the cases, failed ones included, with an error above `value` in %; NaN if none was run."""
+        """The part of the cases, failed ones included, whose error exceeds a value.
+
+        Parameters
+        ----------
+        value : float
+            NMSE in %.
+
+        Returns
+        -------
+        float
+            The part, from 0 to 1; NaN if no case was run.
+        """
         return float(np.mean(self._errors > value)) if self.done else float("nan")
 
     @cached_property

@@ -84,11 +84,23 @@ class Study:
                 raise StudyError(f"must be at least {least}, got {value}", key)
 
     def quickly(self) -> Study:
-        """The same study with its quick number of cycles at most."""
+        """The same study with its quick number of cycles at most.
+
+        Returns
+        -------
+        Study
+            The study.
+        """
         return replace(self, cycles=min(self.cycles, self.quick))
 
     def cases(self) -> Iterator[Case]:
-        """All cases, cycle by cycle, so that a study that is stopped has rows of every cell."""
+        """All cases, cycle by cycle, so that a study that is stopped has rows of every cell.
+
+        Returns
+        -------
+        iterator of Case
+            The cases.
+        """
         for seed in range(self.first_seed, self.first_seed + self.cycles):
             for subject in self.subjects:
                 for level in self.snr_db:
@@ -104,7 +116,17 @@ class Study:
         return len(self.subjects) * len(self.snr_db) * len(self.methods) * self.cycles
 
     def subject(self, name: str) -> Subject:
-        """The subject called `name`.
+        """One of the subjects.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Subject
+            The subject.
 
         Raises
         ------
@@ -114,7 +136,17 @@ class Study:
         return _lookup(name, "structure", self._subjects)
 
     def method(self, name: str) -> StudyMethod:
-        """The method called `name`.
+        """One of the methods.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        StudyMethod
+            The method.
 
         Raises
         ------
@@ -124,15 +156,43 @@ class Study:
         return _lookup(name, "method", self._methods)
 
     def cycle(self, case: Case) -> int:
-        """The number of the cycle of a case, 0 for the first."""
+        """The number of the cycle of a case, 0 for the first.
+
+        Parameters
+        ----------
+        case : Case
+            A case of this study.
+
+        Returns
+        -------
+        int
+            The number of the cycle.
+        """
         return case.seed - self.first_seed
 
     def sort_key(self, case: Case) -> tuple[int, int, int, int]:
-        """The position of a case in tables: by structure, noise level, method and seed, in the order of the study."""
+        """The position of a case in tables: by structure, noise level, method and seed, in the order of the study.
+
+        Parameters
+        ----------
+        case : Case
+            A case of this study.
+
+        Returns
+        -------
+        tuple of int
+            What sorts the case.
+        """
         return (*self._positions[case.structure, case.snr_db, case.method], case.seed)
 
     def document(self) -> dict[str, Any]:
-        """The tables of a study file that defines this study, with all defaults and structures."""
+        """The tables of a study file that defines this study, with all defaults and structures.
+
+        Returns
+        -------
+        dict
+            Plain data, for TOML or JSON.
+        """
         return {
             "name": self.name,
             "snr_db": list(self.snr_db),
@@ -144,7 +204,13 @@ class Study:
         }
 
     def text(self) -> str:
-        """The document as JSON, which is equal for equal studies."""
+        """The document as JSON, which is equal for equal studies.
+
+        Returns
+        -------
+        str
+            JSON.
+        """
         return json.dumps(self.document(), indent=1, ensure_ascii=False)
 
     @cached_property

@@ -37,6 +37,15 @@ class MethodResult:
         Their standard errors in SI units; empty where the estimate is not to be trusted.
     reason : str
         Why the estimate is not to be trusted; empty where it is.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> study = lw.read_study("paper")
+    >>> subject, method = study.subjects[0], study.method("weak")
+    >>> result = method.evaluate(subject, subject.simulate(), snr_db=40.0, seed=1)
+    >>> result.status, sorted(result.coefficients)
+    ('converged', ['nes1.alpha', 'nes1.beta', 'nes1.c', 'spring1.c', 'spring1.k'])
     """
 
     status: str
@@ -54,6 +63,13 @@ class StudyMethod(ABC):
     ----------
     name : str
         Its name in the study.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> method = lw.read_study("paper").method("physics-informed")
+    >>> isinstance(method, lw.StudyMethod), method.document()["kind"]
+    (True, 'physics-informed')
     """
 
     name: str
@@ -88,7 +104,13 @@ class StudyMethod(ABC):
 
     @abstractmethod
     def document(self) -> dict[str, Any]:
-        """The table of a study file that defines this method."""
+        """The table of a study file that defines this method.
+
+        Returns
+        -------
+        dict
+            Plain data, with the keys "name" and "kind" and the options of the method.
+        """
 
 
 @final

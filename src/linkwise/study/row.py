@@ -24,6 +24,12 @@ class Case:
         The signal-to-noise ratio in dB.
     seed : int
         The seed of the noise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> print(next(lw.read_study("paper").cases()))
+    2 masses, 40 dB, classical, displacement, seed 1000
     """
 
     structure: str
@@ -63,6 +69,13 @@ class Row:
         Time of the estimate in s, without simulation and noise.
     reason : str
         Why there is no answer, or none to be trusted.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> row = lw.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2, "nes2": 0.4})
+    >>> row.nmse, row.failed
+    (0.30000000000000004, False)
     """
 
     structure: str

@@ -63,7 +63,9 @@ def run_study(
     Examples
     --------
     >>> import linkwise as lw
-    >>> rows = lw.run_study("paper", "results/quick", quick=True)  # doctest: +SKIP
+    >>> rows = lw.run_study("mine.toml", "results/mine", workers=1)
+    >>> [(row.case.method, row.status) for row in rows]
+    [('weak', 'converged'), ('weak', 'converged')]
     """
     definition = study if isinstance(study, Study) else read_study(study)
     definition = definition.quickly() if quick else definition

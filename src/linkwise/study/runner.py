@@ -33,6 +33,12 @@ class StudyProgress:
         Cases per second since this run began.
     left : float or None
         Seconds left; None before there is an estimate.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.StudyProgress(done=50, total=200, rate=2.0, left=75.0).report.activity
+    '50 of 200 cases, 2/s, 75 s left'
     """
 
     done: int

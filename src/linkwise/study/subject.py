@@ -54,6 +54,15 @@ class Subject:
     ------
     StudyError
         If something does not fit the structure; the error names the key.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> subject = lw.Subject(
+    ...     "chain", lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0}, unknown=("nes",)
+    ... )
+    >>> subject.judged_links, subject.measured(subject.simulate()).channels
+    (('nes1',), ('x:m1', 'x:m2'))
     """
 
     name: str
@@ -167,7 +176,13 @@ class Subject:
         return clean.select([*channels, *clean.inputs])
 
     def document(self) -> dict[str, Any]:
-        """The table of a study file that defines this subject, the structure included."""
+        """The table of a study file that defines this subject, the structure included.
+
+        Returns
+        -------
+        dict
+            Plain data, for TOML or JSON.
+        """
         return {
             "name": self.name,
             "toml": format_structure(self.structure),

@@ -25,6 +25,13 @@ class StudySummary(NotebookView):
         The name of the study.
     cells : tuple of Cell
         The cells in the order of the study: by structure, noise level and method.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> summary = lw.study_summary("results/mine")
+    >>> summary.complete, summary.failed_cells
+    (True, ())
     """
 
     name: str
@@ -43,7 +50,13 @@ class StudySummary(NotebookView):
         return tuple(cell for cell in self.cells if cell.done and not cell.answers)
 
     def to_dict(self) -> dict[str, Any]:
-        """The summary as plain data: numbers of cases, and the cells as in summary.csv."""
+        """The summary as plain data: numbers of cases, and the cells as in summary.csv.
+
+        Returns
+        -------
+        dict
+            "study", "cases", "done", "failed" and "cells".
+        """
         return {"study": self.name, **self._counts(), "cells": [cell_record(cell) for cell in self.cells]}
 
     def __str__(self) -> str:
@@ -91,7 +104,9 @@ def study_summary(folder: str | Path) -> StudySummary:
     Examples
     --------
     >>> import linkwise as lw
-    >>> print(lw.study_summary("results/paper"))  # doctest: +SKIP
+    >>> summary = lw.study_summary("results/mine")
+    >>> print(str(summary).splitlines()[0])
+    mine: 2 of 2 cases done, 0 failed
     """
     study = stored_study(folder)
     return StudySummary(study.name, StudyTable.of(study, read_rows(folder)).cells)

@@ -43,6 +43,15 @@ class LinkLimit:
     References
     ----------
     The paper, Eq. 8, for the NMSE.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> planned = lw.limit(chain, duration=0.5, rate=1000.0, noise=40.0, unknown=["nes"], release={"v:m1": 1.0})
+    >>> nes = planned.link("nes1")
+    >>> nes.name, 0.0 < nes.force_error < nes.detectable
+    ('nes1', True)
     """
 
     name: str
@@ -83,6 +92,16 @@ class Limit(NotebookView):
     See Also
     --------
     limit : Plan a test.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> planned = lw.limit(chain, duration=0.5, rate=1000.0, noise=40.0, unknown=["nes"], release={"v:m1": 1.0})
+    >>> [parameter.name for parameter in planned.parameters]
+    ['nes1.alpha', 'nes1.beta', 'nes1.c']
+    >>> planned.standard_errors.shape, planned.findings
+    ((3,), ())
     """
 
     structure: Structure
@@ -117,7 +136,17 @@ class Limit(NotebookView):
         )
 
     def coefficient(self, name: str) -> CoefficientEstimate:
-        """The unknown called `name`, such as "nes1.alpha" or "m1.mass".
+        """One unknown with its expected value and, where it is identifiable, its interval at the bound.
+
+        Parameters
+        ----------
+        name : str
+            Its name, such as "nes1.alpha" or "m1.mass".
+
+        Returns
+        -------
+        CoefficientEstimate
+            The unknown, in SI units.
 
         Raises
         ------
@@ -169,7 +198,17 @@ class Limit(NotebookView):
         return tuple(self._link(index) for index in sorted(unknown) if index >= 0)
 
     def link(self, name: str) -> LinkLimit:
-        """The precision for the link called `name`.
+        """The precision for one link.
+
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+
+        Returns
+        -------
+        LinkLimit
+            What the test allows for it.
 
         Raises
         ------
@@ -198,7 +237,13 @@ class Limit(NotebookView):
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain data."""
+        """The result as plain data.
+
+        Returns
+        -------
+        dict
+            Coefficients and links by name, noise and findings; SI units.
+        """
         return {
             "segment": self.segment,
             "samples": len(self.record) * len(self.record.responses),

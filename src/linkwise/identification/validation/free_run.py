@@ -35,6 +35,15 @@ class FreeRun:
         Root mean square of the residual after the first `settling` samples, by channel, in its SI unit.
     settling : int
         The number of samples that the initial state was fitted to.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
+    >>> run = lw.free_run(chain, record)
+    >>> run.motion.channels, run.settling
+    (('x:m1', 'x:m2'), 50)
     """
 
     motion: Record

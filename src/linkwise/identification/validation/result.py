@@ -41,6 +41,16 @@ class ChannelPrediction:
         RMSE that they exceed in one record of a thousand.
     one_step_rmse, one_step_expected : float
         The same for predictions one sample ahead.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> score = result.channels["x:m1"]
+    >>> score.agrees, score.nmse_percent < 1.0
+    (True, True)
     """
 
     name: str
@@ -77,6 +87,17 @@ class CoefficientAgreement:
         Their difference in standard deviations of both errors together (Wald test).
     limit : float
         Absolute z that is exceeded by chance in one record of a thousand, by any of the coefficients.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> other = lw.simulate(chain, release={"v:m1": 0.8}, duration=1.0, rate=1000.0).with_noise(40.0, seed=2)
+    >>> fit = lw.identify(record, chain.unknown("nes"))
+    >>> agreement = lw.validate(other, fit).coefficients[0]
+    >>> agreement.name, agreement.agrees
+    ('nes1.alpha', True)
     """
 
     name: str
@@ -108,6 +129,16 @@ class ErrorProfile:
         RMS over channels and samples of the error, each in % of the RMS of its channel about its mean; NaN in an empty bin.
     samples : array of int, shape (b,)
         Samples in the bins.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> profile = result.profiles[0]
+    >>> profile.quantity, profile.unit, len(profile.edges) == len(profile.error_percent) + 1
+    ('time', 's', True)
     """
 
     quantity: str
@@ -125,7 +156,27 @@ class ErrorProfile:
 
 @dataclass(frozen=True, eq=False)
 class ErrorSpectrum:
-    """Power spectral densities of a channel, measured and of its error; frequency in Hz, densities in unit^2/Hz."""
+    """Power spectral densities of a channel: measured, and of the error of its prediction.
+
+    Attributes
+    ----------
+    frequency : array of shape (f,)
+        Frequency in Hz.
+    measured, error : array of shape (f,)
+        Densities in the square of the SI unit of the channel per Hz.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> spectrum = result.spectra["x:m1"]
+    >>> spectrum.error.shape == spectrum.frequency.shape
+    True
+    >>> float(spectrum.frequency[-1])
+    248.81516587677726
+    """
 
     frequency: Floats
     measured: Floats
@@ -165,6 +216,15 @@ class Validation(JudgedView):
         Part of the forces that the laws are known to leave.
     remarks : tuple of str
         What else limits the comparison.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> result.trusted, result.free_run, sorted(result.channels)
+    (True, True, ['x:m1', 'x:m2'])
     """
 
     structure: Structure

@@ -1,0 +1,168 @@
+"""Every public name is documented in numpydoc sections, with examples, and every public member of a public class too."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import linkwise as lw
+
+
+class Undocumented:
+    def method(self, rate: float) -> float:
+        raise ValueError(rate)
+
+    @property
+    def value(self) -> float:
+        return 0.0
+
+
+@dataclass
+class Halfway:
+    """A class with one of its two fields.
+
+    Attributes
+    ----------
+    rate : float
+        Sampling rate in Hz.
+    """
+
+    rate: float
+    start: float
+
+    def method(self, rate: float, *, start: float = 0.0) -> float:
+        """A method with one of its two parameters.
+
+        Parameters
+        ----------
+        rate : float
+            Sampling rate in Hz.
+        """
+        raise ValueError(rate)
+
+
+def undocumented(rate: float) -> float:
+    """A function of one line."""
+    return rate
+
+
+def public(module: ModuleType = lw, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Public functions and classes by name, those of a public module included."""
+    for name in module.__all__:
+        value = getattr(module, name)
+        if isinstance(value, ModuleType):
+            yield from public(value, f"{prefix}{name}.")
+        elif callable(value):
+            yield f"{prefix}{name}", value
+
+
+def sections(value: object) -> dict[str, list[str]]:
+    """The lines of each section of a docstring, by heading."""
+    lines = (inspect.getdoc(value) or "").splitlines()
+    found: dict[str, list[str]] = {"": []}
+    heading = ""
+    for number, line in enumerate(lines):
+        underline = lines[number + 1] if number + 1 < len(lines) else ""
+        if line and underline == "-" * len(line):
+            heading = line
+            found[heading] = []
+        else:
+            found[heading].append(line)
+    return found
+
+
+def described(documented: dict[str, list[str]], *headings: str) -> set[str]:
+    """The names that sections describe: "lower, upper : float" are two."""
+    entries = [
+        line for heading in headings for line in documented.get(heading, []) if re.match(r"[\w*]", line)
+    ]
+    return {name.strip().lstrip("*") for entry in entries for name in entry.partition(" : ")[0].split(",")}
+
+
+def raises(function: Callable[..., object]) -> bool:
+    """Whether the body of a function raises an exception that it makes."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    return any(isinstance(node, ast.Raise) and node.exc is not None for node in ast.walk(tree))
+
+
+def lacking(function: Callable[..., object], *, example: bool) -> list[str]:
+    """What the docstring of a function lacks."""
+    function = inspect.unwrap(function)
+    documented = sections(function)
+    if not any(documented[""]):
+        return ["summary"]
+    named = described(documented, "Parameters")
+    parameters = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+    gives = function.__annotations__["return"] not in (None, "None")
+    return [
+        *(f"parameter {name}" for name in parameters if name not in named),
+        *(["Returns"] if gives and not {"Returns", "Yields"} & documented.keys() else []),
+        *(["Raises"] if raises(function) and "Raises" not in documented else []),
+        *(["Examples"] if example and "Examples" not in documented else []),
+    ]
+
+
+def members(owner: type) -> Iterator[tuple[str, object]]:
+    """The public methods and properties of a class and of those of linkwise that it extends."""
+    for base in (base for base in owner.__mro__ if base.__module__.partition(".")[0] != "builtins"):
+        if base.__module__.partition(".")[0] == owner.__module__.partition(".")[0]:
+            yield from ((name, value) for name, value in vars(base).items() if not name.startswith("_"))
+
+
+def gaps(name: str, value: Any) -> Iterator[str]:
+    """What the docstrings of a public name and of its members lack."""
+    if not isinstance(value, type):
+        yield from (f"{name}: {gap}" for gap in lacking(value, example=True))
+        return
+    documented = sections(value)
+    if value.__doc__ is None or value.__doc__.startswith(f"{value.__name__}("):  # what dataclass writes
+        yield f"{name}: summary"
+        return
+    if "Examples" not in documented:
+        yield f"{name}: Examples"
+    named = described(documented, "Parameters", "Attributes")
+    held = [field.name for field in fields(value)] if is_dataclass(value) else []
+    yield from (f"{name}: field {each}" for each in held if not each.startswith("_") and each not in named)
+    for member, kind in members(value):
+        function = getattr(kind, "__func__", kind)  # of a class method
+        if isinstance(kind, property | cached_property):
+            if not inspect.getdoc(kind):
+                yield f"{name}.{member}: summary"
+        elif inspect.isfunction(function):
+            own = inspect.getdoc(getattr(value, member))  # a method that overrides one may take its docstring
+            if not own:
+                yield f"{name}.{member}: summary"
+            elif function.__doc__:
+                yield from (f"{name}.{member}: {gap}" for gap in lacking(function, example=False))
+
+
+@pytest.mark.parametrize(("name", "value"), list(public()))
+def test_public_name_is_documented(name: str, value: Any) -> None:
+    assert list(gaps(name, value)) == []
+
+
+def test_the_walk_covers_the_whole_interface() -> None:
+    names = dict(public())
+    assert len(names) > 170 and "plot.force" in names and "simulate" in names
+    assert sum(len(list(members(value))) for value in names.values() if isinstance(value, type)) > 400
+
+
+def test_the_walk_sees_what_it_must_refuse() -> None:
+    assert list(gaps("u", Undocumented)) == ["u: summary"]
+    assert list(gaps("h", Halfway)) == [
+        "h: Examples",
+        "h: field start",
+        "h.method: parameter start",
+        "h.method: Returns",
+        "h.method: Raises",
+    ]
+    assert list(gaps("f", undocumented)) == ["f: parameter rate", "f: Returns", "f: Examples"]
