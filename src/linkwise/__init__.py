@@ -79,7 +79,8 @@ if TYPE_CHECKING:
     from linkwise.model.input_signal import PiecewisePolynomial, Sampled, TimeFunction
     from linkwise.model.law import Law, Partials
     from linkwise.model.link_state import LinkState, StateRate
-    from linkwise.model.named_laws import NAMED_LAWS, LawText, NamedLaw, named_law
+    from linkwise.model.named_law import LawText, NamedLaw
+    from linkwise.model.named_laws import NAMED_LAWS, named_law
     from linkwise.model.parameters import Parameter
     from linkwise.model.structure import BASE, GROUND, Coefficient, Link, Mass, Structure
     from linkwise.model.toml_file import (

@@ -66,7 +66,8 @@ HOMES = {
     "model.input_signal": ("PiecewisePolynomial", "Sampled", "TimeFunction"),
     "model.law": ("Law", "Partials"),
     "model.link_state": ("LinkState", "StateRate"),
-    "model.named_laws": ("NAMED_LAWS", "LawText", "NamedLaw", "named_law"),
+    "model.named_law": ("LawText", "NamedLaw"),
+    "model.named_laws": ("NAMED_LAWS", "named_law"),
     "model.parameters": ("Parameter",),
     "model.structure": ("BASE", "Coefficient", "GROUND", "Link", "Mass", "Structure"),
     "model.toml_file": (

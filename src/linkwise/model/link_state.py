@@ -68,7 +68,27 @@ class LinkState:
 
 @dataclass(frozen=True)
 class StateRate:
-    """The rate of a state, parsed; `unit` is the stated unit of the state, "" where it is not stated."""
+    """The rate of a state, parsed.
+
+    Attributes
+    ----------
+    name : str
+        The state.
+    text : str
+        Its rate as written.
+    expression : Expression
+        The parsed rate, in the unit of the state per s.
+    unit : str
+        The unit stated for the state; empty where none is.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> dahl = lw.named_law("dahl")
+    >>> rate = lw.Law.parse(dahl.law, states=dahl.states).rates[0]
+    >>> rate.name, rate.text
+    ('q', 'sigma*(v - abs(v)*q/Fc)')
+    """
 
     name: str
     text: str

@@ -20,7 +20,8 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law, law_dimensions
 from linkwise.model.link import Link
 from linkwise.model.link_state import LinkState, unit_dimension
-from linkwise.model.named_laws import NamedLaw, is_law_name, named_law
+from linkwise.model.named_law import NamedLaw
+from linkwise.model.named_laws import is_law_name, named_law
 from linkwise.text import near_miss
 from linkwise.toml_tables import decode
 from linkwise.units import to_si

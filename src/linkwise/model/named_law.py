@@ -1,0 +1,136 @@
+"""A law of the literature: its text and states, and what its coefficients mean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, final
+
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.link_state import LinkState
+
+
+class LawText(NamedTuple):
+    """A law as text, and the states beside it.
+
+    Attributes
+    ----------
+    law : str
+        The law.
+    states : mapping of str to LinkState
+        Its states by name; empty for a law without memory.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.named_law("dahl").text.law
+    'q + c*v'
+    """
+
+    law: str
+    states: Mapping[str, LinkState]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class NamedLaw:
+    """A law of the literature.
+
+    Parameters
+    ----------
+    title : str
+        What it describes.
+    source : str
+        Where it comes from.
+    coefficients : mapping of str to str
+        Meaning of each coefficient.
+    formula : LawText or callable
+        The law; for a family a function of its number of branches.
+    branches : int, optional
+        Number of branches by default of a family, such as the sliders of Iwan's law; 0 of a single law.
+    bounds : mapping of str to tuple, optional
+        Bounds in SI units of coefficients that have some, within which they are searched for.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> law = lw.named_law("dahl")
+    >>> law.law, law.states["q"].rate
+    ('q + c*v', 'sigma*(v - abs(v)*q/Fc)')
+    """
+
+    title: str
+    source: str
+    coefficients: Mapping[str, str]
+    formula: LawText | Callable[[int], LawText]
+    branches: int = 0
+    bounds: Mapping[str, tuple[float, float]] | None = None
+
+    @property
+    def text(self) -> LawText:
+        """The law and its states."""
+        return self.formula if isinstance(self.formula, LawText) else self.formula(self.branches)
+
+    @property
+    def law(self) -> str:
+        """The law as text."""
+        return self.text.law
+
+    @property
+    def states(self) -> Mapping[str, LinkState]:
+        """The states by name; empty for a law without memory."""
+        return self.text.states
+
+    def coefficient(self, name: str) -> Coefficient:
+        """The coefficient of that name as an unknown within its bounds.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Coefficient
+            The unknown.
+        """
+        lower, upper = (self.bounds or {}).get(name, (-math.inf, math.inf))
+        return Coefficient.unknown(lower=lower, upper=upper)
+
+    def link(
+        self, name: str, between: tuple[str, str], coefficients: Mapping[str, Coefficient] | None = None
+    ) -> Link:
+        """A link with this law.
+
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+        between : tuple of two str
+            Its ends.
+        coefficients : mapping of str to Coefficient, optional
+            Coefficients; the others are unknown within their bounds.
+
+        Returns
+        -------
+        Link
+            The link.
+
+        Raises
+        ------
+        StructureError
+            As of `Link`.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> link = lw.named_law("jenkins").link("joint", ("m1", "ground"), {"k": lw.Coefficient.number(1e4)})
+        >>> [name for name, coefficient in link.coefficients.items() if not coefficient.known]
+        ['Fs']
+        """
+        law = Law.parse(self.law, self.states)
+        given = {key: self.coefficient(key) for key in law.coefficients} | dict(coefficients or {})
+        return Link(name, between, law, given, self.states)
