@@ -111,13 +111,13 @@ def block_scores(
     loss: Loss,
     q: float,
     blocks: int,
-    pushes: CandidateForces | None = None,
+    candidates: CandidateForces | None = None,
 ) -> BlockScores | None:
     """Scores of `blocks` consecutive blocks of segments at the optimum `misfit`; None where its equations are singular.
 
-    The sizes of `pushes` stand among the unknowns behind theta.
+    The amplitudes of `candidates` follow theta among the unknowns.
     """
-    factor = linearise(segments, misfit, scales, loss, pushes=pushes).equations(q).factor()
+    factor = linearise(segments, misfit, scales, loss, candidates=candidates).equations(q).factor()
     if factor is None:
         return None
     p, m, K = len(factor.schur), len(scales.state), segments.count
@@ -129,7 +129,7 @@ def block_scores(
     label: Indices = np.arange(K) * blocks // K
     scores, information = np.zeros((blocks, p)), np.zeros((blocks, p, p))
     for part in chunks(segments, p):
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, pushes)
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
         node = follow[:, part].transpose(1, 2, 0)
         data = rows[..., m:-1] - rows[..., :m] @ node
         defect = ends[..., m:] - ends[..., :m] @ node + following[:, part].transpose(1, 2, 0)

@@ -18,7 +18,7 @@ from linkwise.arrays import Bools, Floats
 
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """What Levenberg and Marquardt add to the diagonal: nodes (K, m), border (p,)."""
+    """The Levenberg-Marquardt term of the diagonal: nodes (K, m), border (p,)."""
 
     nodes: Floats
     border: Floats
@@ -26,7 +26,7 @@ class Damping:
 
 @dataclass(frozen=True, eq=False)
 class BorderedSystem:
-    """The equations. right holds the border's columns and, last, the gradient, each as (K, m)."""
+    """The equations; `right` holds the columns of the border and, last, the gradient, each as (K, m)."""
 
     diagonal: Floats  # (K, m, m) symmetric
     coupling: Floats  # (K - 1, m, m), rows: the later node
@@ -35,7 +35,7 @@ class BorderedSystem:
     corner_gradient: Floats  # (p,)
 
     def factor(self, damping: Damping | None = None) -> BorderedFactor | None:
-        """Cholesky factor of the equations, damped if so wanted, or None where they are not positive."""
+        """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite."""
         K, m, _ = self.diagonal.shape
         p = len(self.corner)
         band = np.empty((K, m, 2 * m))
@@ -46,26 +46,28 @@ class BorderedSystem:
             band[:, column, 2 * m - column :] = 0.0
         if damping is not None:
             band[:, :, 0] += damping.nodes
-        chol, bad = lapack.dpbtrf(band.reshape(K * m, 2 * m).T, lower=1, overwrite_ab=1)
-        if bad:
+        chol, info = lapack.dpbtrf(band.reshape(K * m, 2 * m).T, lower=1, overwrite_ab=1)
+        if info:
             return None
         forward, _ = lapack.dtbtrs(chol, self.right.reshape(p + 1, K * m).T, uplo="L")
         forward = forward.T
         moment = forward @ forward.T
         corner = self.corner if damping is None else self.corner + np.diag(damping.border)
         schur = corner - moment[:p, :p]
-        if not np.isfinite(schur).all():  # tangents that ran away
+        if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
         return BorderedFactor(chol, forward, schur, self.corner_gradient - moment[p, :p], (K, m))
 
     def drop(self, nodes: Floats, border: Floats) -> float:
-        """g's: what a full Gauss-Newton step (nodes, border) takes off the cost."""
+        """g's: the reduction of the cost that a full Gauss-Newton step s = (nodes, border) predicts."""
         return float(np.vdot(self.right[-1], nodes) + self.corner_gradient @ border)
 
 
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
-    """chol: band of the nodes' factor; forward (p + 1, K m); schur (p, p), reduced (p,): the border's equations."""
+    """Factor of the nodes, `chol` (banded) and `forward` (p + 1, K m); equations of the border, `schur` (p, p) and `reduced`
+    (p,).
+    """
 
     chol: Floats
     forward: Floats
@@ -74,7 +76,7 @@ class BorderedFactor:
     shape: tuple[int, int]
 
     def solve(self, free: Bools) -> tuple[Floats, Floats] | None:
-        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at zero; None where not positive."""
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at zero; None where not positive definite."""
         border = np.zeros(len(self.reduced))
         if free.any():
             try:

@@ -17,7 +17,12 @@ from linkwise.estimates.cause import Cause
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.flow import CandidateForces
 from linkwise.likelihood.residuals import Misfit, evaluate
-from linkwise.likelihood.score_test import CandidateForce, at_ends_and_middles, candidate_forces, widened
+from linkwise.likelihood.score_test import (
+    CandidateForce,
+    at_ends_and_middles,
+    augmented_quadratic,
+    candidate_forces,
+)
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
@@ -91,9 +96,9 @@ def _diagnosed(
     optimum: Optimum, identified: Structure, channels: Sequence[str], terms: bool
 ) -> tuple[Cause, ...]:
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-    hypotheses, pushes, units = _forces(optimum, misfit, identified, terms)
+    hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
-    curvature, slope = widened(optimum, misfit, pushes, errors)
+    curvature, slope = augmented_quadratic(optimum, misfit, candidates, errors)
     hypotheses += [
         _Hypothesis(
             kind,
@@ -174,13 +179,13 @@ def _forces(
         starts.append(at_ends[:, None] / scale)
         middles.append(between[:, None] / scale)
     nobody = np.full(len(masses), -1)
-    pushes = CandidateForces(
+    candidates = CandidateForces(
         np.concatenate([of_terms.first, nobody]),
         np.concatenate([of_terms.second, np.array(masses, dtype=int)]),
         np.concatenate(starts, axis=1),
         np.concatenate(middles, axis=1),
     )
-    return hypotheses, pushes, np.array(units)
+    return hypotheses, candidates, np.array(units)
 
 
 def _inertia_and_inputs(
@@ -211,13 +216,13 @@ def _inertia_and_inputs(
 def _single_tests(curvature: Floats, slope: Floats, parameters: int) -> tuple[Floats, Floats, Floats]:
     """What each cause alone would take off the cost with the coefficients fitted anew, its size, and the deviation of it."""
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
-    scaled, push = curvature / np.outer(scale, scale), slope / scale
+    scaled, gradient = curvature / np.outer(scale, scale), slope / scale
     own, beside = slice(0, parameters), slice(parameters, None)
-    found = np.linalg.lstsq(scaled[own, own], np.column_stack([scaled[own, beside], push[own]]), rcond=1e-12)[
-        0
-    ]
+    found = np.linalg.lstsq(
+        scaled[own, own], np.column_stack([scaled[own, beside], gradient[own]]), rcond=1e-12
+    )[0]
     left = scaled[beside, beside].diagonal() - np.einsum("ij,ij->j", scaled[own, beside], found[:, :-1])
-    score = push[beside] - scaled[beside, own] @ found[:, -1]
+    score = gradient[beside] - scaled[beside, own] @ found[:, -1]
     tested = left > _COLLINEAR
     left = np.where(tested, left, 1.0)
     gain = np.where(tested, score**2 / left, 0.0)

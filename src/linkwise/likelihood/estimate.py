@@ -17,7 +17,7 @@ from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.likelihood.admitted_errors import by_channel, estimate_with_admitted
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
-from linkwise.likelihood.judgement import judged
+from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
@@ -147,10 +147,10 @@ class MaximumLikelihood(Estimator):
 
 
 def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Estimate:
-    """What a fit of `structure` to `records` says, and how far it can be trusted."""
-    found = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
-    identified = structure.with_values(found)
-    judgement = judged(fit, identified, records[0].responses)
+    """The estimate that a fit of `structure` to `records` gives, with its verdicts."""
+    values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
+    identified = structure.with_values(values)
+    judgement = assess(fit, identified, records[0].responses)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),
@@ -174,7 +174,7 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
 
 
 def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
-    """The links along the fitted orbit, at the samples of all records; residuals as the weak form sees them."""
+    """The links along the fitted orbit, at the samples of all records; residuals are those of the weak form."""
     segments, samples = fit.segments, len(fit.segments.samples)
     states = fit.misfit.trajectories.states[: segments.steps : segments.refine]
     x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
@@ -183,11 +183,11 @@ def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]
     firsts = np.cumsum([0, *whole[:-1]])
     d, rates = [], []
     for record, first in zip(records, firsts, strict=True):
-        here = slice(first, first + len(record))
+        own = slice(first, first + len(record))
         base = record.channel("x:base") if "x:base" in record.channels else None
-        d.append(identified.elongations(x[here], base))
+        d.append(identified.elongations(x[own], base))
         rate = None if base is None else np.gradient(base, record.step)
-        rates.append(identified.elongations(v[here], rate))
+        rates.append(identified.elongations(v[own], rate))
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),

@@ -42,7 +42,7 @@ _SIGMAS = 5.0  # and its own scatter
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 _NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way
-_TIGHTER = 9.0  # factor below a known model error from which it is looked for again: two rungs of the ladder
+_TIGHTER = 9.0  # factor below a known model error from which it is looked for again: two points of its grid
 _JOINING = 30  # steps that linking the sides of a gap may take
 _MOST_WORKERS = 8
 
@@ -77,14 +77,29 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    """`values` (p,) with `covariance` (p, p), `free` (p,) False at a bound; `offsets`, `gains` and `noise` by channel (the
-    noise of the first record).
+    """A maximum of the likelihood.
 
-    `chi_square` compares what is left to the noise that was stated or found beforehand; `model_error` is the relaxation q of
-    the flow where the laws alone leave residuals that are no noise, else 0, and `force_error` (n,) in N on each mass what
-    that means. The standard errors in `covariance` are then `error_ratios` (p,) times those of an error that is white noise,
-    as separate blocks of the records say; None where the records are too short for blocks. `prior_conflicts` (P,) is what
-    -2 log likelihood would fall by without what is known beforehand of a parameter, an offset or a gain.
+    Attributes
+    ----------
+    values, covariance, free : array of shape (p,), (p, p) and (p,)
+        Estimates, their covariance, and False for those at a bound.
+    offsets, gains, noise : dict of str to float
+        Estimates by channel, and the standard deviations of the noise in the first record.
+    chi_square, chi_square_off : float, bool
+        Chi-square per degree of freedom with the noise stated or estimated beforehand, and whether it is far from 1.
+    model_error : float
+        The relaxation q of the flow where the laws leave residuals that are not noise, else 0.
+    force_error : array of shape (n,)
+        The standard deviation of the force on each mass, in N, that `model_error` stands for.
+    error_ratios : array of shape (p,) or None
+        With a model error, the factor on the standard errors in `covariance` over those of a model error that is white noise,
+        from the scatter between blocks of the records; None where the records are too short for blocks.
+    samples, status, path
+        Number of samples, how the search ended, and its steps.
+    segments, misfit, optimum
+        The segments, the residuals and defects at the maximum, and what a later search starts from.
+    prior_conflicts : array of shape (P,)
+        The reduction of -2 log likelihood without the prior of each parameter, offset or gain.
     """
 
     values: Floats

@@ -184,7 +184,7 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     flat = stack.reshape(2 + STAGES, L * K)
     for j in range(steps):
         np.matmul(into_links, states[j], out=stack[:2])
-        pushes = None if inputs.force is None else inputs.force[j] / mechanics.masses[:, None]
+        applied = None if inputs.force is None else inputs.force[j] / mechanics.masses[:, None]
         for i in range(STAGES):
             motion = (STAGE_ROWS[i, :, : 2 + i] @ flat[: 2 + i]).reshape(2, L, K)
             motion[1] *= rate
@@ -195,19 +195,19 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
                 orbit.middle_links[j] = motion
             mechanics.force(motion[0], motion[1], forces[i])
             np.matmul(mechanics.link_gain, forces[i], out=stack[2 + i])
-            if pushes is not None:
-                stack[2 + i] += into_links @ pushes[STAGE_POINT[i]]
+            if applied is not None:
+                stack[2 + i] += into_links @ applied[STAGE_POINT[i]]
             stack[2 + i] *= step2
         np.matmul(
             mechanics.gain, (CLOSING @ forces.reshape(STAGES, L * K)).reshape(2, L, K), out=states[j + 1]
         )
         np.matmul(mechanics.gain, forces[0], out=orbit.accelerations[j])
         np.matmul(mechanics.gain, forces[MIDDLE], out=orbit.middle_accelerations[j])
-        if pushes is not None:
+        if applied is not None:
             for i in map(int, np.flatnonzero(CLOSING[1])):
-                states[j + 1] += CLOSING[:, i, None, None] * pushes[STAGE_POINT[i]]
-            orbit.accelerations[j] += pushes[0]
-            orbit.middle_accelerations[j] += pushes[2]
+                states[j + 1] += CLOSING[:, i, None, None] * applied[STAGE_POINT[i]]
+            orbit.accelerations[j] += applied[0]
+            orbit.middle_accelerations[j] += applied[2]
         states[j + 1] *= step2
         states[j + 1] += states[j]
         states[j + 1, 0] += states[j, 1]
@@ -233,7 +233,7 @@ def tangents(
     step: Floats,
     scale: Floats,
     unit: Floats,
-    pushes: CandidateForces | None = None,
+    candidates: CandidateForces | None = None,
 ) -> Iterator[tuple[Single, Single | None]]:
     """Sensitivities along an orbit, by Nystroem's method of order 4.
 
@@ -251,7 +251,7 @@ def tangents(
         Units of the states in m or m/s.
     unit : array of shape (p,)
         Units of the parameters.
-    pushes : CandidateForces, optional
+    candidates : CandidateForces, optional
         Candidate forces.
 
     Yields
@@ -263,12 +263,12 @@ def tangents(
     """
     n, L = mechanics.gain.shape
     steps, K = len(orbit.middle_links), orbit.links.shape[-1]
-    P = 2 * n + len(unit) + (0 if pushes is None else len(pushes.first))
+    P = 2 * n + len(unit) + (0 if candidates is None else len(candidates.first))
     starts = _TangentForces(mechanics, orbit.links, orbit.accelerations, step, unit)
     middles = _TangentForces(mechanics, orbit.middle_links, orbit.middle_accelerations, step, unit)
-    if pushes is not None:
-        starts.push(pushes, pushes.starts, step)
-        middles.push(pushes, pushes.middles, step)
+    if candidates is not None:
+        starts.add_candidates(candidates, candidates.starts, step)
+        middles.add_candidates(candidates, candidates.middles, step)
     into_links, gain, link_gain = (
         np.ascontiguousarray(a, np.float32)
         for a in (mechanics.system.incidence.T, mechanics.gain, mechanics.link_gain)
@@ -312,7 +312,7 @@ def tangents(
 
 
 class _TangentForces:
-    """Tangent link forces h^2 df, and what an unknown mass does to its own acceleration."""
+    """Tangent link forces h^2 df, and the change of acceleration by an unknown mass."""
 
     def __init__(
         self, mechanics: NumericSystem, links: Floats, accelerations: Floats, step: Floats, unit: Floats
@@ -326,7 +326,7 @@ class _TangentForces:
         self.rows = np.array([link for link, _, _ in system.interactions], dtype=int)
         self.columns = np.array([first + column for _, column, _ in system.interactions], dtype=int)
         self.width = first + len(unit)
-        self.pushed: list[tuple[Indices, Indices, Single]] = []
+        self.candidates: list[tuple[Indices, Indices, Single]] = []
         self.masses = []
         for i, column in np.argwhere(system.parameters.mass_map):
             factor = -system.parameters.mass_map[i, column] * unit[column] / mechanics.masses[i]
@@ -335,13 +335,13 @@ class _TangentForces:
             )
         self.mass_values = mechanics.masses
 
-    def push(self, pushes: CandidateForces, force: Floats, step: Floats) -> None:
-        """Take in `force` (..., c, K) of pushes that no link exerts yet."""
-        for ends, sign in ((pushes.first, -1.0), (pushes.second, 1.0)):
-            held = np.flatnonzero(ends >= 0)
-            factor = (sign / self.mass_values[ends[held]])[:, None] * step**2
-            change = (force[:, held] * factor).astype(np.float32)
-            self.pushed.append((ends[held], self.width + held, change))
+    def add_candidates(self, candidates: CandidateForces, force: Floats, step: Floats) -> None:
+        """Count `force` (..., c, K), of unit amplitude, of candidates that no link exerts yet."""
+        for ends, sign in ((candidates.first, -1.0), (candidates.second, 1.0)):
+            on_mass = np.flatnonzero(ends >= 0)
+            factor = (sign / self.mass_values[ends[on_mass]])[:, None] * step**2
+            change = (force[:, on_mass] * factor).astype(np.float32)
+            self.candidates.append((ends[on_mass], self.width + on_mass, change))
 
     def __call__(self, j: int, motion: Single, out: Single) -> None:
         np.multiply(self.by_d[j][:, None], motion[0], out=out)
@@ -349,12 +349,12 @@ class _TangentForces:
         out[self.rows, self.columns] += self.by_parameter[j]
 
     def inertia(self, j: int, out: Single, into_links: Single | None = None, weight: float = 1.0) -> None:
-        """Add h^2 da of unknown masses and of pushes, to masses (n, P, K) or through `into_links` to links (L, P, K)."""
-        for ends, columns, pushed in self.pushed:
+        """Add h^2 da of unknown masses and of candidates to masses (n, P, K) or through `into_links` to links (L, P, K)."""
+        for ends, columns, change in self.candidates:
             if into_links is None:
-                out[ends, columns] += np.float32(weight) * pushed[j]
+                out[ends, columns] += np.float32(weight) * change[j]
             else:
-                out[:, columns] += into_links[:, ends, None] * pushed[j]
+                out[:, columns] += into_links[:, ends, None] * change[j]
         for i, column, change in self.masses:
             if into_links is None:
                 out[i, column] += np.float32(weight) * change[j]

@@ -1,4 +1,4 @@
-"""What may be said of a maximum-likelihood fit: whether it converged, and whether what it leaves is noise."""
+"""The verdict on a maximum-likelihood fit: whether it converged, and whether its residuals are noise."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from linkwise.model.structure import Structure
 from linkwise.verdict import Verdict
 
 _LARGEST_ERROR = 0.1
-"""Of the forces on a mass: the largest model error that is trusted. Intervals count the error to first order; what they leave
-out is of the size of its square, 1 % of the forces at this limit, a tenth of what they count."""
+"""Relative to the forces on a mass: the largest model error that is trusted. Intervals include the error to first order; the
+neglected second order is 1 % of the forces at this limit, a tenth of what they include."""
 _LARGEST_TERM = 0.05
-"""Of the force in a link: the largest missing term that is trusted. A larger one is no small error of the law: offered, it
-would change the coefficients by as much as an engineer would notice."""
-_CHANCE = 3.0  # standard deviations of chi-square within which what is left needs no second look
+"""Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
+would change by more than an engineer can neglect."""
+_CHANCE = 3.0  # standard deviations of chi-square within which the residuals need no diagnosis
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """The `verdict` on a fit and in words what it means for this one; `model_error`, the part of the forces that the laws
-    leave, and what would explain it, the largest gain first.
+    """The `verdict` on a fit with its explanation; `model_error`, the part of the forces that the laws leave unexplained, and
+    the `diagnosis` of it, the largest gain in likelihood first.
     """
 
     verdict: Verdict
@@ -37,19 +37,19 @@ class Judgement:
     diagnosis: tuple[Cause, ...] = ()
 
 
-def judged(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Judgement:
-    """What may be said of a fit to the response `channels` of a record."""
+def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Judgement:
+    """Assess a fit to the response `channels` of a record."""
     if fit.status is not AnnealingStatus.CONVERGED:
         reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
         return Judgement(Verdict.NOT_CONVERGED, reason)
     imperfect = fit.model_error > 0.0 or fit.chi_square > 1.0 + _CHANCE * np.sqrt(2.0 / fit.samples)
     causes = diagnose(fit, identified, channels, terms=imperfect)
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
-    verdict, message = _judged(fit, share, causes)
+    verdict, message = _verdict(fit, share, causes)
     return Judgement(verdict, message, share, causes)
 
 
-def _judged(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple[Verdict, str]:
+def _verdict(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple[Verdict, str]:
     explained = "The laws explain the record to within its noise"
     if fit.model_error > 0.0:
         explained = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
@@ -70,7 +70,7 @@ def _judged(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple[
         )
     by_blocks = (
         fit.model_error > 0.0 and fit.error_ratios is not None
-    )  # only then do intervals count what follows the motion
+    )  # only then do intervals include errors that follow the motion
     if causes and not (by_blocks and causes[0].share <= _LARGEST_TERM):
         return Verdict.SYSTEMATIC_MISFIT, (
             f"{explained}, but what they leave follows the motion: {_would_explain(causes[0])}. Intervals would count that as "
@@ -88,7 +88,7 @@ def _judged(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple[
         )
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
-            f"{explained}, a model error that all intervals count in. {_widened(fit)}{_likeliest(causes)}"
+            f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}"
         )
     return Verdict.CONVERGED, f"{explained}."
 
@@ -101,8 +101,8 @@ def _likeliest(causes: Sequence[Cause]) -> str:
     return f" Most of what is left would be explained by {causes[0].description}." if causes else ""
 
 
-def _widened(fit: LikelihoodFit) -> str:
-    """How much wider than those of a white model error the intervals are."""
+def _error_factor(fit: LikelihoodFit) -> str:
+    """How much wider the intervals are than those of a model error that is white noise."""
     if fit.error_ratios is None:
         return (
             "The record is too short to compare separate blocks of it, so the intervals take that error for white noise, and "
@@ -115,7 +115,7 @@ def _widened(fit: LikelihoodFit) -> str:
 
 
 def _share(fit: LikelihoodFit, identified: Structure) -> float:
-    """Root mean square of the model's force error over that of the forces, the worst mass counting."""
+    """Root mean square of the force error over that of the forces, of the mass with the largest ratio."""
     n = identified.size
     acceleration = fit.misfit.trajectories.accelerations.reshape(-1, n, fit.segments.count)
     forces = identified.mass_values * np.sqrt(np.mean(acceleration**2, axis=(0, 2)))

@@ -1,4 +1,4 @@
-"""Laws that are a little wrong: the error of the flow that is most likely, beside the noise of the sensors."""
+"""Model error: the most likely error of the flow, beside the noise of the sensors, where the laws are not exact."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 
-_LOOSENING = 3.0  # from rung to rung of the ladder of model errors
-_RUNGS = 19  # from q = 1e-5 to 4e3
-_WORSE = 0.1  # of the cost: a rung less than this above the best stands on a plateau, behind which the cost may fall
+_RATIO = 3.0  # of neighbouring relaxations on the grid
+_COUNT = 19  # relaxations on the grid, from q = 1e-5 to 4e3
+_WORSE = 0.1  # of the cost: a point less than this above the best is on a plateau; the cost may fall beyond
 
 
 @dataclass(frozen=True, eq=False)
 class ModelErrorCandidate:
-    """A fit at relaxation q, the factor on the noise that it asks for, and -2 log of its marginal likelihood."""
+    """A fit at relaxation q, its factor on the noise, and -2 log of its marginal likelihood."""
 
     fit: AnnealingFit
     q: float
@@ -31,32 +31,31 @@ class ModelErrorCandidate:
 def with_model_error(
     segments: Segments, fit: AnnealingFit, start: Iterate, annealer: Annealer
 ) -> ModelErrorCandidate | None:
-    """The most likely split of what the laws leave into noise of the sensors and errors of the flow.
+    """The most likely division of the residuals into noise of the sensors and errors of the flow.
 
-    For every relaxation q on a ladder the orbit is fitted again and the noise profiled out; the marginal likelihood, Gaussian
-    in nodes and theta about their optimum (Laplace), chooses q. A tight fit is loosened; where there is none, for laws too
-    wrong for it, the `start` is tightened. None where no rung is the best.
+    For every relaxation q of a geometric grid the orbit is fitted again and the noise profiled out; the marginal likelihood
+    in the Laplace approximation selects q. The search goes up from a converged fit; without one, where the laws are too far
+    off, it goes down from the `start`. None where no point of the grid is the best.
     """
     if fit.status is AnnealingStatus.CONVERGED:
-        rungs = [fit.q * _LOOSENING**rung for rung in range(_RUNGS)]
-        return _ladder_search(segments, fit.point, fit.scales, rungs, annealer)
-    best = _ladder_search(
-        segments, start, fit.scales, [_LOOSENING**-rung for rung in range(_RUNGS)], annealer
-    )
+        grid = [fit.q * _RATIO**power for power in range(_COUNT)]
+        return _grid_search(segments, fit.point, fit.scales, grid, annealer)
+    best = _grid_search(segments, start, fit.scales, [_RATIO**-power for power in range(_COUNT)], annealer)
     if best is not None and best.q == 1.0:
-        rungs = [_LOOSENING**rung for rung in range(_RUNGS)]
-        return _ladder_search(segments, best.fit.point, fit.scales, rungs, annealer)
+        grid = [_RATIO**power for power in range(_COUNT)]
+        return _grid_search(segments, best.fit.point, fit.scales, grid, annealer)
     return best
 
 
-def _ladder_search(
-    segments: Segments, point: Iterate, scales: Scales, rungs: Sequence[float], annealer: Annealer
+def _grid_search(
+    segments: Segments, point: Iterate, scales: Scales, grid: Sequence[float], annealer: Annealer
 ) -> ModelErrorCandidate | None:
-    """The best rung, once two worse ones follow it; None where the ladder ends before, or a rung is out of reach.
+    """The best relaxation, once two worse ones follow it; None where the grid ends before, or a fit does not converge.
 
-    An interrupt from the keyboard ends the climb on the rung where it was."""
+    An interrupt from the keyboard ends the search where it is.
+    """
     best, worse = None, 0
-    for q in rungs:
+    for q in grid:
         fit = annealer(segments, point, scales, AnnealingSchedule(initial_q=q, final_q=q))
         if fit.status is AnnealingStatus.INTERRUPTED:
             return ModelErrorCandidate(fit, q, 1.0, np.inf)
@@ -70,11 +69,11 @@ def _ladder_search(
             worse += 1
         if worse == 2:
             return best
-    return best if best is not None and best.q != rungs[-1] else None
+    return best if best is not None and best.q != grid[-1] else None
 
 
 def _evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
-    """The factor on the noise (and on q) that this orbit asks for, and -2 log of the marginal likelihood with it."""
+    """The most likely factor on the noise (and on q) of this orbit, and -2 log of the marginal likelihood with it."""
     linear = linearise(segments, fit.misfit, fit.scales, loss)
     factor = linear.equations(q).factor()
     if factor is None:

@@ -42,7 +42,7 @@ class NormalBlocks:
         return cls(np.empty((K, m, m)), np.empty((p + 1, K, m)), np.zeros((p, p)), np.zeros(p))
 
     def put(self, part: slice, product: Floats) -> tuple[Floats, Floats]:
-        """Store [J r]'[J r] (k, P + 1, P + 1) of a chunk; returns its share of the corner and of its gradient."""
+        """Store [J r]'[J r] (k, P + 1, P + 1) of a chunk; returns what it adds to the corner and to its gradient."""
         m = self.state.shape[1]
         self.state[part] = product[:, :m, :m]
         self.right[:, part] = product[:, m:, :m].transpose(1, 0, 2)
@@ -52,7 +52,7 @@ class NormalBlocks:
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Gauss-Newton model of a misfit: its data part, and its defects for q = 1 without the later node's own share."""
+    """Gauss-Newton model of a misfit: the data part, and the defects for q = 1 without the diagonal of the later node."""
 
     data: NormalBlocks
     defects: NormalBlocks
@@ -79,7 +79,7 @@ class Linearization:
         )
 
     def damping(self, strength: float) -> Damping | None:
-        """`strength` times the diagonal at q = 1: the same trust in metres at every q."""
+        """`strength` times the diagonal at q = 1, so that a trust region means the same at every q."""
         if strength == 0.0:
             return None
         nodes = np.einsum("kii->ki", self.data.state + self.defects.state)
@@ -93,27 +93,27 @@ def linearise(
     scales: Scales,
     loss: Loss,
     executor: Executor | None = None,
-    pushes: CandidateForces | None = None,
+    candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
 ) -> Linearization:
     """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
-    The sizes of `pushes` and of `errors` stand in the border behind theta.
+    The amplitudes of `candidates` and the sizes of `errors` follow theta in the border.
     """
     m, K = 2 * segments.system.incidence.shape[0], segments.count
-    p = segments.parameters + _added(pushes, errors)
+    p = segments.parameters + _extra_columns(candidates, errors)
     parts = chunks(segments, p)
     data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
     linked = np.append(segments.linked, False)
-    missed = np.zeros((K, m))
-    missed[:-1] = misfit.defects.reshape(m, -1).T
+    defects_by_node = np.zeros((K, m))
+    defects_by_node[:-1] = misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> tuple[Floats, Floats, Floats, Floats]:
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, pushes, errors)
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
         corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
-        ends = np.concatenate([ends, missed[part, :, None]], axis=2)
+        ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= linked[part, None, None]
         state_ends[part] = ends[:, :, :m]
         right_ends[:, part] = ends[:, :, m:].transpose(2, 0, 1)
@@ -126,14 +126,14 @@ def linearise(
             strict=False,
         ):
             total += share
-    data.state[segments.unconstrained] = np.eye(m)  # these nodes stay where they are
+    data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
     if segments.prior is not None:
         _add_prior(data, segments.prior, misfit.point, scales)
     return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
 
 
 def _add_prior(data: NormalBlocks, prior: Prior, point: Iterate, scales: Scales) -> None:
-    """What is known beforehand, in the corner: parameters stand first in the border, offsets and gains last."""
+    """Add the priors to the corner: parameters come first in the border, offsets and gains last."""
     border, parameters = point.border, len(point.theta)
     columns = np.arange(len(border))
     columns[parameters:] += len(data.corner) - len(border)
@@ -147,15 +147,15 @@ def whitened_jacobian(
     scales: Scales,
     loss: Loss,
     part: slice,
-    pushes: CandidateForces | None = None,
+    candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
 ) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
     sensors, step = segments.sensors, segments.step[part] * segments.flow_steps_per_tangent
     M, C, K = segments.samples[..., part].shape
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    P = 2 * n + segments.parameters + _added(pushes, errors)
-    moving = 2 * n + p + (0 if pushes is None else len(pushes.first))
+    P = 2 * n + segments.parameters + _extra_columns(candidates, errors)
+    moving = 2 * n + p + (0 if candidates is None else len(candidates.first))
     width = moving + (0 if errors is None else len(errors.channel))
     mechanics = segments.system.at(misfit.point.theta)
     residuals = misfit.residuals[..., part]
@@ -169,7 +169,7 @@ def whitened_jacobian(
     rates = (1.0, 1.0 / step, 1.0 / step**2)
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     for number, (state, acceleration) in enumerate(
-        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], pushes and pushes.part(part))
+        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], candidates and candidates.part(part))
     ):
         sample, between = divmod(number, segments.tangent_refine)
         if acceleration is None or between:
@@ -193,29 +193,32 @@ def whitened_jacobian(
     return jacobian.reshape(K, M * C, P + 1), ends
 
 
-def _added(pushes: CandidateForces | None, errors: SensorErrors | None) -> int:
-    return (0 if pushes is None else len(pushes.first)) + (0 if errors is None else len(errors.channel))
+def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
+    """Number of columns behind those of the parameters."""
+    return (0 if candidates is None else len(candidates.first)) + (
+        0 if errors is None else len(errors.channel)
+    )
 
 
 def _calibrate_gains(
     jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
 ) -> None:
-    """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened as they are.
+    """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened alike.
 
     `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing.
     """
     sensors, point = segments.sensors, misfit.point
-    moved = jacobian.shape[-1] - 1 - sensors.offsets - sensors.gains
+    motion_columns = jacobian.shape[-1] - 1 - sensors.offsets - sensors.gains
     first = len(point.theta) + len(point.offsets)
     factors = sensors.factors(point.gains)
     for channel in sensors.scaled:
-        loud = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
-        sigma = scales.sigma[channel] * loud
-        shown = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
+        relative = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
+        sigma = scales.sigma[channel] * relative
+        predicted = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
         if sensors.offset[channel] >= 0:
-            shown = shown - point.offsets[sensors.offset[channel]] / sigma
-        jacobian[:, :, channel, :moved] *= np.float32(factors[channel])
+            predicted = predicted - point.offsets[sensors.offset[channel]] / sigma
+        jacobian[:, :, channel, :motion_columns] *= np.float32(factors[channel])
         for number in np.flatnonzero(sensors.gain[channel]):
             unit = scales.theta[first + number] / factors[channel]
-            column = moved + len(point.offsets) + number
-            jacobian[:, :, channel, column] = (root[:, channel] * shown * unit).T
+            column = motion_columns + len(point.offsets) + number
+            jacobian[:, :, channel, column] = (root[:, channel] * predicted * unit).T

@@ -23,8 +23,10 @@ def overdispersion(optimum: Optimum, forces: Sequence[CandidateForce]) -> float 
     if segments.count < FEWEST * BLOCKS[0]:
         return None
     misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
-    pushes, _ = candidate_forces(optimum, misfit, forces)
-    scores = block_scores(segments, misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0], pushes=pushes)
+    candidates, _ = candidate_forces(optimum, misfit, forces)
+    scores = block_scores(
+        segments, misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0], candidates=candidates
+    )
     if scores is None:
         return None
     parameters, tested = segments.system.parameters.size, len(forces)

@@ -1,8 +1,8 @@
-"""The parabola of a fit's cost in its own parameters and in the sizes of forces that it does not have.
+"""Score tests (Rao 1948): the local quadratic model of the cost in the parameters and the amplitudes of candidate forces.
 
-At an optimum the cost is a parabola in everything, to the first order in the residuals. Widened by forces of size zero (one
-more column each, no new search) it tells at once what any of them would take off the cost and what would then become of the
-others: the score test (Rao 1948), for hundreds of forces at the price of one step of the fit.
+At an optimum the Gauss-Newton model of the cost is augmented by forces of amplitude zero, one column each, without a new
+search. It predicts the reduction of the cost by any of them and the change of the parameters, for hundreds of forces at the
+cost of one step of the fit.
 """
 
 from __future__ import annotations
@@ -37,62 +37,62 @@ class CandidateForce:
 
 @dataclass(frozen=True, eq=False)
 class LocalQuadratic:
-    """-2 log likelihood over the square of the noise factor, about the optimum: c - 2 g'z + z'H z in z = (theta, sizes).
+    """-2 log likelihood over the square of the noise factor, about the optimum: c - 2 g'z + z'H z in z = (theta, amplitudes).
 
-    `curvature` (p + f, p + f) H and `slope` (p + f,) g, z from zero, with nodes, offsets and gains at their best.
+    `curvature` (p + f, p + f) H and `slope` (p + f,) g, with nodes, offsets and gains eliminated.
     """
 
     curvature: Floats
     slope: Floats
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
+@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> LocalQuadratic:
-    """The parabola at `optimum` in its p parameters and the sizes of f `forces`.
+    """The quadratic model at `optimum` in its p parameters and the amplitudes of f `forces`.
 
     Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
     """
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        pushes, units = candidate_forces(optimum, misfit, forces)
-        curvature, slope = widened(optimum, misfit, pushes)
+        candidates, units = candidate_forces(optimum, misfit, forces)
+        curvature, slope = augmented_quadratic(optimum, misfit, candidates)
     unit = np.concatenate([optimum.scales.theta[: len(slope) - len(forces)], units])
     curvature = curvature / np.outer(unit, unit) / optimum.noise**2
-    here = np.concatenate([optimum.point.theta, np.zeros(len(forces))])
-    return LocalQuadratic(curvature, slope / unit / optimum.noise**2 + curvature @ here)
+    point = np.concatenate([optimum.point.theta, np.zeros(len(forces))])
+    return LocalQuadratic(curvature, slope / unit / optimum.noise**2 + curvature @ point)
 
 
-def widened(
-    optimum: Optimum, misfit: Misfit, pushes: CandidateForces, errors: SensorErrors | None = None
+def augmented_quadratic(
+    optimum: Optimum, misfit: Misfit, candidates: CandidateForces, errors: SensorErrors | None = None
 ) -> tuple[Floats, Floats]:
-    """Curvature and slope at `optimum` in p scaled parameters, the sizes of `pushes` and those of `errors`.
+    """Curvature and slope at `optimum` in p scaled parameters, the amplitudes of `candidates` and the sizes of `errors`.
 
-    Nodes, and the offsets and gains that are found with the parameters, are at their best. Raises numpy.linalg.LinAlgError
+    Nodes, and the offsets and gains that are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError
     where the equations are singular.
     """
     segments = optimum.segments
-    linear = linearise(segments, misfit, optimum.scales, optimum.loss, pushes=pushes, errors=errors)
+    linear = linearise(segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors)
     factor = linear.equations(optimum.q).factor()
     if factor is None:
-        raise np.linalg.LinAlgError("the equations at the optimum are not positive")
-    added = len(pushes.first) + (0 if errors is None else len(errors.channel))
+        raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
+    added = len(candidates.first) + (0 if errors is None else len(errors.channel))
     own = slice(0, segments.system.parameters.size + added)
-    beside = slice(own.stop, None)
+    nuisance = slice(own.stop, None)
     curvature, slope = factor.schur[own, own], factor.reduced[own]
-    if factor.schur[beside, beside].size:  # offsets and gains of sensors
-        found = np.linalg.solve(
-            factor.schur[beside, beside],
-            np.column_stack([factor.schur[beside, own], factor.reduced[beside]]),
+    if factor.schur[nuisance, nuisance].size:  # offsets and gains of sensors
+        eliminated = np.linalg.solve(
+            factor.schur[nuisance, nuisance],
+            np.column_stack([factor.schur[nuisance, own], factor.reduced[nuisance]]),
         )
-        curvature = curvature - factor.schur[own, beside] @ found[:, :-1]
-        slope = slope - factor.schur[own, beside] @ found[:, -1]
+        curvature = curvature - factor.schur[own, nuisance] @ eliminated[:, :-1]
+        slope = slope - factor.schur[own, nuisance] @ eliminated[:, -1]
     return curvature, slope
 
 
 def candidate_forces(
     optimum: Optimum, misfit: Misfit, forces: Sequence[CandidateForce]
 ) -> tuple[CandidateForces, Floats]:
-    """The forces along the orbit, and the size of each that is one unit: the reciprocal of its root mean square."""
+    """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
     segments = optimum.segments
     ends, middles = _states(
         misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
@@ -122,22 +122,22 @@ def candidate_forces(
 def _states(orbit: Trajectories, refine: int, step: Floats, inputs: Inputs) -> tuple[Floats, Floats]:
     """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
 
-    Behind the masses stand the base and the ground. The middles follow from x, v and a at both ends, to the sixth order.
+    The base and the ground follow the masses. The middles follow from x, v and a at both ends, to the sixth order.
     """
     coarse = orbit.thinned(refine)
     h = step * refine
     x, u, a = coarse.states[:, 0], coarse.states[:, 1], coarse.accelerations * h**2
-    rise, bend = x[1:] - x[:-1], a[1:] - a[:-1]
+    change_x, change_a = x[1:] - x[:-1], a[1:] - a[:-1]
     middle_x = 0.5 * (x[1:] + x[:-1]) - (5.0 / 32.0) * (u[1:] - u[:-1]) + (a[1:] + a[:-1]) / 64.0
-    middle_u = (15.0 / 8.0) * rise - (7.0 / 16.0) * (u[1:] + u[:-1]) + bend / 32.0
+    middle_u = (15.0 / 8.0) * change_x - (7.0 / 16.0) * (u[1:] + u[:-1]) + change_a / 32.0
     base_ends, base_middles = _base(inputs, refine, len(x), x.shape[-1])
     ends = np.stack([x, u / h], axis=1)
     middles = np.stack([middle_x, middle_u / h], axis=1)
-    return _with_holds(ends, base_ends), _with_holds(middles, base_middles)
+    return _with_base_and_ground(ends, base_ends), _with_base_and_ground(middles, base_middles)
 
 
-def _with_holds(motion: Floats, base: Floats) -> Floats:
-    """(J, 2, n + 2, K): behind the masses the base (index -2) and the ground (index -1)."""
+def _with_base_and_ground(motion: Floats, base: Floats) -> Floats:
+    """(J, 2, n + 2, K): after the masses the base (index -2) and the ground (index -1)."""
     ground = np.zeros_like(base)
     return np.concatenate([motion, base, ground], axis=2)
 

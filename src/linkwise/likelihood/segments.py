@@ -22,10 +22,10 @@ X, V, A = 0, 1, 2
 
 @dataclass(frozen=True)
 class Sensors:
-    """kind (C,) X, V or A; mass (C,); offset (C,): index of the channel's unknown offset, -1 for none.
+    """`kind` (C,) is X, V or A, `mass` (C,) a number, `offset` (C,) the index of the channel's unknown offset, -1 for none.
 
-    A sensor shows gain * motion + offset, the gain 1 plus the errors of the unknown factors in its row of `gain` (C, g): ones
-    where a factor acts on the channel, else zeros.
+    A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
+    g): ones where a factor acts on the channel, else zeros.
     """
 
     kind: Indices
@@ -47,7 +47,7 @@ class Sensors:
         return np.flatnonzero(self.gain.any(axis=1))
 
     def factors(self, gains: Floats) -> Floats:
-        """(C,) what the sensors show of the motion, from the unknown factors (g,)."""
+        """(C,) gains of the channels, from the unknown factors (g,)."""
         return np.asarray(1.0 + self.gain @ (gains - 1.0))
 
 
@@ -57,9 +57,9 @@ class Segments:
 
     `refine` over `tangent_refine` is 1 or even.
 
-    samples (M, C, K) with 0 where missing; seen (M, C, K) bool; step (K,) s; linked (K - 1,) bool; loudness (C, K) the
-    noise of a channel there over `Scales.sigma`, None where it is the same in all records; prior: what is known of the
-    unknowns beforehand.
+    `samples` (M, C, K) are 0 where missing, `observed` (M, C, K) says where they are not; `step` (K,) in s; `linked` (K - 1,)
+    says which neighbouring segments are continuous; `relative_noise` (C, K) is the noise of a channel over `Scales.sigma`,
+    None where it is the same in all records; `prior` holds the priors of the unknowns.
     """
 
     system: System
@@ -93,7 +93,7 @@ class Segments:
 
     @cached_property
     def unconstrained(self) -> Bools:
-        """(K,) segments of which nothing is known: neither a sample nor a link."""
+        """(K,) segments without data: no sample, and no neighbour that they are linked to."""
         before, after = np.append(False, self.linked), np.append(self.linked, False)
         return np.asarray(~(before | after | self.observed.any(axis=(0, 1))))
 
@@ -114,7 +114,7 @@ class Iterate:
 
     @property
     def border(self) -> Floats:
-        """(p + o + g,) all that the nodes share."""
+        """(p + o + g,) the unknowns that all nodes share: parameters, offsets and gains."""
         return np.concatenate([self.theta, self.offsets, self.gains])
 
 
