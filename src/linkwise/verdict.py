@@ -63,6 +63,10 @@ class Verdict(Enum):
         "Around the values found the likelihood has other optima, or not the shape that intervals assume. Give starts that "
         "are nearer, a shorter piece of the record, or less noise."
     )
+    HARDLY_DETERMINED = (
+        "The record tells hardly more of some coefficients than noise does, so intervals would be too narrow. Hold some at "
+        'known values, record a motion that stands farther above the noise, or use method "ml".'
+    )
     COVARIANCE_NOT_POSITIVE = (
         "The covariance of the coefficients found is not positive: the record hardly determines some of them beside its "
         "noise. Hold some at known values, or record a motion that stands farther above the noise."

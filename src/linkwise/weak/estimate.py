@@ -25,9 +25,10 @@ from linkwise.signals.outliers import has_outliers
 from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, differences, read_displacements
 from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.fit import WeakFit, weak_fit
+from linkwise.weak.fit import SIGNIFICANT, WeakFit, weak_fit
 from linkwise.weak.priors import with_priors
 from linkwise.weak.residual import weak_residual
+from linkwise.weak.score_tests import significant_score
 from linkwise.weak.weak_form import weak_law
 
 _LARGEST_EXCESS = 1.7  # residual power over what noise explains; wrong laws and wrong noise leave more
@@ -92,7 +93,9 @@ class WeakForm(Estimator):
             equations, fit, converged = weak_search(record, structure, motion)
             fit, contradicted = with_priors(fit, structure.parameters)
         verdict, message = (
-            _verdict(record, equations, fit) if converged else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
+            _verdict(record, structure, equations, fit)
+            if converged
+            else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
         )
         if contradicted and not verdict.forbids:
             verdict, message = Verdict.MEASUREMENT_ERROR, _contradiction(contradicted)
@@ -201,7 +204,9 @@ def _nonlinear(structure: Structure) -> set[str]:
     }
 
 
-def _verdict(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Verdict, str]:
+def _verdict(
+    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
+) -> tuple[Verdict, str]:
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
@@ -227,7 +232,26 @@ def _verdict(record: Record, equations: WeakEquations, fit: WeakFit) -> tuple[Ve
             "The noise has more large errors than normal noise, for which the weak form corrects the bias, so no "
             'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
         )
-    return Verdict.CONVERGED, "The laws explain the record to within its noise."
+    explained = "The laws explain the record to within its noise"
+    hardly = [
+        name
+        for name, significance in zip(equations.parameters, fit.significance, strict=True)
+        if significance < SIGNIFICANT
+    ]
+    if hardly:
+        return Verdict.HARDLY_DETERMINED, (
+            f"{explained}, but the record tells hardly more of {', '.join(hardly)} than the noise that the weak form takes "
+            "off, so no interval is given: it would be too narrow. Give a number, record a motion that stands farther above "
+            'the noise, or use method "ml", which needs no such correction.'
+        )
+    lacking = significant_score(record, structure, equations, fit.values, fit.excess)
+    if lacking is not None:
+        return Verdict.SYSTEMATIC_MISFIT, (
+            f"{explained}, but what they leave follows the motion: {lacking.description}, {abs(lacking.z):.3g} standard "
+            "errors in size, would explain a part of it. Intervals would count that as noise, so none is given; a term or a "
+            'link is missing, or a sensor or a stated mass is not what it is taken for. Method "ml" tells these apart.'
+        )
+    return Verdict.CONVERGED, f"{explained}."
 
 
 def _limits(windows: float) -> tuple[float, float]:

@@ -28,6 +28,8 @@ from linkwise.weak.scatter import FLOOR, SlopeStatistics, residual_excess, score
 _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of reweighting the masses: the second changes weights by per cents, the third by far less
 _SINGULAR = 1e-13  # scaled pivot below which columns are collinear
+SIGNIFICANT = 5.0
+"""Standard deviations of what noise adds to the information on a parameter; below, intervals are too narrow."""
 _NAMED = 6  # parameters that a message lists
 
 
@@ -45,12 +47,16 @@ class WeakFit:
         False where a parameter is at its bound.
     excess : float
         Power of the residuals over that expected from noise, 1 for laws that fit.
+    significance : array of shape (p,)
+        What the record tells of each parameter beside the others, without what noise adds to it, over the standard deviation
+        of the latter; infinite at bounds, for large structures, and with priors.
     """
 
     values: Floats
     covariance: Floats | csc_array
     free: Bools
     excess: float
+    significance: Floats
 
 
 def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
@@ -87,7 +93,8 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     excess = residual_excess(noisy, values, system)
     scatter = assemble_blocks(score_blocks(noisy, weights, system), len(values))
     covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system)
-    return WeakFit(values, covariance, free, excess)
+    biased, _ = normal_equations(patches, weights, len(lower), bias=1.0)
+    return WeakFit(values, covariance, free, excess, _significances(normal, biased, free, system.windows))
 
 
 def _require_informed(system: WeakEquations, structure: Structure) -> None:
@@ -280,6 +287,45 @@ def _covariance(
     rows, columns = _within_links(system.structure_layout, free)
     data = sandwich(inner, middle, position[rows], position[columns])
     return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
+
+
+def significance(information: Floats, bias: Floats, windows: int) -> Floats:
+    """Information over the standard deviation of what noise adds to it.
+
+    Both are sums of squares over windows, of which neighbours share their noise, so that two count as one.
+
+    Parameters
+    ----------
+    information : array of shape (s,)
+        Sums without what noise adds.
+    bias : array of shape (s,)
+        What noise adds.
+    windows : int
+        Number of windows.
+
+    Returns
+    -------
+    array of shape (s,)
+        The ratios.
+    """
+    bias = np.abs(bias)
+    variance = (2.0 * bias**2 + 4.0 * np.abs(information) * bias) / (0.5 * windows)
+    return np.asarray(information / np.sqrt(np.maximum(variance, np.finfo(float).tiny)))
+
+
+def _significances(
+    normal: Floats | csc_array, biased: Floats | csc_array, free: Bools, windows: int
+) -> Floats:
+    """(p,) `significance` of each parameter while the others follow it, infinite where not computed."""
+    ratios = np.full(len(free), np.inf)
+    if isinstance(normal, np.ndarray) and isinstance(biased, np.ndarray) and free.any():
+        inner, added = _part(normal, free), _part(biased - normal, free)
+        scale = 1.0 / np.sqrt(inner.diagonal())
+        inverse = np.linalg.inv(inner * np.outer(scale, scale))
+        directions = inverse / inverse.diagonal()
+        bias = np.einsum("ip,ij,jp->p", directions, added * np.outer(scale, scale), directions)
+        ratios[free] = significance(1.0 / inverse.diagonal(), bias, windows)
+    return ratios
 
 
 def _within_links(structure_layout: StructureLayout, free: Bools) -> tuple[Indices, Indices]:

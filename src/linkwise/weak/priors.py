@@ -44,5 +44,6 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
         fit,
         values=np.clip(fit.values + gain @ missed, lower, upper),
         covariance=covariance - gain @ covariance[known],
+        significance=np.full(len(fit.values), np.inf),  # what is known beforehand stands beside the record
     )
     return joined, contradicted

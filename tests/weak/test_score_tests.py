@@ -1,0 +1,137 @@
+"""What the weak form leaves is tested for what follows the motion; what noise alone tells of is not trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import chain_record, oscillator
+
+import linkwise as lw
+from linkwise.weak.displacements import read_displacements
+from linkwise.weak.equations import weak_equations
+from linkwise.weak.fit import SIGNIFICANT, weak_fit
+from linkwise.weak.score_tests import significant_score
+
+
+def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray], snr_db: float) -> lw.Record:
+    """The record of the two-mass chain with the channel of its sink changed before noise is added."""
+    clean = chain_record(2)
+    values = clean.values.copy()
+    column = clean.channels.index("x:m2")
+    values[:, column] = change(values[:, column], clean)
+    return replace(clean, values=values, simulated=None).with_noise(snr_db, seed=41)
+
+
+FAULTS: dict[str, tuple[Callable[[np.ndarray, lw.Record], np.ndarray], float]] = {
+    "gain of 5 %": (lambda x, record: 1.05 * x, 40.0),
+    "delay of half a sample": (
+        lambda x, record: np.interp(record.time - 0.5 * record.step, record.time, x),
+        30.0,
+    ),
+    "offset": (lambda x, record: x + 5e-4, 20.0),
+    "drift": (lambda x, record: x + 1e-3 * record.time / record.time[-1], 20.0),
+    "crosstalk": (lambda x, record: x + 0.05 * record.channel("x:m1"), 40.0),
+    "clipping": (lambda x, record: np.clip(x, -0.7 * np.abs(x).max(), 0.7 * np.abs(x).max()), 20.0),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_an_error_of_a_sensor_takes_trust_away(fault: str) -> None:
+    """The power of what is left is within the limits, and the coefficients are wrong."""
+    change, snr_db = FAULTS[fault]
+    fit = lw.identify(faulty(change, snr_db), lw.bnes_chain(2).unknown("all"), method="weak")
+    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT and not fit.trusted
+    assert fit.coefficient("nes1.alpha").interval is None
+    assert "a force like" in fit.message and 'Method "ml"' in fit.message
+
+
+def test_a_wrong_mass_takes_trust_away(chain: lw.Structure) -> None:
+    wrong = tuple(
+        replace(mass, mass=lw.Coefficient.number(1.02 * float(mass.mass.value or 0.0)))
+        if mass.name == "m1"
+        else mass
+        for mass in chain.masses
+    )
+    fit = lw.identify(
+        chain_record(2).with_noise(40.0, seed=41),
+        replace(chain.unknown("all"), masses=wrong),
+        method="weak",
+    )
+    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
+
+
+def test_a_missing_term_is_named(chain: lw.Structure) -> None:
+    """A quintic sink identified as a cubic one."""
+    text = lw.format_structure(chain).replace("beta*d**3", "beta*d**3 + q*d**5")
+    quintic = lw.parse_structure(text.replace("c = 0.02 }", "c = 0.02, q = 3e7 }"))
+    record = lw.simulate(quintic, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(40.0, seed=1)
+    fit = lw.identify(record, chain.unknown("all"), method="weak")
+    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT and "a force like d**5 in nes1" in fit.message
+    assert lw.identify(record, quintic.unknown("all"), method="weak").trusted
+
+
+@pytest.mark.parametrize("masses", [2, 4])
+@pytest.mark.parametrize("snr_db", [10.0, 20.0, 40.0])
+def test_clean_records_are_trusted(masses: int, snr_db: float) -> None:
+    structure = lw.bnes_chain(masses).unknown("all")
+    for seed in range(4):
+        fit = lw.identify(chain_record(masses).with_noise(snr_db, seed=2000 + seed), structure, method="weak")
+        assert fit.verdicts == (lw.Verdict.CONVERGED,), fit.message
+
+
+def test_a_law_of_numbers_alone_is_tested_too() -> None:
+    """A known law beside an unknown one: what it lacks shows in the equation of its mass."""
+    spring = oscillator("k*d + c*v + k3*d**3", k=900.0, k3=2e6, c=1.5)
+    record = lw.simulate(spring, release={"v:m1": 0.5}, duration=4.0, rate=500.0).with_noise(40.0, seed=3)
+    asked = oscillator("k*d + c*v + 1.9e6*d**3", k=900.0, c=1.5).unknown("all")
+    fit = lw.identify(record, asked, method="weak")
+    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT and "d**3" in fit.message
+    right = oscillator("k*d + c*v + 2e6*d**3", k=900.0, c=1.5).unknown("all")
+    assert lw.identify(record, right, method="weak").trusted
+
+
+def stiff_pair(snr_db: float, seed: int) -> tuple[lw.Structure, lw.Record]:
+    """Two masses on a link so stiff that its elongation is far below the noise of both sensors."""
+    number = lw.Coefficient.number
+    linear = lw.Law.parse("k*d + c*v")
+    structure = lw.Structure(
+        "stiff pair",
+        (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5))),
+        (
+            lw.Link("soft", ("m1", "ground"), linear, {"k": number(2000.0), "c": number(0.5)}),
+            lw.Link("stiff", ("m2", "m1"), linear, {"k": number(2e4), "c": number(2.0)}),
+        ),
+    )
+    record = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": 1.0}, duration=4.0, rate=1000.0)
+    return structure, record.with_noise(snr_db, seed=seed)
+
+
+def test_a_coefficient_that_hardly_stands_above_the_noise_takes_trust_away() -> None:
+    structure, noisy = stiff_pair(20.0, seed=1)
+    fit = lw.identify(noisy, structure.unknown("all"), method="weak")
+    assert fit.verdicts[0] is lw.Verdict.HARDLY_DETERMINED and not fit.trusted
+    assert "hardly more of stiff.k" in fit.message and fit.to_dict()["status"] == "hardly determined"
+    held = structure.unknown("soft")
+    assert lw.identify(noisy, held, method="weak").trusted
+    assert lw.identify(stiff_pair(25.0, seed=1)[1], structure.unknown("all"), method="weak").trusted
+
+
+def test_information_stands_as_far_above_the_noise_as_its_power_says() -> None:
+    """Ten times less noise: what noise adds falls by 100, and its deviation, dominated by the motion, by 10."""
+    structure = lw.bnes_chain(2).unknown("all")
+    significances = []
+    for snr_db in (20.0, 40.0):
+        record = chain_record(2).with_noise(snr_db, seed=5)
+        motion = read_displacements(record, structure)
+        equations = weak_equations(record, structure, motion)
+        fit = weak_fit(equations, structure)
+        assert significant_score(record, structure, equations, fit.values, fit.excess) is None
+        significances.append(fit.significance)
+    assert np.min(significances[0]) > SIGNIFICANT
+    ratio = significances[1] / significances[0]
+    assert np.all(
+        (ratio > 5.0) & (ratio < 20.0)
+    )  # 10, but for the quadratic part and the scatter of the noise
