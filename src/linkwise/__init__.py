@@ -91,7 +91,7 @@ if TYPE_CHECKING:
         read_structure,
         write_structure,
     )
-    from linkwise.model.topology import Topology
+    from linkwise.model.topology import LinkShape, Topology
     from linkwise.progress import Progress, ProgressReport
     from linkwise.records.channel import Channel
     from linkwise.records.record import Record
@@ -190,6 +190,7 @@ __all__ = [
     "LinkEstimate",
     "LinkLimit",
     "LinkMotion",
+    "LinkShape",
     "LinkState",
     "LinkwiseError",
     "Loss",

@@ -78,7 +78,7 @@ HOMES = {
         "read_structure",
         "write_structure",
     ),
-    "model.topology": ("Topology",),
+    "model.topology": ("LinkShape", "Topology"),
     "progress": ("Progress", "ProgressReport"),
     "records.channel": ("Channel",),
     "records.record": ("Record",),

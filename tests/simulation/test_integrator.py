@@ -33,8 +33,8 @@ def by_scipy(structure: Structure, excitation: Excitation, times: Floats, method
     forces, n = LinkForces(structure, excitation), structure.size
 
     def slope(t: float, state: Floats) -> Floats:
-        x, v = state[None, :n], state[None, n:]
-        return np.concatenate([v[0], forces.accelerations(np.array([t]), x, v)[0]])
+        x, v, none = state[None, :n], state[None, n:], np.empty((1, 0))
+        return np.concatenate([v[0], forces.accelerations(np.array([t]), x, v, none)[0]])
 
     start = RunSchedule(structure, excitation, times).start
     answer = solve_ivp(slope, (0.0, times[-1]), start, method, times, rtol=1e-11, atol=1e-13, max_step=0.02)

@@ -11,7 +11,7 @@ import numpy as np
 
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Column
-from linkwise.records.channel import UNITS
+from linkwise.records.channel import OF_MASSES
 
 RATES = (
     "rate",
@@ -23,7 +23,7 @@ RATES = (
     "sampling frequency",
 )
 _STEPS = ("dt", "step", "delta_t")
-_SPELLED = re.compile(rf"^({'|'.join(UNITS)})_(\w+)$")
+_SPELLED = re.compile(rf"^({'|'.join(OF_MASSES)})_(\w+)$")
 
 
 def columns_of(tree: Mapping[str, Any]) -> tuple[Column, ...]:

@@ -184,8 +184,9 @@ def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tup
     """Raise RecordError for a channel of a mass that the structure does not have."""
     if known_masses is None or choice.name == "time":
         return
-    mass = Channel.parse(choice.name).mass
-    if mass == BASE or mass in known_masses:
+    channel = Channel.parse(choice.name)
+    mass = channel.mass
+    if channel.of_link or mass == BASE or mass in known_masses:
         return
     near = get_close_matches(mass, known_masses, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}? " if near else ""

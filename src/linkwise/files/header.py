@@ -54,7 +54,7 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
 
     For an acceleration, `g` is standard gravity. Raises RecordError for a unit that is unknown or of another quantity.
     """
-    if not unit:
+    if not unit or unit == UNITS.get(kind):
         return 1.0
     dimension, quantity = ("s", "time") if kind == "time" else (UNITS[kind], QUANTITIES[kind])
     try:

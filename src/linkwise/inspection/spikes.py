@@ -27,7 +27,7 @@ _LEFT = (
 def spikes(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses, and of the motion of the base, with outliers."""
     for each in signals.moving:
-        if each.channel.kind == "force" or len(each.values) < 4 * _BLOCK:
+        if each.channel.kind in ("force", "f") or len(each.values) < 4 * _BLOCK:
             continue
         found = _spikes(each)
         if not len(found):

@@ -154,6 +154,11 @@ class Law:
         """Names of the states of a link with memory, in the order of all arrays."""
         return tuple(rate.name for rate in self.rates)
 
+    @cached_property
+    def named_rates(self) -> tuple[tuple[str, Expression], ...]:
+        """The rate of each state by name, parsed."""
+        return tuple((rate.name, rate.expression) for rate in self.rates)
+
     @property
     def equations(self) -> str:
         """The law as text and, with memory, the rates of its states: "q; q' = k*(v - q/c)"."""

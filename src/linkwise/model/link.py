@@ -145,18 +145,15 @@ class Link:
             object.__setattr__(self, "law", Law.parse(self.law.text, states))
         object.__setattr__(self, "states", MappingProxyType(states))
 
-    @property
-    def initial_states(self) -> dict[str, float]:
-        """Initial value of each state in SI units. Raises StructureError for one that is unknown."""
-        values = {}
-        for name, state in as_link_states(self.states).items():
-            if state.initial is None:
-                raise StructureError(
-                    f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}",
-                    f'link "{self.name}"',
-                )
-            values[name] = state.initial
-        return values
+    def initial_state(self, name: str) -> float:
+        """Initial value of a state in SI units. Raises StructureError for one that is unknown."""
+        initial = as_link_states(self.states)[name].initial
+        if initial is None:
+            raise StructureError(
+                f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}",
+                f'link "{self.name}"',
+            )
+        return initial
 
     def _check_coefficients(self, where: str) -> None:
         missing = [name for name in self.law.coefficients if name not in self.coefficients]

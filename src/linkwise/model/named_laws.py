@@ -241,10 +241,10 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
             bounds={"vs": _POSITIVE},
         ),
         "hertz": NamedLaw(
-            title="elastic contact of curved bodies that touch at the elongation -gap",
+            title="elastic contact of curved bodies that touch at the elongation -gap, smooth within 0.1 micrometres of it",
             source="Hertz, J. reine angew. Math. 92, 156 (1882)",
             coefficients={"kh": "contact stiffness", "gap": "distance at rest"},
-            formula=_single("-kh*max(-d - gap, 0)**1.5"),
+            formula=_single("-0.5*kh*(1 - sign(d + gap))*((d + gap)**2 + 1e-14)**0.75"),
             bounds={"kh": _POSITIVE},
         ),
         "piezo": NamedLaw(

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
-from linkwise.expression import Expression
 from linkwise.html import NotebookView
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import BASE, GROUND, Link, Mass
@@ -30,7 +29,7 @@ from linkwise.model.parameters import (
     replace_coefficients,
     resolve_sharing,
 )
-from linkwise.model.topology import BASE_INDEX, Topology
+from linkwise.model.topology import BASE_INDEX, LinkShape, Topology
 from linkwise.text import near_miss
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
@@ -391,9 +390,9 @@ class Structure(NotebookView):
         return Topology.of(self.mass_names, self.links)
 
     @cached_property
-    def shape_key(self) -> tuple[int, tuple[tuple[int, int, Expression], ...]]:
+    def shape_key(self) -> tuple[int, tuple[LinkShape, ...]]:
         """Number of masses and, for each link, ends and law; equal for structures that share compiled code."""
         return self.size, tuple(
-            (first, second, link.law.expression)
+            LinkShape(first, second, link.law.expression, link.law.named_rates)
             for (first, second), link in zip(self.topology.ends.tolist(), self.links, strict=True)
         )

@@ -5,15 +5,48 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from linkwise.arrays import Indices
+from linkwise.expression import Expression
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
 
 GROUND_INDEX = -1
 BASE_INDEX = -2
+
+
+class LinkShape(NamedTuple):
+    """What the equations of motion of a link are compiled from.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the ends, as in `Topology.ends`.
+    law : Expression
+        The law, parsed.
+    rates : tuple of (str, Expression)
+        The rate of each state of a link with memory, by name.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> masses, shapes = lw.bnes_chain(2).shape_key
+    >>> masses, shapes[0].first, shapes[0].states
+    (2, 0, ())
+    """
+
+    first: int
+    second: int
+    law: Expression
+    rates: tuple[tuple[str, Expression], ...] = ()
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return tuple(name for name, _ in self.rates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +61,8 @@ class Topology:
         Numbers of the first and the second end of each link.
     by_law : tuple of (Law, array of int)
         Each law with the numbers (m,) of its links, in order of first appearance.
+    states : tuple of (int, str)
+        The states (S,) of links with memory, each as number of the link and name.
 
     Examples
     --------
@@ -40,6 +75,7 @@ class Topology:
     index: Mapping[str, int]
     ends: Indices
     by_law: tuple[tuple[Law, Indices], ...]
+    states: tuple[tuple[int, str], ...] = ()
 
     @classmethod
     def of(cls, mass_names: Sequence[str], links: Sequence[Link]) -> Topology:
@@ -66,7 +102,13 @@ class Topology:
         for number, link in enumerate(links):
             members.setdefault(link.law, []).append(number)
         by_law = tuple((law, np.array(numbers, dtype=np.intp)) for law, numbers in members.items())
-        return cls(index, ends, by_law)
+        states = tuple((number, name) for number, link in enumerate(links) for name in link.law.states)
+        return cls(index, ends, by_law, states)
+
+    @property
+    def dimension(self) -> int:
+        """Number of displacements, velocities and states of links, 2n + S."""
+        return 2 * self.size + len(self.states)
 
     @property
     def size(self) -> int:

@@ -1,4 +1,4 @@
-"""Channels: a kind of quantity at a mass or the base, written `KIND:MASS`."""
+"""Channels: a kind of quantity at a mass or the base, `KIND:MASS`, or of a link, `f:LINK` and `state:LINK.NAME`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from dataclasses import dataclass
 
 from linkwise.errors import RecordError
 
-UNITS = {"x": "m", "v": "m/s", "a": "m/s^2", "force": "N"}
-QUANTITIES = {"x": "displacement", "v": "velocity", "a": "acceleration", "force": "applied force"}
+UNITS = {"x": "m", "v": "m/s", "a": "m/s^2", "force": "N", "f": "N", "state": "?"}
+QUANTITIES = {
+    "x": "displacement", "v": "velocity", "a": "acceleration", "force": "applied force", "f": "force in a link",
+    "state": "state of a link",
+}  # fmt: skip
+OF_MASSES = ("x", "v", "a", "force")
 BASE = "base"
 _RESERVED = frozenset(":[]()\"',;\t\n")
 
@@ -18,10 +22,10 @@ class Channel:
 
     Parameters
     ----------
-    kind : {"x", "v", "a", "force"}
-        Displacement (m), velocity (m/s), acceleration (m/s^2) or applied force (N).
+    kind : {"x", "v", "a", "force", "f", "state"}
+        Displacement (m), velocity (m/s), acceleration (m/s^2), applied force (N), force in a link (N) or state of a link.
     mass : str
-        Name of the mass, or "base" for the moving base.
+        Name of the mass, or "base" for the moving base; of a link its name, of a state "LINK.NAME".
 
     Examples
     --------
@@ -67,17 +71,29 @@ class Channel:
             raise RecordError(
                 "'force:base' is not a channel: a base is moved by x:base, v:base or a:base, not by a force"
             )
+        if kind == "state" and not all(mass.rpartition(".")[::2]):
+            raise RecordError(f"{name!r} is not a channel: a state is written state:LINK.NAME")
         return cls(kind, mass)
+
+    @property
+    def of_link(self) -> bool:
+        """Whether it shows the force in a link or its state."""
+        return self.kind not in OF_MASSES
+
+    @property
+    def link(self) -> str:
+        """The name of the link of such a channel."""
+        return self.mass.rpartition(".")[0] if self.kind == "state" else self.mass
 
     def __str__(self) -> str:
         return f"{self.kind}:{self.mass}"
 
     @property
     def unit(self) -> str:
-        """The SI unit of the channel."""
+        """The SI unit of the channel; "?" of a state, which is in the unit that its law gives it."""
         return UNITS[self.kind]
 
     @property
     def is_input(self) -> bool:
         """True for what drives the structure (applied force, base motion), False for a response."""
-        return self.kind == "force" or self.mass == BASE
+        return self.kind == "force" or (self.mass == BASE and not self.of_link)

@@ -37,7 +37,7 @@ class Record(NotebookView):
         Sampling rate in Hz.
     channels : tuple of str
         Names ``KIND:MASS`` of the C channels, with KIND one of ``x`` (m), ``v`` (m/s), ``a`` (m/s^2) and ``force`` (N), and
-        MASS the name of a mass or ``base``.
+        MASS the name of a mass or ``base``; ``f:LINK`` (N) and ``state:LINK.NAME`` of a link.
     values : array of shape (N, C)
         Samples in the SI unit of each channel, NaN where a sample is missing; read-only.
     noise : mapping of str to float, optional
@@ -181,7 +181,7 @@ class Record(NotebookView):
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """Channels that measure the motion of the masses."""
+        """Channels that measure the motion of the masses, and the forces and states of links."""
         return tuple(name for name in self.channels if not Channel.parse(name).is_input)
 
     @property
@@ -192,7 +192,7 @@ class Record(NotebookView):
     @property
     def masses(self) -> tuple[str, ...]:
         """Names of the masses with a response channel, in order of appearance."""
-        return tuple(dict.fromkeys(Channel.parse(name).mass for name in self.responses))
+        return tuple(dict.fromkeys(c.mass for c in map(Channel.parse, self.responses) if not c.of_link))
 
     def unit(self, name: str) -> str:
         """SI unit of a channel.

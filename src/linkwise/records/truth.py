@@ -27,7 +27,7 @@ class EnergyBalance:
     potential : array of shape (N, L)
         Energy stored in each of the L links.
     dissipated : array of shape (N, L)
-        Energy dissipated by each link since the start.
+        Energy dissipated by each link since the start. What the states of a link store counts until they give it back.
 
     Examples
     --------
@@ -44,6 +44,12 @@ class EnergyBalance:
     dissipated: Floats
 
     put_in = DeprecatedAttribute(Deprecated("supplied", since="0.2.0", until="0.4.0"))
+
+    @property
+    def work(self) -> Floats:
+        """Work done on each link since the start, stored or dissipated, in J, shape (N, L)."""
+        stored: Floats = self.potential - self.potential[:1]
+        return stored + self.dissipated - self.dissipated[:1]
 
     @property
     def residual(self) -> Floats:
@@ -108,6 +114,8 @@ class SimulationTruth:
         Standard deviation of the noise added to each channel, in its SI unit.
     samples : range or None
         Indices of the samples of the simulation that are left in this record; None for all.
+    states : mapping of str to array of shape (N,)
+        States of links with memory by full name, such as ``"joint.z"``, in SI units.
 
     Examples
     --------
@@ -124,6 +132,7 @@ class SimulationTruth:
     diagnostics: MotionDiagnostics
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: range | None = None
+    states: Mapping[str, Floats] = field(default_factory=dict)
 
     account = DeprecatedAttribute(Deprecated("diagnostics", since="0.2.0", until="0.4.0"))
 
@@ -160,4 +169,5 @@ class SimulationTruth:
             velocity=self.velocity[which],
             base=None if self.base is None else self.base[which],
             samples=all_samples[which],
+            states={name: values[which] for name, values in self.states.items()},
         )

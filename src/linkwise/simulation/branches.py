@@ -18,6 +18,7 @@ from linkwise.simulation.integrator.interface import Placement
 
 _FRACTION = 1e-3  # of a step: far enough for g to exceed rounding, short enough for g to keep its sign
 _SHORTEST = 1e-12  # of a step
+_ROUNDING = 1e-12  # of the terms of g: a g that stays that small counts as zero
 _ON_KINK = 1e-6  # of the change of g within the moment: if smaller, g counts as zero
 
 
@@ -36,7 +37,7 @@ class BranchChoice(NamedTuple):
 def choose_branches(system: CompiledSystem, start: Placement, longest: float) -> BranchChoice:
     """The branches of the motion that follows from `start`; `longest` in s bounds the trial step.
 
-    A kink that stays exactly zero (nothing moves) is not watched.
+    A kink that stays exactly zero (nothing moves), or as small as rounding, is not watched.
     """
     state, time, parameters = start.state, float(start.time), start.parameters.copy()
     integrator, layout = system.without_events, system.layout
@@ -58,6 +59,10 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
         wrong = on_kink & (then * branches < 0.0)
         if not wrong.any():
             unwatched[:] = then == 0.0
+            still = (then == now) & (now != 0.0)
+            if still.any():  # a slider that slides: its force stays at the limit, up to rounding
+                sizes = system.kink_sizes(state, parameters, time)
+                unwatched[still] = (np.abs(now) <= _ROUNDING * sizes)[still]
             return BranchChoice(later, parameters)
         reversals += wrong
         if reversals.max() > 2:

@@ -60,6 +60,9 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
     names = structure.mass_names
     for channel in excitation.release:
         kind, colon, mass = channel.partition(":")
+        if kind == "state" and colon:
+            check_state(mass, structure, "a release")
+            continue
         if kind not in ("x", "v") or not colon:
             raise SimulationError(
                 f"unknown release {channel!r}; expected a displacement, such as x:{names[0]}, or a velocity, v:{names[0]}"
@@ -83,6 +86,25 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
                 f"{what} is sampled from {given.start:g} to {given.end:g} s, but the simulation runs from 0 to {end:g} s; "
                 "give more samples or simulate a shorter time"
             )
+
+
+def check_link(name: str, structure: Structure, where: str) -> None:
+    """Raise SimulationError unless `name` is one of the links; `where` says what names it."""
+    names = [link.name for link in structure.links]
+    if name not in names:
+        shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1]))
+        raise SimulationError(
+            f"unknown link {name!r} in {where}{near_miss(name, names)}; the links are {shown}"
+        )
+
+
+def check_state(name: str, structure: Structure, where: str) -> None:
+    """Raise SimulationError unless `name`, such as "joint.z", is a state of a link; `where` says what names it."""
+    states = [f"{structure.links[number].name}.{state}" for number, state in structure.topology.states]
+    if name not in states:
+        raise SimulationError(
+            f"unknown state {name!r} in {where}{near_miss(name, states)}; the states are {', '.join(states) or 'none'}"
+        )
 
 
 def check_mass(name: str, names: tuple[str, ...], where: str) -> None:

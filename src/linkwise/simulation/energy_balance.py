@@ -2,6 +2,8 @@
 
     kinetic + sum of potential + sum of dissipated = supplied,   dissipated' = (f(d, v) - f(d, 0)) v for each link
 
+With memory it is (f(d, v, s) - f(d, 0, 0)) v: what a state stores counts as dissipated until the state gives it back.
+
 Powers are integrated along the orbit that was simulated, by Gauss-Legendre quadrature over panels that end at output times and
 at the steps of the integrator (and so at impulses, knots of sampled inputs and kinks). A step is a seventh of the radius of
 convergence, so 6 nodes leave an error below rounding; a driving polynomial of order 5 makes the power one of order 11, for
@@ -61,19 +63,21 @@ def energy_balance(
     def receive(first: int, states: Floats) -> None:
         part = slice(first, first + len(states))
         time = rule.times[part]
-        power = _powers(forces, time, states[:, :size], states[:, size:]) * rule.weights[part, None]
+        x, v, inside = states[:, :size], states[:, size : 2 * size], states[:, 2 * size :]
+        power = _powers(forces, time, x, v, inside) * rule.weights[part, None]
         sample = rule.sample[part]
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
         gained[sample[starts]] += np.add.reduceat(power, starts, axis=0)
         # an impulse that makes a velocity jump by J to v supplies m J (v - J/2)
         for stop, jump in schedule.jumps.items():
             for row in np.flatnonzero(time == schedule.stops[stop]):
-                supplied = structure.mass_values * jump[size:] * (states[row, size:] - 0.5 * jump[size:])
+                change = jump[size : 2 * size]
+                supplied = structure.mass_values * change * (v[row] - 0.5 * change)
                 gained[sample[row], links] += supplied.sum()
 
     integrate(schedule, rule.times, receive, RunOptions(repeated=run))
     base_motion = None if base is None else base.value(schedule.times)
-    x, v = schedule.start[None, :size], schedule.start[None, size:]
+    x, v = schedule.start[None, :size], schedule.start[None, size : 2 * size]
     at_start = potential_energy(structure, x, None if base is None else base.value(np.zeros(1))).sum()
     gained = np.cumsum(gained, axis=0)
     return EnergyBalance(
@@ -101,15 +105,15 @@ def _rule(schedule: RunSchedule, steps: list[float]) -> QuadratureRule:
     return QuadratureRule(times, weights, sample.clip(max=len(schedule.times) - 1))
 
 
-def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats) -> Floats:
+def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
     """Power (M, L + 1) in W: what every link dissipates, then what forces and base supply."""
-    dissipated = forces.dissipated_power(time, x, v)
+    dissipated = forces.dissipated_power(time, x, v, states)
     power = np.zeros((len(time), dissipated.shape[1] + 1))
     power[:, :-1] = dissipated
     if forces.excitation.forces:
         power[:, -1] = np.einsum("ti,ti->t", forces.applied(time), v)
     base = forces.excitation.base
     if base is not None:
-        on_base = forces.links(*forces.elongations(time, x, v)) @ forces.structure.base_incidence
+        on_base = forces.links(*forces.elongations(time, x, v), states) @ forces.structure.base_incidence
         power[:, -1] += on_base * base.derivative(time)
     return power

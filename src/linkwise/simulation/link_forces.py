@@ -30,30 +30,41 @@ class LinkForces:
             for law, numbers in self.structure.topology.by_law
         ]
 
-    def links(self, d: Floats, v: Floats) -> Floats:
-        """Force (M, L) of every link in N at elongations (M, L) in m and rates (M, L) in m/s."""
+    @cached_property
+    def _columns(self) -> dict[tuple[int, str], int]:
+        """Column of each state of a link in the states (M, S)."""
+        return {key: column for column, key in enumerate(self.structure.topology.states)}
+
+    def _states(self, law: Law, numbers: Indices, states: Floats) -> dict[str, Floats]:
+        """The states (M, m) by name of links that have one law."""
+        return {name: states[:, [self._columns[k, name] for k in numbers.tolist()]] for name in law.states}
+
+    def links(self, d: Floats, v: Floats, states: Floats) -> Floats:
+        """Force (M, L) of every link in N at elongations (M, L) in m, rates (M, L) in m/s and states (M, S)."""
         force = np.empty(d.shape)
         for law, numbers, values in self._groups:
-            force[:, numbers] = law.force(d[:, numbers], v[:, numbers], values)
+            inside = self._states(law, numbers, states)
+            force[:, numbers] = law.force(d[:, numbers], v[:, numbers], {**values, **inside})
         return force
 
-    def dissipated_power(self, time: Floats, x: Floats, v: Floats) -> Floats:
-        """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v."""
-        needed = any("d" in program.inputs for program, _, _ in self._dissipation)
+    def dissipated_power(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
+        """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v; with memory, (f(d, v, s) - f(d, 0, 0)) v."""
+        needed = any("d" in program.inputs for _, program, _, _ in self._dissipation)
         d, rate = self.elongations(time, x, v) if needed else (None, self._rates(time, v))
         power = np.empty(rate.shape)
-        for program, numbers, values in self._dissipation:
+        for law, program, numbers, values in self._dissipation:
             motion = {"v": rate[:, numbers], **({} if d is None else {"d": d[:, numbers]})}
+            motion |= self._states(law, numbers, states)
             power[:, numbers] = program(*({**motion, **values}[name] for name in program.inputs))[0]
         return power
 
     @cached_property
-    def _dissipation(self) -> list[tuple[Program, Indices, dict[str, Floats]]]:
-        """As `_groups`, with the dissipated power in place of the law."""
+    def _dissipation(self) -> list[tuple[Law, Program, Indices, dict[str, Floats]]]:
+        """As `_groups`, with the program of the dissipated power."""
         groups = []
         for law, numbers, values in self._groups:
-            power = dissipated_power(law.expression)
-            groups.append((Program([power], symbols(power)), numbers, values))
+            power = dissipated_power(law.expression, law.states)
+            groups.append((law, Program([power], symbols(power)), numbers, values))
         return groups
 
     def _rates(self, time: Floats, v: Floats) -> Floats:
@@ -72,8 +83,8 @@ class LinkForces:
             forces[:, self.structure.topology.index[name]] = drive.value(time)
         return forces
 
-    def accelerations(self, time: Floats, x: Floats, v: Floats) -> Floats:
-        """Accelerations (M, n) in m/s^2 at displacements and velocities (M, n)."""
-        links = self.links(*self.elongations(time, x, v))
+    def accelerations(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
+        """Accelerations (M, n) in m/s^2 at displacements and velocities (M, n) and states (M, S)."""
+        links = self.links(*self.elongations(time, x, v), states)
         net = self.applied(time) - (self.structure.incidence @ links.T).T
         return np.ascontiguousarray(net / self.structure.mass_values)

@@ -18,27 +18,31 @@ from linkwise.simulation.schedule import RunSchedule
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
-    """Displacements in m and velocities in m/s (N, n) at the output times of a schedule; `run` is the log of the run."""
+    """Displacements in m and velocities in m/s (N, n), and states of links (N, S), at the output times of a schedule.
+
+    `run` is the log of the run.
+    """
 
     schedule: RunSchedule
     displacement: Floats
     velocity: Floats
+    states: Floats
     run: RunLog
 
     @classmethod
     def of(cls, schedule: RunSchedule, progress: Progress = silent) -> SimulatedMotion:
         """Run a schedule. Raises SimulationError if the run cannot be completed."""
         size = schedule.structure.size
-        x, v = np.empty((len(schedule.times), size)), np.empty((len(schedule.times), size))
+        motion = np.empty((len(schedule.times), schedule.structure.topology.dimension))
 
         def receive(first: int, states: Floats) -> None:
-            rows = slice(first, first + len(states))
-            x[rows], v[rows] = states[:, :size], states[:, size:]
+            motion[first : first + len(states)] = states
             progress(ProgressReport((first + len(states)) / len(schedule.times), "simulating"))
 
         run = integrate(schedule, schedule.times, receive)
-        x.flags.writeable = v.flags.writeable = False
-        return cls(schedule, x, v, run)
+        x, v, states = (np.ascontiguousarray(part) for part in np.split(motion, [size, 2 * size], axis=1))
+        x.flags.writeable = v.flags.writeable = states.flags.writeable = False
+        return cls(schedule, x, v, states, run)
 
     @cached_property
     def energy(self) -> EnergyBalance:

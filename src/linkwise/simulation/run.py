@@ -67,9 +67,9 @@ class RunOptions:
 def integrate(
     schedule: RunSchedule, times: Floats, receive: Receiver, options: RunOptions = RunOptions()
 ) -> RunLog:
-    """Run a schedule and hand over the states (M, 2n) at `times` in s (increasing, within the schedule), block by block.
+    """Run a schedule and hand over the states (M, 2n + S) at `times` in s (increasing, within the schedule), block by block.
 
-    `receive(first, states)` takes the states at times[first], times[first + 1], ... in m and m/s, in an array that is reused,
+    `receive(first, states)` takes the states at times[first], times[first + 1], ... in SI units, in an array that is reused,
     and returns True to end the run. At an impulse the state is the one after it. Raises SimulationError where the motion
     diverges, a force is not finite, or a link sticks.
     """
@@ -94,7 +94,7 @@ class _Run:
         self.kinks: list[float] = []
         self.interruptions: list[float] = []
         self.next = 0  # index of the first output time that has not been reached
-        self.buffer = np.empty((min(len(times), 2 * schedule.block), 2 * schedule.structure.size))
+        self.buffer = np.empty((min(len(times), 2 * schedule.block), schedule.structure.topology.dimension))
         self.buffered = 0
         self.stopped = False
 
@@ -250,6 +250,6 @@ class _Run:
             start, state = float(self.times[self.next - 1]), self.buffer[self.buffered - 1] / SCALE
         time, state = self.integrator.last_finite(start, state)
         state = np.asarray(state * SCALE, dtype=float)
-        if np.abs(state).max() > FARTHEST:
+        if np.abs(state[: 2 * self.schedule.structure.size]).max() > FARTHEST:
             return diverged(self.schedule, time, state)
         return not_finite(self.schedule, time, state)

@@ -27,7 +27,7 @@ def sticking(schedule: RunSchedule, time: float, link: Link | None) -> Simulatio
 
 
 def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
-    """The motion has gone too far at `time` in s, where the state is `state` (2n,) in m and m/s."""
+    """The motion has gone too far at `time` in s, where the state is `state` (2n + S,) in m and m/s."""
     x = state[: schedule.structure.size]
     number = int(np.argmax(np.abs(x)))
     mass = schedule.structure.mass_names[number]
@@ -40,7 +40,7 @@ def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationErr
 
 
 def not_finite(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
-    """A force is not a finite number after `time` in s, where the state is `state` (2n,) in m and m/s."""
+    """A force is not a finite number after `time` in s, where the state is `state` (2n + S,) in m and m/s."""
     structure, base = schedule.structure, schedule.excitation.base
     x = state[: structure.size]
     d = structure.elongations(x, 0.0 if base is None else float(base.value(time)))
@@ -56,9 +56,9 @@ def not_finite(schedule: RunSchedule, time: float, state: Floats) -> SimulationE
 
 
 def too_many_steps(schedule: RunSchedule, time: float, state: Floats, steps: int) -> SimulationError:
-    """More than `steps` steps between two output times at `time` in s, where the scaled state is `state` (2n,)."""
+    """More than `steps` steps between two output times at `time` in s, where the scaled state is `state` (2n + S,)."""
     size = schedule.structure.size
-    mass = schedule.structure.mass_names[int(np.argmax(np.abs(state[size:])))]
+    mass = schedule.structure.mass_names[int(np.argmax(np.abs(state[size : 2 * size])))]
     return SimulationError(
         f"at {time:g} s the motion takes more than {steps} steps between two output times, mass {mass} being the fastest: "
         "it diverges, or the structure is too stiff for this sampling rate; check stiffnesses, masses and their units",

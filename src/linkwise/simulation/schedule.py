@@ -65,21 +65,29 @@ class RunSchedule:
 
     @cached_property
     def start(self) -> Floats:
-        """Initial displacements in m and velocities in m/s, (2n,)."""
-        state = np.zeros(2 * self.structure.size)
-        for channel, value in self.excitation.release.items():
+        """Initial displacements in m, velocities in m/s and states of links, (2n + S,).
+
+        Raises StructureError for a state whose initial value is neither known nor released.
+        """
+        size, topology = self.structure.size, self.structure.topology
+        state = np.zeros(topology.dimension)
+        release = dict(self.excitation.release)
+        for column, (number, name) in enumerate(topology.states):
+            link = self.structure.links[number]
+            given = release.pop(f"state:{link.name}.{name}", None)
+            state[2 * size + column] = link.initial_state(name) if given is None else given
+        for channel, value in release.items():
             kind, _, mass = channel.partition(":")
-            offset = self.structure.size if kind == "v" else 0
-            state[self.structure.topology.index[mass] + offset] = value
+            state[topology.index[mass] + (size if kind == "v" else 0)] = value
         return state
 
     @cached_property
     def jumps(self) -> dict[int, Floats]:
-        """Jump (2n,) of the state in m and m/s at each stop with an impulse."""
+        """Jump (2n + S,) of the state in m and m/s at each stop with an impulse."""
         jumps: dict[int, Floats] = {}
         for impulse in self.excitation.impulses:
             stop = int(np.searchsorted(self.stops, impulse.time))
-            jump = jumps.setdefault(stop, np.zeros(2 * self.structure.size))
+            jump = jumps.setdefault(stop, np.zeros(self.structure.topology.dimension))
             mass = self.structure.topology.index[impulse.mass]
             jump[self.structure.size + mass] += impulse.momentum / self.structure.mass_values[mass]
         return jumps

@@ -8,17 +8,17 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError, SimulationError
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.input_signal import InputSignal
 from linkwise.model.link import BASE
-from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.records.truth import SimulationTruth
-from linkwise.simulation.checks import check_excitation, check_mass, output_times
+from linkwise.simulation.checks import check_excitation, check_link, check_mass, check_state, output_times
 from linkwise.simulation.link_forces import LinkForces
 from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
@@ -58,12 +58,14 @@ def simulate(
     times : array of shape (N,), optional
         Output times in s instead of duration and rate, evenly spaced and not negative.
     sensors : iterable of str, optional
-        Kinds of sensors on every mass (``"x"``, ``"v"``, ``"a"``), or channels (``"a:m2"``). Forces and base motion are always
+        Kinds of sensors on every mass (``"x"``, ``"v"``, ``"a"``), on every link (``"f"``, its force) or in every state of a
+        link (``"state"``), or channels (``"a:m2"``, ``"f:spring"``, ``"state:piezo.V"``). Forces and base motion are always
         recorded.
     progress : Progress, optional
         Called with a `ProgressReport` while the simulation runs.
     **excitation
-        What drives the structure, as in `Excitation`: `release`, ``{"x:m1": m, "v:m1": m/s}``; `impulses`, a sequence of
+        What drives the structure, as in `Excitation`: `release`, ``{"x:m1": m, "v:m1": m/s}``, where ``"state:piezo.V"`` takes
+        the place of the initial value of a state; `impulses`, a sequence of
         `Impulse`; `forces`, for each mass an expression of t in N or `Sampled`; `base`, its displacement in m, likewise.
 
     Returns
@@ -84,19 +86,24 @@ def simulate(
     >>> lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=["x", "a:m2"])
     Record of 1001 samples at 1000 Hz, 0 to 1 s: x:m1, x:m2, a:m2
     """
-    refuse_memory(structure.links, "simulations")
     grid = output_times(duration, rate, times)
     drive = Excitation.of(**excitation)
     check_excitation(structure, drive, float(grid[-1]))
     channels = _channels(structure, drive, sensors)
     motion = SimulatedMotion.of(RunSchedule(structure, drive, grid), progress)
     values = np.empty((len(grid), len(channels)))
-    arrays = {"x": motion.displacement, "v": motion.velocity}
-    if any(channel.kind == "a" for channel in channels):
-        arrays["a"] = LinkForces(structure, drive).accelerations(grid, motion.displacement, motion.velocity)
+    states = {
+        f"{structure.links[number].name}.{name}": motion.states[:, column]
+        for column, (number, name) in enumerate(structure.topology.states)
+    }
+    arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(structure, drive, motion, channels)}
     for column, channel in enumerate(channels):
         if channel.is_input:
             values[:, column] = drive.drives[channel.mass].value(grid)
+        elif channel.kind == "state":
+            values[:, column] = states[channel.mass]
+        elif channel.kind == "f":
+            values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.mass))]
         else:
             values[:, column] = arrays[channel.kind][:, structure.topology.index[channel.mass]]
     base = None if drive.base is None else drive.base.value(grid)
@@ -105,9 +112,26 @@ def simulate(
         rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
         channels=tuple(str(channel) for channel in channels),
         values=values,
-        simulated=SimulationTruth(structure, motion.displacement, motion.velocity, base, motion),
+        simulated=SimulationTruth(
+            structure, motion.displacement, motion.velocity, base, motion, states=states
+        ),
         source=f"simulation of {structure.name}",
     )
+
+
+def _derived(
+    structure: Structure, drive: Excitation, motion: SimulatedMotion, channels: Iterable[Channel]
+) -> dict[str, Floats]:
+    """Accelerations (N, n) in m/s^2 and forces in links (N, L) in N, where a channel shows them."""
+    kinds = {channel.kind for channel in channels}
+    forces, time = LinkForces(structure, drive), motion.schedule.times
+    x, v, states = motion.displacement, motion.velocity, motion.states
+    derived = {}
+    if "a" in kinds:
+        derived["a"] = forces.accelerations(time, x, v, states)
+    if "f" in kinds:
+        derived["f"] = forces.links(*forces.elongations(time, x, v), states)
+    return derived
 
 
 def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[str]) -> list[Channel]:
@@ -115,12 +139,19 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
     wanted = sensors.split() if isinstance(sensors, str) else list(sensors)
     if not wanted:
         raise SimulationError(
-            'sensors must have at least one kind, "x", "v" or "a", or channel, such as "a:m1"'
+            'sensors must have at least one kind, "x", "v" or "a", or "f" or "state" of links, or channel, such as "a:m1"'
         )
     responses: dict[Channel, None] = {}
     for name in wanted:
         if name in ("x", "v", "a"):
             responses.update(dict.fromkeys(Channel(name, mass) for mass in structure.mass_names))
+            continue
+        if name == "f":
+            responses.update(dict.fromkeys(Channel(name, link.name) for link in structure.links))
+            continue
+        if name == "state":
+            owned = ((structure.links[number].name, state) for number, state in structure.topology.states)
+            responses.update(dict.fromkeys(Channel(name, f"{link}.{state}") for link, state in owned))
             continue
         try:
             channel = Channel.parse(name)
@@ -128,7 +159,12 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
             raise SimulationError(f"invalid sensor: {error}") from None
         if channel.is_input:
             raise SimulationError(f"{name} is an input, which is recorded whenever it drives the structure")
-        check_mass(channel.mass, structure.mass_names, "a sensor")
+        if channel.kind == "f":
+            check_link(channel.mass, structure, "a sensor")
+        elif channel.kind == "state":
+            check_state(channel.mass, structure, "a sensor")
+        else:
+            check_mass(channel.mass, structure.mass_names, "a sensor")
         responses[channel] = None
     inputs = [Channel("x", BASE) if name == BASE else Channel("force", name) for name in excitation.drives]
     return [*responses, *inputs]

@@ -74,15 +74,28 @@ class CompiledSystem:
         return self._batches[lanes, watched]
 
     def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        """Values (kinks,) of the kinks at a scaled state (2n,), parameters (P,) and time in s."""
-        function = self._kink_function
+        """Values (kinks,) of the kinks at a scaled state (2n + S,), parameters (P,) and time in s."""
+        return self._evaluated(self._kink_function, state, parameters, time)
+
+    def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        """Sizes (kinks,) of the terms of the kinks there, to which their rounding is relative."""
+        return self._evaluated(self._size_function, state, parameters, time)
+
+    def _evaluated(self, function: Any, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
         clock = {"time": time} if function.is_time_dependent else {}
         return np.asarray(function(state, pars=parameters[: function.nparams], **clock), dtype=float)
 
     @cached_property
     def _kink_function(self) -> Any:
+        return self._function(self._motion.kink_formulas)
+
+    @cached_property
+    def _size_function(self) -> Any:
+        return self._function(self._motion.kink_sizes)
+
+    def _function(self, formulas: list[Any]) -> Any:
         y, u = self._motion.variables
-        return heyoka.cfunc(self._motion.kink_formulas, vars=[*y, *u])
+        return heyoka.cfunc(formulas, vars=[*y, *u, *self._motion.states.values()])
 
 
 def compiled_system(shape: SystemShape) -> CompiledSystem:

@@ -5,6 +5,8 @@
 The scale s makes every y large: heyoka's step control is relative where a state exceeds one and absolute below, and a motion
 of micrometres needs the same digits as one of metres.
 
+States of links with memory are scaled by the same s: their rates are divided by it.
+
 A law with kinks (abs, sign, max, min) is written on its smooth branches: each kink g has a run-time parameter sigma = sign(g),
 and abs(g) is sigma*g.
 """
@@ -42,13 +44,14 @@ _INPUT = -1  # owner of a kink of an input
 class MotionFormulas:
     """The equations of motion of one shape as heyoka expressions.
 
-    States are y of every mass, then y'. `kinks` is the number of expressions at whose zeros a law or an input is not smooth,
-    or leaves a flat part (`flat_ends`).
+    States are y of every mass, then y', then the states of the links over s. `kinks` is the number of expressions at whose
+    zeros a law, a rate or an input is not smooth, or leaves a flat part (`flat_ends`).
     """
 
     def __init__(self, shape: SystemShape) -> None:
         self.shape = shape
-        trees = [(link, law) for link, (_, _, law) in enumerate(shape.links)]
+        trees = [(number, link.law) for number, link in enumerate(shape.links)]
+        trees += [(number, rate) for number, link in enumerate(shape.links) for _, rate in link.rates]
         trees += [(_INPUT, kind) for _, kind in shape.inputs if isinstance(kind, Expression)]
         owned = [(owner, kink) for owner, tree in trees for kink in (*kinks(tree), *flat_ends(tree))]
         self._kinks = {kink: number for number, kink in enumerate(dict.fromkeys(owned))}
@@ -67,31 +70,41 @@ class MotionFormulas:
         return [heyoka.expression(f"y{i}") for i in numbers], [heyoka.expression(f"u{i}") for i in numbers]
 
     @cached_property
+    def states(self) -> dict[tuple[int, str], Formula]:
+        """Symbols of the scaled states of links, each by number of the link and name."""
+        return {key: heyoka.expression(f"s{number}") for number, key in enumerate(self.shape.states)}
+
+    @cached_property
     def equations(self) -> list[tuple[Formula, Formula]]:
-        """Pairs of variable and derivative, (2n,)."""
+        """Pairs of variable and derivative, (2n + S,)."""
         y, u = self.variables
         forces: list[list[Formula]] = [[] for _ in y]
-        for number, (first, second, law) in enumerate(self.shape.links):
-            force = self._translated(law, self._link_names(number), number)
-            if first >= 0:
-                forces[first].append(-force)
-            if second >= 0:
-                forces[second].append(force)
+        rates = []
+        for number, link in enumerate(self.shape.links):
+            names = self._link_names(number)
+            force = self._translated(link.law, names, number)
+            if link.first >= 0:
+                forces[link.first].append(-force)
+            if link.second >= 0:
+                forces[link.second].append(force)
+            for name, rate in link.rates:
+                rates.append((self.states[number, name], self._translated(rate, names, number) / SCALE))
         for number, (mass, _) in enumerate(self.shape.inputs):
             if mass >= 0:
                 forces[mass].append(self._input(number)[0])
         inverse = self.layout.inverse_masses.start
         accelerations = [heyoka.sum(f) * heyoka.par[inverse + i] for i, f in enumerate(forces)]
-        return [*zip(y, u, strict=True), *zip(u, accelerations, strict=True)]
+        return [*zip(y, u, strict=True), *zip(u, accelerations, strict=True), *rates]
 
     @cached_property
     def energy_equations(self) -> list[tuple[Formula, Formula]]:
         """Equations of the energy in J that each link dissipates, and of the work of forces and base, (L + 1,)."""
         dissipated, work = [], [heyoka.expression(0.0)]
         base = [self._input(i)[1] for i, (mass, _) in enumerate(self.shape.inputs) if mass == BASE_INDEX]
-        for number, (first, second, law) in enumerate(self.shape.links):
+        for number, link in enumerate(self.shape.links):
+            first, second, law, _ = link
             names = self._link_names(number)
-            power = self._translated(dissipated_power(law), names, number)
+            power = self._translated(dissipated_power(law, link.states), names, number)
             dissipated.append((heyoka.expression(f"h{number}"), power))
             if BASE_INDEX in (first, second):
                 sign = 1.0 if first == BASE_INDEX else -1.0
@@ -110,25 +123,47 @@ class MotionFormulas:
             for owner, kink in self._kinks
         ]
 
+    @cached_property
+    def kink_sizes(self) -> list[Formula]:
+        """Sums of the sizes of the terms of `kink_formulas`, to which their rounding is relative, (kinks,)."""
+        clock = {"t": heyoka.time}
+        sizes = []
+        for owner, kink in self._kinks:
+            names = clock if owner == _INPUT else self._link_names(owner)
+            terms = [
+                self._translated(part, names, owner)
+                for part in (kink.parts if isinstance(kink, Sum) else (kink,))
+            ]
+            sizes.append(heyoka.sum([heyoka.sqrt(term * term) for term in terms]))
+        return sizes
+
     def kink_events(self) -> list[Any]:
         """Terminal events of the kinks that motion or time can cross; one of coefficients alone keeps its sign."""
         first = self.layout.unwatched.start
         return [
             # without cooldown: `branches.choose_branches` leaves a kink behind before the event is watched again
             heyoka.t_event(formula + heyoka.par[first + number], cooldown=0.0)
-            for (_, kink), (number, formula) in zip(self._kinks, enumerate(self.kink_formulas), strict=True)
-            if {"d", "v", "t"} & set(symbols(kink))
+            for (owner, kink), (number, formula) in zip(
+                self._kinks, enumerate(self.kink_formulas), strict=True
+            )
+            if self._moving(owner) & set(symbols(kink))
         ]
+
+    def _moving(self, owner: int) -> set[str]:
+        """Names in the kinks of a link, or of an input, that change with time."""
+        return {"t"} if owner == _INPUT else {"d", "v", *self.shape.links[owner].states}
 
     def elongation(self, link: int) -> Formula:
         """Elongation of a link in m."""
         return self._link_names(link)["d"]
 
     def _link_names(self, number: int) -> dict[str, Formula]:
-        """Formulas of d, v and the coefficients of a link."""
-        first, second, _ = self.shape.links[number]
+        """Formulas of d, v, the states and the coefficients of a link."""
+        link = self.shape.links[number]
+        first, second = link.first, link.second
         offset = sum(len(names) for names in self.layout.coefficients[:number])
         names = {name: heyoka.par[offset + k] for k, name in enumerate(self.layout.coefficients[number])}
+        names |= {name: SCALE * self.states[number, name] for name in link.states}
         base = [self._input(i) for i, (mass, _) in enumerate(self.shape.inputs) if mass == BASE_INDEX]
         for name, variables, derivative in zip(("d", "v"), self.variables, (0, 1), strict=True):
             ends = [(sign, variables[end]) for sign, end in ((1.0, first), (-1.0, second)) if end >= 0]

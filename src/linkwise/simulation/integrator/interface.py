@@ -25,7 +25,10 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where an integrator is: `time` in s, scaled `state` (2n,), displacements then velocities, and `parameters` (P,)."""
+    """Where an integrator is: `time` in s, scaled `state` (2n + S,) and `parameters` (P,).
+
+    The state has displacements, velocities and states of links.
+    """
 
     time: Time
     state: NDArray[Any]
@@ -34,7 +37,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Propagation:
-    """Scaled states (M, 2n) at the requested times that were reached, the number of steps, and why it ended."""
+    """Scaled states (M, 2n + S) at the requested times that were reached, the number of steps, and why it ended."""
 
     states: NDArray[Any]
     steps: int
@@ -44,7 +47,7 @@ class Propagation:
 class Integrator(Protocol):
     """An integrator of one compiled system; its state moves on with every propagation.
 
-    States are scaled: displacements and velocities over `shape.SCALE`.
+    States are scaled: displacements, velocities and states of links over `shape.SCALE`.
     """
 
     @property
@@ -57,7 +60,7 @@ class Integrator(Protocol):
 
     @property
     def state(self) -> NDArray[Any]:
-        """A copy of the scaled state, shape (2n,)."""
+        """A copy of the scaled state, shape (2n + S,)."""
 
     @property
     def parameters(self) -> NDArray[Any]:
@@ -70,7 +73,7 @@ class Integrator(Protocol):
         """Set some of the parameters."""
 
     def add_to_state(self, jump: NDArray[Any]) -> None:
-        """Add a scaled jump (2n,) to the state."""
+        """Add a scaled jump (2n + S,) to the state."""
 
     def propagate(
         self,
@@ -87,10 +90,10 @@ class Integrator(Protocol):
         """
 
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
-        """State (2n,) and time in s after a `fraction` of the next step, which is at most `longest` in s.
+        """State (2n + S,) and time in s after a `fraction` of the next step, which is at most `longest` in s.
 
         Time and state move on by the whole step.
         """
 
     def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        """Time in s and state (2n,) before the first step from `time` and `state` that is not finite."""
+        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from linkwise.expression import FUNCTIONS, Call, Expression, Number, add, symbols, walk
 from linkwise.model.law_text import VARIABLES
+from linkwise.model.topology import LinkShape
 
 SCALE = 2.0**-40  # m, a power of two so that scaling causes no rounding
 
@@ -13,14 +14,24 @@ SCALE = 2.0**-40  # m, a power of two so that scaling causes no rounding
 class SystemShape(NamedTuple):
     """The key of compiled equations of motion; structures of equal shape share compiled code.
 
-    `masses` is their number; `links` has for each link its first end, its second end and its law, with ends numbered as in
+    `masses` is their number; `links` has for each link its ends, its law and the rates of its states, with ends numbered as in
     `Structure.topology`; `inputs` has for each driven mass, or the base, its number and an expression of t or, for a piecewise
     polynomial, its order.
     """
 
     masses: int
-    links: tuple[tuple[int, int, Expression], ...]
+    links: tuple[LinkShape, ...]
     inputs: tuple[tuple[int, Expression | int], ...] = ()
+
+    @property
+    def states(self) -> list[tuple[int, str]]:
+        """The states of links, each as number of the link and name, in the order of the state vector."""
+        return [(number, name) for number, link in enumerate(self.links) for name in link.states]
+
+    @property
+    def dimension(self) -> int:
+        """Length of the state vector: displacements, velocities and states of links, 2n + S."""
+        return 2 * self.masses + len(self.states)
 
 
 class ParameterLayout:
@@ -33,7 +44,7 @@ class ParameterLayout:
     """
 
     def __init__(self, shape: SystemShape, kinks: int) -> None:
-        self.coefficients = [coefficient_names(law) for _, _, law in shape.links]
+        self.coefficients = [coefficient_names(link) for link in shape.links]
         self.values = slice(0, sum(len(names) for names in self.coefficients))
         self.branches = slice(self.values.stop, self.values.stop + kinks)
         self.unwatched = slice(self.branches.stop, self.branches.stop + kinks)
@@ -48,9 +59,11 @@ class ParameterLayout:
         self.size = end + shape.masses
 
 
-def coefficient_names(law: Expression) -> tuple[str, ...]:
-    """The coefficients of a law in order of appearance."""
-    return tuple(name for name in symbols(law) if name not in VARIABLES)
+def coefficient_names(link: LinkShape) -> tuple[str, ...]:
+    """The coefficients of a law, and of the rates of its states, in order of appearance."""
+    trees = (link.law, *(rate for _, rate in link.rates))
+    names = dict.fromkeys(name for tree in trees for name in symbols(tree))
+    return tuple(name for name in names if name not in (*VARIABLES, *link.states))
 
 
 def flat_ends(tree: Expression) -> list[Expression]:

@@ -43,7 +43,7 @@ class TaylorIntegrator:
         return cls(
             heyoka.taylor_adaptive(
                 motion.equations,
-                np.zeros(2 * motion.shape.masses),
+                np.zeros(motion.shape.dimension),
                 tol=TOLERANCE,
                 fast_math=not motion.kinks,  # reassociates sums, a third faster; but events need exact zeros
                 compact_mode=compact,
@@ -58,7 +58,7 @@ class TaylorIntegrator:
         return cls(
             heyoka.taylor_adaptive(
                 motion.equations,
-                np.zeros(2 * motion.shape.masses, dtype=np.longdouble),
+                np.zeros(motion.shape.dimension, dtype=np.longdouble),
                 tol=np.longdouble(EXTENDED_TOLERANCE),
                 compact_mode=True,
                 fp_type=np.longdouble,

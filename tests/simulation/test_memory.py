@@ -1,0 +1,296 @@
+"""Simulated links with memory against an independent integrator, their energy, and their channels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.expression import (
+    FUNCTIONS,
+    Call,
+    Expression,
+    Number,
+    Power,
+    Product,
+    Program,
+    Sum,
+    add,
+    call,
+    kink_and_branch,
+    multiply,
+    power,
+    substitute,
+)
+
+Mode = tuple[int, ...]
+Event = tuple[Callable[[Floats], float], int, Mode]
+
+END, RATE = 10.0, 100.0
+VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest
+DRIVE = "30*sin(7*t) + 12*sin(2.3*t)"
+VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through its nonlinear range
+    "bouc-wen": {"k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "s": 0.7},
+    "bouc-wen-baber-noori": {
+        "k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "s": 0.7, "nu": 0.02, "eta": 0.01, "zs": 0.8, "p": 0.3, "q": 0.1,
+        "psi": 0.3, "dpsi": 0.01, "lam": 0.4,
+    },
+    "dahl": {"sigma": 300.0, "Fc": 12.0, "c": 1.0},
+    "lugre": {"s0": 300.0, "s1": 0.5, "s2": 1.0, "Fc": 10.0, "Fs": 14.0, "vs": 0.4},
+    "jenkins": {"k": 200.0, "Fs": 12.0},
+    "iwan(3)": {"FS": 15.0, "KT": 300.0, "chi": -0.4, "beta": 0.7},
+    "maxwell": {"k": 100.0, "c": 9.0},
+    "zener": {"k": 60.0, "k1": 100.0, "c1": 9.0},
+    "fractional(3)": {"K": 5.0, "a": 0.4, "w": 0.3},
+    "stribeck": {"Fc": 0.6, "Fs": 0.9, "vs": 0.4, "c": 1.0},
+    "hertz": {"kh": 400.0, "gap": 0.02},
+    "piezo": {"k": 60.0, "c": 0.8, "theta": 0.02, "C": 5e-5, "R": 4e3},
+    "coil": {"k": 60.0, "c": 0.8, "g": 5.0, "L": 0.3, "R": 8.0},
+    "piezo-harvester": {"alpha": -40.0, "beta": 90.0, "c": 0.8, "theta": 0.02, "C": 5e-5, "R": 4e3},
+    "coil-harvester": {"alpha": -40.0, "beta": 90.0, "c": 0.8, "g": 5.0, "L": 0.3, "R": 8.0},
+}  # fmt: skip
+GROUND_SPRING = lw.Link(
+    "spring",
+    ("m1", "ground"),
+    lw.Law.parse("k*d + c*v"),
+    {"k": lw.Coefficient.number(40.0), "c": lw.Coefficient.number(0.5)},
+)
+
+
+def oscillator(name: str) -> lw.Structure:
+    """1 kg on a spring of 40 N/m beside a link with a named law."""
+    values = {key: lw.Coefficient.number(value) for key, value in VALUES[name].items()}
+    link = lw.named_law(name).link("link", ("m1", "ground"), values)
+    return lw.Structure(name, (lw.Mass("m1", lw.Coefficient.number(1.0)),), (GROUND_SPRING, link))
+
+
+@cache
+def simulated(name: str) -> lw.Record:
+    return lw.simulate(
+        oscillator(name), duration=END, rate=RATE, sensors=["x", "v", "state"], forces={"m1": DRIVE},
+        release={"v:m1": VELOCITY},
+    )  # fmt: skip
+
+
+class Smooth:
+    """A law between its kinks: abs, sign, max and min as they are for given signs of what they turn on."""
+
+    def __init__(self, law: lw.Law, values: Mapping[str, float]) -> None:
+        self.law, self.values, self.kinks = law, values, law.kinks
+        self.names = ("d", "v", *law.states, *law.coefficients)
+        self._gaps = Program(self.kinks, self.names)
+        self._programs: dict[tuple[int, ...], Program] = {}
+
+    def __call__(self, program: Program, y: Floats) -> list[float]:
+        return [float(value) for value in program(*y, *self.values.values())]
+
+    def gap(self, number: int, y: Floats) -> float:
+        """A kink's expression, zero at the kink."""
+        return self(self._gaps, y)[number]
+
+    def at(self, signs: tuple[int, ...]) -> Program:
+        """The force and the rates on these branches."""
+        chosen = dict(zip(self.kinks, signs, strict=True))
+
+        def smooth(node: Expression) -> Expression:
+            match node:
+                case Sum(parts):
+                    return add(*map(smooth, parts))
+                case Product(factors):
+                    return multiply(*map(smooth, factors))
+                case Power(base, exponent):
+                    return power(smooth(base), exponent)
+                case Call(function, arguments) if FUNCTIONS[function].kink is not None:
+                    kink, branch = kink_and_branch(function, arguments)
+                    inner = dict(zip("xy", map(smooth, arguments), strict=False))
+                    return substitute(branch, {**inner, "s": Number(float(chosen[kink]))})
+                case Call(function, arguments):
+                    return call(function, *map(smooth, arguments))
+            return node
+
+        if signs not in self._programs:
+            trees = (self.law.expression, *(rate.expression for rate in self.law.rates))
+            self._programs[signs] = Program([smooth(tree) for tree in trees], self.names)
+        return self._programs[signs]
+
+
+def drive(t: float) -> float:
+    return float(30.0 * np.sin(7.0 * t) + 12.0 * np.sin(2.3 * t))
+
+
+def by_branches(structure: lw.Structure, grid: Floats) -> Floats:
+    """Displacement, velocity and states (N, 2 + S) by SciPy's DOP853, stopped at every kink of the law."""
+    link = structure.link("link")
+    smooth = Smooth(link.law, link.values)
+
+    def slope(t: float, y: Floats, signs: tuple[int, ...]) -> list[float]:
+        force, *rates = smooth(smooth.at(signs), y)
+        return [y[1], drive(t) - force - 40.0 * y[0] - 0.5 * y[1], *rates]
+
+    start = np.array([0.0, VELOCITY, *(0.0 for _ in link.law.states)])
+    signs = tuple(-1 if smooth.gap(k, start) < 0.0 else 1 for k in range(len(smooth.kinks)))
+
+    def events(signs: tuple[int, ...]) -> list[Event]:
+        return [
+            (partial(smooth.gap, k), -sign, (*signs[:k], -sign, *signs[k + 1 :]))
+            for k, sign in enumerate(signs)
+        ]
+
+    return stopped(slope, events, signs, start, grid)
+
+
+def by_sliders(stiffness: Floats, slips: Floats, grid: Floats) -> Floats:
+    """The same for sliders of these stiffnesses (S,) in N/m and slip stretches (S,) in m, each sticking (0) or sliding."""
+    count = len(slips)
+
+    def slope(t: float, y: Floats, modes: tuple[int, ...]) -> list[float]:
+        rates = [y[1] if mode == 0 else 0.0 for mode in modes]
+        return [y[1], drive(t) - stiffness @ y[2:] - 40.0 * y[0] - 0.5 * y[1], *rates]
+
+    def events(modes: tuple[int, ...]) -> list[Event]:
+        found: list[Event] = []
+        for k, mode in enumerate(modes):
+            if mode:  # all sliders that slide this way stick again
+                found.append((_velocity, -mode, tuple(0 if each == mode else each for each in modes)))
+                continue
+            for way in (1, -1):
+                found.append(
+                    (partial(_beyond, 2 + k, way * slips[k]), way, (*modes[:k], way, *modes[k + 1 :]))
+                )
+        return found
+
+    return stopped(slope, events, (0,) * count, np.array([0.0, VELOCITY, *np.zeros(count)]), grid)
+
+
+def _velocity(y: Floats) -> float:
+    return float(y[1])
+
+
+def _beyond(column: int, limit: float, y: Floats) -> float:
+    return float(y[column] - limit)
+
+
+def stopped(
+    slope: Callable[[float, Floats, Mode], list[float]],
+    events: Callable[[Mode], list[Event]],
+    mode: Mode,
+    start: Floats,
+    grid: Floats,
+) -> Floats:
+    """States (N, D) at `grid`, integrated from event to event; an event is a gap, its direction and the mode after it."""
+    y, t, out = start, 0.0, [start]
+    while len(out) < len(grid):
+        ends = events(mode)
+        functions = []
+        for gap, direction, _ in ends:
+            function = partial(_gap, gap)
+            function.terminal, function.direction = True, direction  # type: ignore[attr-defined]
+            functions.append(function)
+        run = solve_ivp(
+            slope, (t, grid[-1]), y, "DOP853", args=(mode,), events=functions, dense_output=True,
+            rtol=1e-11, atol=1e-13, max_step=0.02,
+        )  # fmt: skip
+        assert run.success
+        out += [run.sol(time) for time in grid[len(out) :] if time <= run.t[-1]]
+        t, y = float(run.t[-1]), run.y[:, -1]
+        hit = [number for number, times in enumerate(run.t_events) if len(times)]
+        if hit:
+            mode = ends[hit[0]][2]
+    return np.array(out)
+
+
+def _gap(gap: Callable[[Floats], float], t: float, y: Floats, mode: Mode) -> float:
+    return gap(y)
+
+
+def reference(name: str) -> Floats:
+    grid, values = np.arange(round(END * RATE) + 1) / RATE, VALUES[name]
+    if name == "jenkins":  # its state is a force
+        states = by_sliders(np.array([values["k"]]), np.array([values["Fs"] / values["k"]]), grid)
+        states[:, 2] *= values["k"]
+        return states
+    if name.startswith("iwan"):  # Segalman 2005, equations 12 to 18, over three equal parts
+        chi, beta, FS, KT = values["chi"], values["beta"], values["FS"], values["KT"]
+        largest = FS * (1 + beta) / (KT * (beta + (chi + 1) / (chi + 2)))
+        edges = np.linspace(0.0, 1.0, 4)
+        shares, moments = np.diff(edges ** (chi + 1)), np.diff(edges ** (chi + 2))
+        slips = largest * (chi + 1) / (chi + 2) * moments / shares
+        stiffness = KT / (1 + beta) * np.append(shares, beta)
+        return by_sliders(stiffness, np.append(slips, largest), grid)
+    return by_branches(oscillator(name), grid)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_named_laws_follow_an_independent_integrator(name: str) -> None:
+    record, states = simulated(name), reference(name)
+    truth = record.simulated
+    assert truth is not None
+    found = np.column_stack([truth.displacement, truth.velocity, *truth.states.values()])
+    largest = np.abs(states).max(axis=0)
+    assert found.shape == states.shape and np.all(largest > 0.0)
+    assert np.all(np.abs(found - states).max(axis=0) < 1e-8 * largest)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_energy_is_balanced(name: str) -> None:
+    truth = simulated(name).simulated
+    assert truth is not None
+    energy = truth.energy
+    scale = np.abs(energy.work).max()
+    assert np.abs(energy.residual).max() < 1e-9 * scale
+
+
+def test_work_on_a_hysteretic_link_is_the_area_of_its_loops() -> None:
+    record = lw.simulate(
+        oscillator("bouc-wen"), duration=END, rate=2000.0, sensors=["x", "f:link"], forces={"m1": DRIVE}
+    )
+    truth = record.simulated
+    assert truth is not None
+    force, x = record.channel("f:link"), record.channel("x:m1")
+    area = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x))  # trapezoids of 0.5 ms: order 2
+    assert truth.energy.work[-1, 1] == pytest.approx(area, rel=1e-5)
+
+
+def test_channels_of_links_survive_every_format(tmp_path: Path) -> None:
+    record = lw.simulate(
+        oscillator("piezo"), duration=1.0, rate=RATE, sensors=["x", "f", "state"], forces={"m1": DRIVE}
+    )
+    assert record.channels == ("x:m1", "f:spring", "f:link", "state:link.V", "force:m1")
+    assert record.masses == ("m1",) and record.inputs == ("force:m1",)
+    for suffix in ("csv", "mat", "h5", "parquet"):
+        lw.write_record(record, tmp_path / f"record.{suffix}")
+        read = lw.read_record(tmp_path / f"record.{suffix}", known_masses=("m1",))
+        assert read.channels == record.channels
+        np.testing.assert_allclose(read.values, record.values, rtol=1e-12)
+
+
+def test_a_voltage_may_be_written_in_millivolts(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(
+        "\n".join(["time,x:m1[mm],state:piezo.V[mV]", *(f"{k / 100},{k % 7},{k * k}" for k in range(40))]),
+        encoding="utf-8",
+    )
+    read = lw.read_record(tmp_path / "run.csv")
+    np.testing.assert_allclose(read.channel("state:piezo.V"), 1e-3 * np.arange(40) ** 2, rtol=1e-15)
+
+
+def test_the_release_of_a_state_takes_the_place_of_its_initial_value() -> None:
+    structure = oscillator("maxwell")
+    held = lw.simulate(
+        structure, duration=1.0, rate=RATE, sensors=["state:link.q"], release={"state:link.q": 2.0}
+    )
+    assert held.channel("state:link.q")[0] == 2.0
+    for release, message in (
+        ({"state:link.w": 1.0}, "unknown state 'link.w'"),
+        ({"f:link": 1.0}, "unknown release"),
+    ):
+        with pytest.raises(lw.SimulationError, match=message):
+            lw.simulate(structure, duration=1.0, rate=RATE, release=release)
+    for sensor, message in (("f:lnk", "unknown link 'lnk'"), ("state:link", "written state:LINK.NAME")):
+        with pytest.raises(lw.SimulationError, match=message):
+            lw.simulate(structure, duration=1.0, rate=RATE, sensors=[sensor])
