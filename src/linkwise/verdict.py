@@ -29,7 +29,7 @@ class Verdict(Enum):
     'chi-square off'
     """
 
-    CONVERGED = "The search converged and noise explains what the laws leave of the record."
+    CONVERGED = "The search converged, and noise explains the residuals."
     NO_INTERVALS = (
         "The method gives no intervals: its standard errors take samples as independent and regressors as exact. "
         'Use method "weak" or "ml" for intervals.'
@@ -41,39 +41,39 @@ class Verdict(Enum):
         "The search did not converge: the values are the best so far. Give better starts or a longer record."
     )
     NOISE_MISMATCH = (
-        "The residuals are not as large as the noise that was stated or found: the noise is another one, a term is missing "
+        "The residuals do not match the noise that was stated or estimated: the noise has another level, a term is missing "
         "from a law, or a link from the structure."
     )
     UNEXPLAINED_FORCES = (
         "The laws leave too much of the forces unexplained: a term or a link is missing, or noise hides them."
     )
     SYSTEMATIC_MISFIT = (
-        "What the laws leave of the record follows the motion: a term or a link is missing, or a sensor is not what it is "
-        "taken for. Intervals would count it as noise."
+        "The residuals follow the motion: a term or a link is missing, or a sensor is not what it is taken for. Intervals "
+        "would count them as noise."
     )
     MEASUREMENT_ERROR = (
-        "An error of a sensor, of an applied force or of a stated mass would explain what the laws leave of the record better "
-        "than any missing term. Correct it, or let it be found with the rest."
+        "An error of a sensor, of an applied force or of a stated mass would explain the residuals better than any missing "
+        "term. Correct it, or estimate it with the other unknowns."
     )
     COLOURED_RESIDUALS = (
-        "The residuals are not white, as the noise is taken to be, so intervals would be too narrow. Look at the sensors for "
-        "a filter or a drift, and at the laws for a missing term."
+        "The residuals are not white, as the noise is taken to be, so intervals would be too narrow. Check the sensors for "
+        "a filter or a drift, and the laws for a missing term."
     )
     SEVERAL_OPTIMA = (
-        "Around the values found the likelihood has other optima, or not the shape that intervals assume. Give starts that "
-        "are nearer, a shorter piece of the record, or less noise."
+        "Around the estimates the likelihood has other optima, or is not quadratic, as intervals assume. Give closer starting "
+        "values, a shorter part of the record, or less noise."
     )
     HARDLY_DETERMINED = (
         "The record tells hardly more of some coefficients than noise does, so intervals would be too narrow. Hold some at "
         'known values, record a motion that stands farther above the noise, or use method "ml".'
     )
     COVARIANCE_NOT_POSITIVE = (
-        "The covariance of the coefficients found is not positive: the record hardly determines some of them beside its "
-        "noise. Hold some at known values, or record a motion that stands farther above the noise."
+        "The covariance of the coefficients is not positive definite: the record hardly determines some of them above its "
+        "noise. Hold some at known values, or record a motion with a higher signal-to-noise ratio."
     )
     ENERGY_FED = (
-        "A link gives energy to the motion, which no spring or damper does: a force that is not in the record, or a term that "
-        "is missing, looks like that."
+        "A link feeds energy into the motion, which no spring or damper does: an applied force that is not in the record, or "
+        "a missing term, has this effect."
     )
     OUTLIERS = (
         "The noise has outliers, which the method does not allow for: remove them, or use maximum likelihood with a robust "

@@ -90,10 +90,10 @@ def test_says_what_sensors_cannot_tell(tmp_path: Path, capsys: pytest.CaptureFix
     unknown = ["--unknown", "spring", "--unknown", "mass:m1"]
     assert run(["limit", str(path), *PLAN, "--noise", "20", *unknown]) == 0
     out = capsys.readouterr().out
-    assert "cannot be told" in out
-    assert "! spring.k, spring.c and m1.mass are seen only together: these sensors cannot tell" in out
+    assert "not identifiable" in out
+    assert "! spring.k, spring.c and m1.mass are confounded: these sensors identify" in out
     assert run(["limit", str(path), *PLAN, "--noise", "20", *unknown, "--force", "m1=5*sin(15*t)"]) == 0
-    assert "cannot be told" not in capsys.readouterr().out
+    assert "not identifiable" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def test_a_coefficient_that_may_be_zero() -> None:
 def test_a_link_that_gives_energy(c: float, error: float, said: bool) -> None:
     """Only where its sign is beyond doubt."""
     told = sentences(found(LAW, {**SINK, "c": c}, [0.1, 1e3, error], (-0.02, 0.02)))
-    assert any("sink gives energy to the motion" in each for each in told) == said
+    assert any("sink feeds energy into the motion" in each for each in told) == said
 
 
 def test_a_damper_that_gives_here_and_takes_there_counts_on_the_whole() -> None:

@@ -197,7 +197,7 @@ def test_a_force_that_is_not_in_the_record_is_seen(pair: lw.Structure) -> None:
     """Either the residuals tell, or a damper that feeds the motion does."""
     record = lw.simulate(pair, forces={"m1": "30*sin(50*t)"}, **SAMPLING).with_noise(40.0, seed=1)
     fit = weak(record.select(["x:m1", "x:m2"]), pair.unknown("all"))
-    assert not fit.trusted or any("gives energy to the motion" in finding for finding in fit.findings)
+    assert not fit.trusted or any("feeds energy into the motion" in finding for finding in fit.findings)
 
 
 def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.Structure) -> None:

@@ -167,7 +167,7 @@ def test_forces_and_the_base_drive_it() -> None:
     pushed = lw.limit(mounted, base="0", forces={"m1": "sin(15*t)"}, unknown=("mount", "mass:m1"), **plan)
     assert np.isfinite(pushed.standard_errors).all()
     free = lw.limit(mounted, base="0", release={"x:m1": 0.01}, unknown=("mount", "mass:m1"), **plan)
-    assert "seen only together" in free.findings[0] and "m1.mass" in free.findings[0]
+    assert "confounded" in free.findings[0] and "m1.mass" in free.findings[0]
     assert np.isinf(present(free.coefficient("m1.mass").standard_error))
 
 
@@ -177,11 +177,11 @@ def test_what_sensors_cannot_tell_is_said() -> None:
     assert found.coefficient("one.k").interval is None
     assert np.isinf(found.link("one").nmse) and found.link("one").estimate.covariance is None
     assert found.findings == (
-        "one.k and two.k are seen only together: these sensors cannot tell one from the other. Give one of them as known, or "
+        "one.k and two.k are confounded: these sensors identify a combination of them only. Give one of them as known, or "
         "add a sensor or a force that moves them differently.",
     )
     table = str(found)
-    assert "cannot be told" in table and f"! {found.findings[0]}" in table
+    assert "not identifiable" in table and f"! {found.findings[0]}" in table
     told = json.loads(to_json(found.to_dict()))
     assert told["coefficients"]["one.k"]["standard_error"] is None
     assert told["links"]["damper"]["force_error"] == 0.0  # it has no force at rest
@@ -210,7 +210,7 @@ def test_a_link_that_never_moves_leaves_no_trace(chain: lw.Structure) -> None:
         chain, duration=0.5, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-4}, release={"v:m1": 0.0}
     )
     assert np.isinf(still.standard_errors).all()
-    assert "spring1.c leaves no trace in these sensors: this test cannot tell it at all." in still.findings
+    assert "spring1.c has no effect on these sensors: this test cannot identify it." in still.findings
 
 
 def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure) -> None:

@@ -122,7 +122,7 @@ def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
     fit = lw.identify(clean.with_noise(30.0, seed=1), chain.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED, lw.Verdict.ENERGY_FED) and not fit.trusted
     assert fit.supplies["nes1"] > 0.0 and set(fit.supplies) == {"nes1"}
-    assert "gives energy to the motion" in str(fit) and "NOT to be trusted" in str(fit)
+    assert "feeds energy into the motion" in str(fit) and "NOT to be trusted" in str(fit)
     assert fit.to_dict()["verdicts"] == ["CONVERGED", "ENERGY_FED"]
 
 

@@ -221,7 +221,7 @@ def _comparison_lines(result: dict[str, Any]) -> list[str]:
         ),
         "  NMSE of the force (paper Eq. 8)",
         *(
-            f"    {name:12} {'cannot be told' if error is None else f'{error:.3g} %'}"
+            f"    {name:12} {'undefined' if error is None else f'{error:.3g} %'}"
             for name, error in result["nmse_percent"].items()
         ),
     ]

@@ -275,7 +275,7 @@ def _comparison_lines(result: dict[str, Any]) -> list[str]:
     return [
         "\nagainst the truth: NMSE of the force (paper Eq. 8)",
         *(
-            f"  {name:10} {'cannot be told' if error is None else f'{error:.3g} %'}"
+            f"  {name:10} {'undefined' if error is None else f'{error:.3g} %'}"
             for name, error in result["nmse_percent"].items()
         ),
     ]

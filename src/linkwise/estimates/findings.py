@@ -31,8 +31,8 @@ def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
     yield from _insignificant(link)
     if supply is not None:
         yield (
-            f"{link.link.name} gives energy to the motion, {supply:.3g} W on average, which no damper does. An applied force "
-            "that is not in the record has this effect."
+            f"{link.link.name} feeds energy into the motion, {supply:.3g} W on average, which no damper does. An applied "
+            "force that is not in the record has this effect."
         )
 
 

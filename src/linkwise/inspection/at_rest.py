@@ -32,7 +32,7 @@ def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
             continue
         message = (
             f"is {value:.3g} +- {error:.1g} {each.channel.unit} while nothing moves, {_when(each)}: this offset acts like a "
-            "constant force, and shifts wells and quadratic terms; subtract it, or let it be found with the laws"
+            "constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
         )
         yield Alert("offset", each.name, message, abs(value) / each.rms, arguments=("offsets",))
 

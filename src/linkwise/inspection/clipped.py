@@ -27,7 +27,7 @@ def clipped(signals: RecordSignals) -> Iterator[Alert]:
             continue
         where = " and ".join(f"{count} at {value:.4g} {each.channel.unit}" for count, value in ends)
         message = (
-            f"{total} samples stand at the end of the range ({where}): the sensor or the amplifier was overloaded, and "
+            f"{total} samples are at the end of the range ({where}): the sensor or the amplifier was overloaded, and "
             "stiffness and damping at large motion come out wrong; mark these samples as missing, or measure with a larger "
             "range"
         )

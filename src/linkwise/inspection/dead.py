@@ -19,13 +19,13 @@ def dead(signals: RecordSignals) -> Iterator[Alert]:
             yield Alert("dead", each.name, "every sample is missing; leave the channel out", np.inf)
         elif each.is_constant and not each.is_input:
             message = (
-                f"every sample is {each.seen[0]:g}: it says that nothing moves, and a fit that believes it is wrong "
-                "throughout; leave the channel out, and look after sensor and cable"
+                f"every sample is {each.seen[0]:g}: it shows no motion, and a fit to it is wrong throughout; "
+                "leave the channel out, and check sensor and cable"
             )
             yield Alert("dead", each.name, message, np.inf)
         elif not each.is_input and each.rms**2 < _MOTION * each.sigma**2:
             message = (
-                f"holds nothing but noise of {each.sigma:.3g} {each.channel.unit}: nothing of the motion is in it; look after "
+                f"holds nothing but noise of {each.sigma:.3g} {each.channel.unit}: nothing of the motion is in it; check "
                 "sensor, cable and range, excite more strongly, or leave the channel out"
             )
             yield Alert("dead", each.name, message, np.inf)

@@ -63,7 +63,7 @@ def gain(signals: RecordSignals) -> Iterator[Alert]:
         else:
             message = (
                 f"is {value:.4g} +- {error:.1g} times what {lower} says: a wrong gain of 1 % puts coefficients tens of "
-                "standard errors off; calibrate, or let the gain be found with the laws"
+                "standard errors off; calibrate, or estimate the gain with the laws"
             )
             yield Alert("gain", upper, message, abs(value - 1.0), arguments=("gains",))
 
@@ -76,8 +76,8 @@ def offset(signals: RecordSignals) -> Iterator[Alert]:
             continue
         unit = fit.upper.channel.unit
         message = (
-            f"has an offset of {value:.3g} +- {error:.1g} {unit}, as {fit.lower.name} shows, which does not run away: it acts "
-            "like a constant force, and shifts wells and quadratic terms; subtract it, or let it be found with the laws"
+            f"has an offset of {value:.3g} +- {error:.1g} {unit}, while {fit.lower.name} has no drift: it acts "
+            "like a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
         )
         yield Alert("offset", fit.upper.name, message, abs(value) / fit.upper.rms, arguments=("offsets",))
 

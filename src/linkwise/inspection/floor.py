@@ -39,7 +39,7 @@ def aliasing(signals: RecordSignals) -> Iterator[Alert]:
             continue
         message = (
             f"moves up to half the sampling rate, {0.5 * each.rate:g} Hz, with {100.0 * level / even:.2g} % of its mean "
-            "spectral density there: faster motion is folded to lower frequencies, where no law explains it; sample faster, "
+            "spectral density there: faster motion is aliased to lower frequencies, where no law explains it; sample faster, "
             "and behind an anti-alias filter"
         )
         yield Alert("aliasing", each.name, message, float(min(1.0, level / even)) ** 0.5)

@@ -19,7 +19,7 @@ def few_samples(signals: RecordSignals) -> Iterator[Alert]:
             continue
         message = (
             f"motion up to {each.highest:.3g} Hz is sampled {each.rate / each.highest:.2g} times a period: derivatives "
-            "and integrals between samples are guesses, and what is faster is folded to lower frequencies; sample at "
+            "and integrals between samples are guesses, and what is faster is aliased to lower frequencies; sample at "
             f"{10.0 * each.highest:.2g} Hz or more, behind an anti-alias filter"
         )
         yield Alert("few-samples", each.name, message, 0.5)
@@ -34,7 +34,7 @@ def short(signals: RecordSignals) -> Iterator[Alert]:
         if len(record) >= _SAMPLES and periods >= _PERIODS:
             continue
         message = (
-            f"{len(record)} samples and {periods:.2g} periods of its motion are few: noise and spectrum cannot be told, "
-            "and intervals rest on little; record at least ten periods"
+            f"{len(record)} samples and {periods:.2g} periods of its motion are few: noise and spectrum cannot be estimated, "
+            "and intervals are unreliable; record at least ten periods"
         )
         yield Alert("short", each.name, message, 0.3)

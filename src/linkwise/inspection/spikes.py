@@ -38,7 +38,7 @@ def spikes(signals: RecordSignals) -> Iterator[Alert]:
         message = (
             f"{len(found)} sample{'s lie' if len(found) > 1 else ' lies'} far from the neighbours, the farthest by "
             f"{size[largest]:.3g} {each.channel.unit} at {when:.6g} s: least squares follows such samples, and noise and "
-            "intervals come out too wide; mark them as missing, or use a loss that forgives outliers"
+            "intervals come out too wide; mark them as missing, or use a robust loss"
         )
         error = float(np.sqrt(np.sum(size**2) / len(each.values))) / each.rms
         yield Alert("spikes", each.name, message, error, arguments=("loss",))

@@ -215,10 +215,11 @@ def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None
 
 def _remarks(fit: LikelihoodFit) -> tuple[str, ...]:
     off = [
-        f"{name} is off by {value:.4g} throughout (found with the rest)."
+        f"{name} is off by {value:.4g} throughout (estimated with the other unknowns)."
         for name, value in fit.offsets.items()
     ]
     gained = [
-        f"{name} shows {value:.6g} of its motion (found with the rest)." for name, value in fit.gains.items()
+        f"{name} shows {value:.6g} of its motion (estimated with the other unknowns)."
+        for name, value in fit.gains.items()
     ]
     return (*off, *gained)

@@ -62,7 +62,7 @@ def _verdict(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple
     if causes and causes[0].is_instrument:
         return Verdict.MEASUREMENT_ERROR, (
             f"{explained}, but {_would_explain(causes[0])}, more than any missing term. Coefficients would be wrong by more "
-            "than their intervals say, so none is given: correct it, or let it be found with the rest."
+            "than their intervals say, so none is given: correct it, or estimate it with the other unknowns."
         )
     if share > _LARGEST_ERROR:
         return Verdict.UNEXPLAINED_FORCES, (
@@ -83,8 +83,8 @@ def _verdict(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple
         )
     if not is_regular(fit):
         return Verdict.SEVERAL_OPTIMA, (
-            f"{explained}, but around the values found the likelihood has other optima or none of the shape that intervals "
-            "assume, so no interval is given. Give starts that are nearer, a shorter piece of the record, or less noise."
+            f"{explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume, "
+            "so no interval is given. Give closer starting values, a shorter part of the record, or less noise."
         )
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
@@ -109,7 +109,7 @@ def _error_factor(fit: LikelihoodFit) -> str:
             "may be too narrow."
         )
     return (
-        "By what separate blocks of the record say, the standard errors are up to "
+        "Judged by separate blocks of the record, the standard errors are up to "
         f"{float(np.max(fit.error_ratios)):.2g} times those of an error that is white noise."
     )
 

@@ -229,10 +229,10 @@ class Limit(NotebookView):
         for group in self.precision.confounded:
             names = [self.parameters[i].name for i in group]
             sentences.append(
-                f"{names[0]} leaves no trace in these sensors: this test cannot tell it at all."
+                f"{names[0]} has no effect on these sensors: this test cannot identify it."
                 if len(names) == 1
-                else f"{', '.join(names[:-1])} and {names[-1]} are seen only together: these sensors cannot tell one from the "
-                "other. Give one of them as known, or add a sensor or a force that moves them differently."
+                else f"{', '.join(names[:-1])} and {names[-1]} are confounded: these sensors identify a combination of them "
+                "only. Give one of them as known, or add a sensor or a force that moves them differently."
             )
         return tuple(sentences)
 

@@ -18,7 +18,7 @@ _MOST_NAMES = 6  # of channels that are listed in full
 def limit_text(limit: Limit) -> str:
     """The whole result as text."""
     head = (
-        f"{limit.structure.name or 'structure'}: the best that this test can tell\n"
+        f"{limit.structure.name or 'structure'}: the best accuracy that this test allows\n"
         f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, in segments of "
         f"{limit.segment:g} s with free starts;\na fit that links segments may come out somewhat better."
     )
@@ -63,18 +63,18 @@ def _coefficient_row(coefficient: CoefficientEstimate) -> tuple[str, ...]:
     error, value = coefficient.standard_error, format_value(coefficient.value)
     assert error is not None
     if not np.isfinite(error):
-        return coefficient.name, value, "cannot be told", "", "", coefficient.unit
+        return coefficient.name, value, "not identifiable", "", "", coefficient.unit
     relative = _percent(100.0 * error / abs(coefficient.value)) if coefficient.value else ""
     detectable = f"{DETECTION * error:.2g}"
     return coefficient.name, value, f"{error:.2g}", relative, detectable, coefficient.unit
 
 
 def _percent(share: float) -> str:
-    return f"{share:.2g} %" if np.isfinite(share) else "cannot be told"
+    return f"{share:.2g} %" if np.isfinite(share) else "not identifiable"
 
 
 def _force(newtons: float) -> str:
-    return f"{newtons:.2g} N" if np.isfinite(newtons) else "cannot be told"
+    return f"{newtons:.2g} N" if np.isfinite(newtons) else "not identifiable"
 
 
 def _well_rows(link: LinkLimit) -> Rows:
@@ -87,7 +87,7 @@ def _well_rows(link: LinkLimit) -> Rows:
 
 def _derived_row(label: str, quantity: DerivedQuantity) -> tuple[str, ...]:
     if quantity.interval is None:
-        return label, format_value(quantity.value), "cannot be told", quantity.unit
+        return label, format_value(quantity.value), "not identifiable", quantity.unit
     error = 0.25 * (quantity.interval[1] - quantity.interval[0])
     low, high = (format_value(end, error) for end in quantity.interval)
     return label, format_value(quantity.value, error), f"{low} to {high}", quantity.unit

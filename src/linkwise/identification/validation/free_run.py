@@ -110,7 +110,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
         seen = ~np.isnan(record.channel(name))
         if not (seen[:settling].any() and seen[settling:].any()):
             raise RecordError(
-                f"has no sample among the first {settling}, which tell the state, or none after them",
+                f"has no sample among the first {settling}, which determine the state, or none after them",
                 channel=name,
             )
     state = _initial_state(structure, record.select(channels), _inputs(record, settling + _AFTER), settling)

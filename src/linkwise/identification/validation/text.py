@@ -39,7 +39,7 @@ def headline(validation: Validation) -> tuple[str, ...]:
         )
     return (
         validation.verdicts[0].value,
-        f"{what}, after {validation.burn:.4g} s that tell the state and are not scored.",
+        f"{what}, after {validation.burn:.4g} s that determine the state and are not scored.",
     )
 
 
