@@ -23,7 +23,7 @@ from linkwise.model.link_state import as_link_states
 from linkwise.model.parameters import KILOGRAM
 from linkwise.model.structure import Structure
 from linkwise.model.toml_link import LinkTable, coefficient_of, link_of
-from linkwise.toml_tables import decode, parse_toml, read_toml_text
+from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}

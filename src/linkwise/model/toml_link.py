@@ -22,8 +22,8 @@ from linkwise.model.link import Link
 from linkwise.model.link_state import LinkState, unit_dimension
 from linkwise.model.named_law import NamedLaw
 from linkwise.model.named_laws import is_law_name, named_law
+from linkwise.model.toml_tables import decode
 from linkwise.text import near_miss
-from linkwise.toml_tables import decode
 from linkwise.units import to_si
 
 _WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*[^\W\d].*")

@@ -14,6 +14,7 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import parse_structure, read_structure
+from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
 from linkwise.sindy.conventions import Convention
 from linkwise.sindy.force_reading import Reading
 from linkwise.study.definition import Study
@@ -21,7 +22,6 @@ from linkwise.study.method import LinkByLink, PhysicsInformedMethod, StudyMethod
 from linkwise.study.method_monomials import MonomialMethod
 from linkwise.study.subject import Subject
 from linkwise.text import near_miss
-from linkwise.toml_tables import decode, parse_toml, read_toml_text
 
 _SOURCES = ("bnes", "file", "toml")
 
