@@ -13,7 +13,15 @@ from linkwise.atomic import ABSORPTION, to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.flags import unstarted_is_usage
-from linkwise.cli.options import FOLDER, POSITIVE, grouped, keyword_group, number, pairs
+from linkwise.cli.options import (
+    POSITIVE,
+    folder_option,
+    grouped,
+    json_option,
+    keyword_group,
+    number,
+    pairs,
+)
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -150,12 +158,8 @@ repetition_options = grouped(
 @absorption_options
 @repetition_options
 @drive_options
-@click.option(
-    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
-)
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print absorption.json on standard output and nothing else."
-)
+@folder_option
+@json_option("absorption.json")
 def absorb(
     structure: Path,
     asked: dict[str, Any],

@@ -12,7 +12,16 @@ import click
 import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
-from linkwise.cli.options import FILE, FOLDER, RecordOptions, grouped, pairs, record_options
+from linkwise.cli.options import (
+    FILE,
+    RecordOptions,
+    folder_option,
+    grouped,
+    json_option,
+    pairs,
+    record_options,
+    truth_option,
+)
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -105,15 +114,9 @@ prior_options = grouped(
 @click.command()
 @record_options
 @prior_options
-@click.option(
-    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
-)
-@click.option(
-    "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
-)
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print result.json on standard output and nothing else."
-)
+@folder_option
+@truth_option
+@json_option("result.json")
 def discover(
     source: RecordOptions,
     prior: PriorOptions,

@@ -13,14 +13,16 @@ from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.options import (
     FILE,
-    FOLDER,
     RecordOptions,
     RegisteredChoice,
+    folder_option,
     grouped,
+    json_option,
     keyword_group,
     option_name,
     pairs,
     record_options,
+    truth_option,
 )
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
@@ -149,15 +151,9 @@ sindy_options = keyword_group(
 @method_options
 @ml_options
 @sindy_options
-@click.option(
-    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
-)
-@click.option(
-    "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
-)
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print result.json on standard output and nothing else."
-)
+@folder_option
+@truth_option
+@json_option("result.json")
 def identify(
     source: RecordOptions,
     structure: Path,

@@ -12,7 +12,7 @@ import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, progress, tell
 from linkwise.cli.flags import FLAGS
-from linkwise.cli.options import FILE, FOLDER, READING, ReadingOptions, grouped
+from linkwise.cli.options import FILE, READING, ReadingOptions, folder_option, grouped
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -47,9 +47,7 @@ records_options = grouped(
 
 @click.command()
 @records_options
-@click.option(
-    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
-)
+@folder_option
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
 def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
     """Look at each RECORD before any model: what its channels hold, and what is wrong with them, worst first.

@@ -13,11 +13,26 @@ import click
 import linkwise as lw
 from linkwise.registry import Registry
 
+F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
+
+folder_option = click.option(
+    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
+)
+truth_option = click.option(
+    "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
+)
+
+
+def json_option(name: str) -> Callable[[F], F]:
+    """The option of a command to print the document that its result folder has under this name."""
+    return click.option(
+        "--json", "as_json", is_flag=True, help=f"Print {name} on standard output and nothing else."
+    )
 
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import click
 import linkwise as lw
 from linkwise.atomic import VALIDATION, to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
-from linkwise.cli.options import FOLDER, POSITIVE, RecordOptions, record_options
+from linkwise.cli.options import POSITIVE, RecordOptions, folder_option, json_option, record_options
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -31,12 +31,8 @@ else:
     help="Time at the start from which the state is estimated; it is not scored (default 5 % of the record, from 50 to 300 "
     "samples).",
 )
-@click.option(
-    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
-)
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print validation.json on standard output and nothing else."
-)
+@folder_option
+@json_option("validation.json")
 def validate(
     source: RecordOptions, answer: Path, burn: float | None, output: Path | None, as_json: bool
 ) -> int:
