@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from linkwise.atomic import OutputError, atomic_file, atomic_folder, check_result_folder, to_json
+from linkwise.atomic import atomic_file, atomic_folder, check_result_folder, to_json
+from linkwise.errors import OutputError
 
 
 def write_result(folder: Path, **files: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import builtins
 import inspect
 import re
 import textwrap
@@ -148,6 +149,23 @@ def gaps(name: str, value: Any) -> Iterator[str]:
 @pytest.mark.parametrize(("name", "value"), list(public()))
 def test_public_name_is_documented(name: str, value: Any) -> None:
     assert list(gaps(name, value)) == []
+
+
+def test_every_exception_that_is_documented_can_be_caught_by_a_public_name() -> None:
+    names = dict(public())
+    functions = [
+        *(value for value in names.values() if inspect.isroutine(value)),
+        *(
+            function
+            for value in names.values()
+            if isinstance(value, type)
+            for _, kind in members(value)
+            if inspect.isfunction(function := getattr(kind, "__func__", kind))
+        ),
+    ]
+    raised = set().union(*(described(sections(inspect.unwrap(each)), "Raises") for each in functions))
+    assert {"StructureError", "OutputError", "KeyError"} < raised
+    assert {name for name in raised if name not in names and not hasattr(builtins, name)} == set()
 
 
 def test_the_walk_covers_the_whole_interface() -> None:

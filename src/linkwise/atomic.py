@@ -16,7 +16,7 @@ from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
-from linkwise.errors import LinkwiseError
+from linkwise.errors import OutputError
 
 RESULT = (
     "result.json"  # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
@@ -39,12 +39,6 @@ _DISK_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 def is_disk_fault(error: OSError) -> bool:
     """Whether the disk is to blame, full or broken, rather than the place that was given."""
     return error.errno in _DISK_FAULTS
-
-
-class OutputError(LinkwiseError):
-    """An output path that cannot or must not be written."""
-
-    exit_code = 2
 
 
 class FullDiskError(OutputError):

@@ -247,6 +247,25 @@ class IdentificationError(LinkwiseError):
     """
 
 
+class OutputError(LinkwiseError):
+    """An output path that cannot or must not be written.
+
+    Parameters and attributes are those of `LinkwiseError`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=100.0)
+    >>> try:
+    ...     lw.write_inspection(lw.inspect(record), "/")
+    ... except lw.OutputError as error:
+    ...     print(str(error).partition(";")[0])
+    /: already exists and is not a result of linkwise (no valid inspection.json)
+    """
+
+    exit_code = 2
+
+
 class StudyError(LinkwiseError):
     """A study that cannot be run or resumed.
 

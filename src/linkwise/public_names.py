@@ -24,6 +24,7 @@ HOMES = {
         "IdentificationError",
         "LawError",
         "LinkwiseError",
+        "OutputError",
         "RecordError",
         "SimulationError",
         "StructureError",

@@ -14,8 +14,9 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.atomic import FullDiskError, OutputError, atomic_file, atomic_folder, check_result_folder
+from linkwise.atomic import FullDiskError, atomic_file, atomic_folder, check_result_folder
 from linkwise.cli import run
+from linkwise.errors import OutputError
 
 NAMES = [f"file{k}.txt" for k in range(6)]
 WRITER = """

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from linkwise.atomic import RESULT, OutputError, check_result_folder
+from linkwise.atomic import RESULT, check_result_folder
+from linkwise.errors import OutputError
 from linkwise.lazy import lazy_module
 from linkwise.progress import Progress, silent
 from linkwise.report.drawing_process import DrawingProcess, drawing_process

@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-from linkwise.atomic import FullDiskError, OutputError, atomic_file, check_file, is_disk_fault
-from linkwise.errors import RecordError
+from linkwise.atomic import FullDiskError, atomic_file, check_file, is_disk_fault
+from linkwise.errors import OutputError, RecordError
 from linkwise.files.assemble import ReadOptions, to_record
 from linkwise.files.isolated import read_here, read_isolated
 from linkwise.records.record import Record

@@ -146,7 +146,23 @@ class Link:
         object.__setattr__(self, "states", MappingProxyType(states))
 
     def initial_state(self, name: str) -> float:
-        """Initial value of a state in SI units. Raises StructureError for one that is unknown."""
+        """Initial value of a state.
+
+        Parameters
+        ----------
+        name : str
+            The state.
+
+        Returns
+        -------
+        float
+            Its initial value in SI units.
+
+        Raises
+        ------
+        StructureError
+            If it is unknown.
+        """
         initial = as_link_states(self.states)[name].initial
         if initial is None:
             raise StructureError(
