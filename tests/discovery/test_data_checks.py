@@ -63,6 +63,18 @@ def test_any_kind_of_sensor_shows_a_mass(chain: lw.Structure) -> None:
     assert lw.check_discovery(mixed, masses(chain)) == ()
 
 
+def test_a_stated_link_to_a_base_that_was_not_recorded_is_refused(
+    record: lw.Record, chain: lw.Structure
+) -> None:
+    """Without the displacement of the base the equation of its mass does not exist."""
+    text = lw.format_structure(chain.unknown("all")).replace('"ground"', '"base"')
+    based = lw.parse_structure(text)
+    name = next(link.name for link in based.links if "base" in link.between)
+    for work in (lw.check_discovery, lw.discover):
+        with pytest.raises(lw.IdentificationError, match=f'"{name}" ends at the base, .* channel x:base'):
+            work(record, based)
+
+
 @pytest.mark.parametrize("kind", ["v", "a"])
 def test_a_base_whose_displacement_is_not_there_is_refused(
     record: lw.Record, chain: lw.Structure, kind: str

@@ -52,7 +52,7 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     """
     names = [mass.name for mass in candidates.masses]
     _require_sensors(records, names)
-    _require_base_displacement(records)
+    _require_base_displacement(records, candidates)
     ratios = np.max([_signal_to_noise(record, names) for record in records], axis=0)
     at_rest = [name for name, ratio in zip(names, ratios, strict=True) if ratio < _AT_REST]
     if len(at_rest) == len(names):
@@ -136,9 +136,16 @@ def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
             )
 
 
-def _require_base_displacement(records: Sequence[Record]) -> None:
-    """IdentificationError if the base moves and its displacement, the input of links to it, was not measured."""
+def _require_base_displacement(records: Sequence[Record], candidates: Candidates) -> None:
+    """IdentificationError if the base moves, or a stated link ends there, and its displacement was not measured."""
+    based = [link.name for pair in candidates.pairs for link in pair.stated if BASE in link.between]
     for record in records:
+        if based and "x:base" not in record.channels:
+            raise IdentificationError(
+                f'the link "{based[0]}" ends at the base, and the record has no displacement of it; add a channel x:base, or '
+                "let the link end at the ground if the base did not move",
+                arguments=("channels",),
+            )
         moving = [name for name in ("v:base", "a:base") if name in record.channels]
         if moving and "x:base" not in record.channels:
             raise IdentificationError(
