@@ -16,6 +16,7 @@ from linkwise.discovery.data_checks import DataChecks, check_data, inactive_rema
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
 from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
+from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.selection import Selection, TermSearch, select_structure
@@ -326,10 +327,15 @@ def _discovery(
         (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
     ]
     verdicts = (*estimate.verdicts, *(verdict for applies, verdict, _ in search if applies))
+    trusted = is_trusted(verdicts)
     return Discovery(
         estimate=estimate,
         terms=term_evidence(
-            selection, screened.candidates, trusted=is_trusted(verdicts), collinear=checks.collinear
+            selection,
+            screened.candidates,
+            trusted=trusted,
+            collinear=checks.collinear,
+            shares=unit_shares(selection, screened.candidates) if trusted else {},
         ),
         path=selection_path(selection),
         runners_up=runners_up(selection),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN, PathPoint, RunnerUp, TermEvidence
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import Move, MoveKind
+from linkwise.estimates.link_estimate import NORMAL_95
 
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
 _RUNNERS_UP = 10
@@ -19,12 +21,17 @@ _NAMED = 6  # exchanges that remarks name
 
 
 def term_evidence(
-    selection: Selection, candidates: Candidates, *, trusted: bool, collinear: Collection[str] = ()
+    selection: Selection,
+    candidates: Candidates,
+    *,
+    trusted: bool,
+    collinear: Collection[str] = (),
+    shares: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: first those kept, the most certain first, then those dropped, the least certain first.
 
     Terms of links to `collinear` masses are not unambiguous, nor are terms that can be exchanged at little cost; without a
-    `trusted` fit no term is.
+    `trusted` fit no term is. `shares` are the `unit_shares` of those dropped.
     """
     quadratic = selection.quadratic
     inside = list(range(len(selection.structure.parameters)))
@@ -43,6 +50,7 @@ def term_evidence(
     for k, value, z in coefficients:
         if (entry := candidates.by_name.get(quadratic.names[k])) is not None:
             pair = candidates.pairs[entry.pair]
+            error = abs(float(value / z)) if z else np.inf
             term = TermEvidence(
                 name=entry.name,
                 link=pair.name,
@@ -53,9 +61,10 @@ def term_evidence(
                 identifiable=bool(np.isfinite(value)),
                 unambiguous=trusted and k not in exchanged and set(collinear).isdisjoint(pair.between),
                 value=float(value),
-                standard_error=abs(float(value / z)) if z else np.inf,
+                standard_error=error,
                 z=float(z),
                 margin=margins.get(k, np.inf),
+                possible_share=(abs(float(value)) + NORMAL_95 * error) * shares.get(entry.name, 0.0),
             )
             terms.append(term)
     kept = [term for term in terms if term.kept]

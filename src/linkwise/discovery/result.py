@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.discovery.terms import Term
 from linkwise.estimates.estimate import Estimate
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
@@ -17,6 +18,8 @@ from linkwise.verdict import Decision, Verdict, is_trusted
 #: Rise of the criterion, on the scale of -2 log likelihood, that makes a decision certain: the odds are exp(5) to 1 or better,
 #: "very strong" evidence.
 CERTAIN = 10.0
+
+_SMALL, _SMALL_DAMPER = 0.01, 0.001  # of the force of a link: terms below them are as good as absent
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,9 @@ class TermEvidence:
         `value` over `standard_error`.
     margin : float
         By how much the criterion rises if the decision is reversed.
+    possible_share : float
+        Of a term dropped from a link: the part of the force of the link, by root mean squares, that the far end of its 95 %
+        interval would have; 0 for others.
 
     References
     ----------
@@ -78,6 +84,7 @@ class TermEvidence:
     standard_error: float
     z: float
     margin: float
+    possible_share: float = 0.0
 
     told = DeprecatedAttribute(Deprecated("identifiable", since="0.2.0", until="0.4.0"))
     reliable = DeprecatedAttribute(Deprecated("unambiguous", since="0.2.0", until="0.4.0"))
@@ -88,7 +95,17 @@ class TermEvidence:
         """How firm the decision to keep or drop the term is by this record."""
         if not self.identifiable:
             return Decision.NOT_IDENTIFIABLE
-        return Decision.CERTAIN if self.unambiguous and self.margin > CERTAIN else Decision.DOUBTFUL
+        firm = self.unambiguous and self.margin > CERTAIN and not self.may_matter
+        return Decision.CERTAIN if firm else Decision.DOUBTFUL
+
+    @property
+    def may_matter(self) -> bool:
+        """Whether the term was dropped from a link and could be there with a force that matters, unseen.
+
+        That is 1 % of the force of the link, or 0.1 % where the term depends on v: a small damper alone stops the motion.
+        """
+        limit = _SMALL if Term(self.term, "a").elastic else _SMALL_DAMPER
+        return self.possible_share > limit
 
     @property
     def certain(self) -> bool:
@@ -341,6 +358,7 @@ def _as_dict(term: TermEvidence) -> dict[str, Any]:
         "reliable": term.unambiguous,
         "certain": term.certain,
         "told": term.identifiable,
+        "possible_share": term.possible_share,
         "decision": term.decision.value,
         "value": term.value,
         "standard_error": term.standard_error,

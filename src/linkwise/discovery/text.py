@@ -148,6 +148,8 @@ def doubtful_title(discovery: Discovery) -> str:
     """The title of the table of doubtful terms."""
     ambiguous = discovery.trusted and any(not term.unambiguous for term in discovery.doubtful)
     reasons = ", masses moved together, or another term would fit as well" if ambiguous else ""
+    if discovery.trusted and any(term.may_matter for term in discovery.doubtful):
+        reasons += ", or the record would not show a term that matters"
     return f"in doubt: the margin is {CERTAIN:g} or less{reasons}"
 
 

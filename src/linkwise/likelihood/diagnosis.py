@@ -117,7 +117,7 @@ def _diagnosed(
     small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
     significant = small & (gains > _CHANCE + 2.0 * np.log(len(gains)))
     order = [number for number in np.argsort(-gains).tolist() if significant[number]]
-    forces = dict(zip((link.name for link in identified.links), _link_forces(optimum, misfit), strict=True))
+    forces = dict(zip((link.name for link in identified.links), link_forces(optimum, misfit), strict=True))
     return tuple(
         _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces)
         for number in order
@@ -141,7 +141,7 @@ def _cause(
     )
 
 
-def _link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
+def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
     """Root mean square of the force in each link along the fitted motion, in N."""
     mechanics, motion = optimum.segments.system.at(optimum.point.theta), misfit.trajectories.links
     force, power = np.empty(motion.shape[2:]), np.zeros(motion.shape[2])

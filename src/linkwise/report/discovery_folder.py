@@ -93,15 +93,29 @@ def _with_aligned_truth(discovery: Discovery) -> Discovery:
 
 def _write_terms(discovery: Discovery, path: Path) -> None:
     """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
-    names = [field.name for field in fields(TermEvidence) if field.name != "between"]
+    apart = {"between", "possible_share"}
+    names = [field.name for field in fields(TermEvidence) if field.name not in apart]
     rows = [
-        [*(getattr(term, name) for name in names), *term.between, term.certain, term.penalty]
+        [
+            *(getattr(term, name) for name in names),
+            *term.between,
+            term.certain,
+            term.penalty,
+            term.possible_share,
+        ]
         for term in discovery.terms
     ]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(
-            [*(_COLUMNS.get(name, name) for name in names), "first", "second", "certain", "price"]
+            [
+                *(_COLUMNS.get(name, name) for name in names),
+                "first",
+                "second",
+                "certain",
+                "price",
+                "possible_share",
+            ]
         )
         writer.writerows([_cell(value) for value in row] for row in rows)
 
