@@ -100,7 +100,7 @@ def test_a_circle_of_linear_springs_under_a_constant_force() -> None:
     found = equilibria(ring)
     assert len(found) == 1
     np.testing.assert_allclose(
-        found[0].x, np.linalg.solve([[150.0, -50.0], [-50.0, 70.0]], [0.0, 3.0]), rtol=1e-9
+        found[0].x, np.linalg.solve([[150.0, -50.0], [-50.0, 70.0]], [0.0, 3.0]), rtol=1e-12
     )
     assert found[0].stable
     assert not found.complete
@@ -134,7 +134,7 @@ def test_newton_from_given_starts_agrees_with_the_product_of_wells() -> None:
     assert positions(found) == {(0.0, 0.01, 0.0, -0.01), (0.0, 0.0, 0.0, 0.0)}
     assert [point.stable for point in found] == [True, False]
     assert found.note == "searched from the given start points only"
-    assert found[0].energy == pytest.approx(-0.005, rel=1e-9)
+    assert found[0].energy == pytest.approx(-0.005, rel=1e-12)
 
 
 def test_a_start_from_which_nothing_balances_is_said() -> None:

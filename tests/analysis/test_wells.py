@@ -64,7 +64,7 @@ def test_unequal_wells_are_left_from_the_deepest_one() -> None:
 def test_wells_closer_than_the_grid_are_told_apart() -> None:
     """A well and a top between two neighbouring points of the search; the zero of the slope gives them away."""
     near = link("a*d*(d - 1)*(d - 1.001)", a=1.0)
-    np.testing.assert_allclose(wells(near), [0.0, 1.001], rtol=1e-9)
+    np.testing.assert_allclose(wells(near), [0.0, 1.001], rtol=1e-12)
 
 
 def test_a_range_leaves_out_what_lies_beyond() -> None:

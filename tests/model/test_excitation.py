@@ -51,6 +51,7 @@ def test_a_time_function_knows_only_t() -> None:
 @pytest.mark.parametrize("order", [1, 3, 5, 7])
 def test_the_error_of_a_spline_has_the_stated_order(order: int) -> None:
     coarse, fine = error(wave(100.0, order=order)), error(wave(200.0, order=order))
+    # the declared order: measured to 0.11, and the next one is 2 away
     assert np.log2(coarse / fine) == pytest.approx(order + 1, abs=0.5)
 
 
@@ -78,6 +79,7 @@ def test_derivative_and_integral_are_those_of_the_interpolant() -> None:
     omega = 2 * np.pi * FREQUENCY
     # both lose or gain one order against the value, 1e-10 here
     assert sampled.derivative(time) == pytest.approx(omega * np.cos(omega * time), abs=1e-5)
+    # a twentieth of a cycle sums the error of 1e-10 to less than ten times it
     assert sampled.integral(time) == pytest.approx((1 - np.cos(omega * time)) / omega, abs=1e-9)
 
 

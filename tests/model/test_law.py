@@ -106,6 +106,7 @@ def test_potential_by_quadrature_keeps_to_kinks_and_shapes() -> None:
     d = np.linspace(-0.003, 0.003, 12).reshape(3, 4)
     gaps = np.array([0.0005, 0.001, 0.001, 0.002])
     expected = 0.5 * 2000.0 * np.maximum(np.abs(d) - gaps, 0.0) ** 2
+    # quadrature of a polynomial between kinks is exact; the rest is the rounding of k g^2 = 2e-3 J
     np.testing.assert_allclose(law.potential(d, {"k": 2000.0, "g": gaps}), expected, rtol=1e-12, atol=1e-18)
     assert np.isnan(law.potential(np.array([np.nan, 0.002]), {"k": 1.0, "g": 0.001})).tolist() == [
         True,

@@ -260,6 +260,7 @@ def test_noise_has_the_variance_of_the_paper(decibel: float) -> None:
     expected = np.mean(clean**2) * 10.0 ** (-decibel / 10.0)
     # Relative standard deviation of a variance from n normal samples: sqrt(2/n); 4 of them, seed fixed.
     assert abs(np.mean(noise**2) / expected - 1.0) < 4.0 * np.sqrt(2.0 / n)
+    # likewise four deviations, of a mean and of a correlation of n samples
     assert abs(np.mean(noise)) < 4.0 * np.sqrt(expected / n)
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(n)
 
@@ -270,6 +271,7 @@ def test_noise_of_a_channel_depends_on_seed_and_name_only(record: Record) -> Non
     assert np.array_equal(both.channel("a:m2"), alone.channel("a:m2"))
     assert not np.array_equal(both.channel("a:m2"), record.with_noise(20.0, seed=4).channel("a:m2"))
     draws = (both.values - record.values)[:, :2] / np.sqrt(np.mean(record.values[:, :2] ** 2, axis=0))
+    # four deviations of the correlation of N independent pairs
     assert abs(np.corrcoef(draws.T)[0, 1]) < 4.0 / np.sqrt(N)
     assert np.array_equal(both.channel("force:m1"), record.channel("force:m1"))
     assert np.array_equal(both.channel("x:base"), record.channel("x:base"))
@@ -312,6 +314,7 @@ def test_decimation_keeps_the_passband_and_its_phase(factor: int) -> None:
         thin = tone(frequency).decimate(factor)
         assert thin.rate == RATE / factor
         expected = np.cos(2.0 * np.pi * frequency * thin.time + 0.3)
+        # the ripple that the filter is designed for, measured 0.6 of it
         assert np.max(np.abs(thin.channel("x:m1") - expected)) < 1.1 * ripple
 
 

@@ -51,6 +51,7 @@ def test_single_precision_times_are_even() -> None:
 def test_a_clock_that_jitters_within_bounds_is_even_and_beyond_them_is_not() -> None:
     even = np.arange(2000) / 1000.0
     jitter = np.random.default_rng(5).uniform(-1e-3, 1e-3, 2000)
+    # a line fitted to 2000 times that jitter by less than 1e-3 of a step is this even
     assert Timeline.fit(even + 0.9 * JITTER * jitter).rate == pytest.approx(1000.0, rel=1e-6)
     with pytest.raises(
         RecordError,
@@ -67,6 +68,7 @@ def test_a_clock_that_slows_down_is_uneven_though_its_steps_hardly_differ() -> N
 
 def test_times_printed_too_coarsely_are_refused() -> None:
     time = np.round(np.arange(500) / 610.3515625, 3)
+    # the rounding to 1e-3 s is beyond what is taken as even
     assert COARSEST * 1.0 / 610.3515625 < 1e-3
     with pytest.raises(RecordError, match="uneven time: a step of"):
         Timeline.fit(time)

@@ -38,6 +38,7 @@ def test_the_noise_is_found_within_five_per_cent(decibel: float) -> None:
     for seed in range(8):
         noisy, sigma = _noisy(decibel, seed)
         ratios.append(noise_sigma(noisy) / sigma)
+    # as stated at the top; measured 0.040
     assert np.max(np.abs(np.array(ratios) - 1)) < 0.05
 
 
@@ -57,6 +58,7 @@ def test_the_noise_of_the_paper_s_chains_is_found(chain: Record, decibel: float,
 
 def test_motion_alone_is_not_taken_for_noise() -> None:
     clean = _decay()
+    # 0.1 % of the motion, that is 60 dB: measured 3e-11
     assert np.all(noise_sigma(clean) < 1e-3 * np.sqrt(np.mean(clean**2, axis=0)))
 
 
@@ -71,18 +73,21 @@ def test_missing_samples_are_left_out(missing: float) -> None:
     # %.
     noisy, sigma = _noisy(20.0, 5)
     holed = np.where(np.random.default_rng(6).random(noisy.shape) < missing, np.nan, noisy)
+    # four deviations of that; measured 0.058
     np.testing.assert_allclose(noise_sigma(holed), sigma, rtol=0.15)
 
 
 def test_one_gap_costs_only_its_blocks() -> None:
     noisy, sigma = _noisy(20.0, 7)
     noisy[1000:2000, 1] = np.nan
+    # over four deviations, 1.3 % each with a sixth of the samples gone; measured 0.006
     np.testing.assert_allclose(noise_sigma(noisy), sigma, rtol=0.06)
 
 
 def test_a_channel_without_data_has_no_noise_to_tell() -> None:
     values = np.column_stack([np.random.default_rng(0).normal(size=200), np.full(200, np.nan)])
     found = noise_sigma(values)
+    # the estimate from 200 samples has a deviation of 7 %: nearly three of them
     assert 0.8 < found[0] < 1.2
     assert np.isnan(found[1])
 
@@ -102,6 +107,7 @@ def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() ->
     both = np.column_stack([random.normal(size=TIME.size), impulses + 1e-6 * random.normal(size=TIME.size)])
     found = bandwidth(both, RATE)
     assert found[0] == pytest.approx(RATE / 256)
+    # half the rate to within five bins, the width of the Hann window
     assert found[1] > 0.48 * RATE
 
 

@@ -95,6 +95,7 @@ def test_the_threshold_means_the_same_in_every_unit(chain: StreamedSystem) -> No
         np.testing.assert_array_equal(one.support, other.support)
         shared = one.support
         changed = (other.coefficients * factors[:, None] * 1e6)[shared]
+        # the same numerics in other units: 1e-15 of what cancels, whose weakest share is 1e-4; measured 7e-14
         np.testing.assert_allclose(changed, one.coefficients[shared], rtol=1e-9)
 
 
@@ -109,6 +110,7 @@ def test_the_whole_path_of_thresholds_is_kept(chain: StreamedSystem) -> None:
 
 def test_a_threshold_given_is_kept_by_every_term(chain: StreamedSystem) -> None:
     fit = Stlsq(0.02).fit(chain)
+    # the threshold that was given
     assert np.all(fit.contribution[fit.support] >= 0.02)
     assert fit.paths == ((), (), (), ())
     assert fit.support.sum() < Stlsq(1e-5).fit(chain).support.sum()
@@ -128,6 +130,7 @@ def test_the_gram_matrix_gives_what_qr_gives(noise: float) -> None:
     fit = LeastSquares().fit(equations)
     scale = np.linalg.norm(equations.matrix, axis=0)
     direct = np.linalg.lstsq(equations.matrix / scale, equations.target)[0] / scale[:, None]
+    # the condition of the columns is some 20, of their Gram matrix 400: measured 6e-14 of the largest
     np.testing.assert_allclose(
         fit.coefficients * scale[:, None], direct * scale[:, None], rtol=1e-9, atol=1e-9
     )
@@ -141,6 +144,7 @@ def test_the_gram_matrix_gives_what_qr_gives(noise: float) -> None:
     freedom = 400 - 12
     covariance = np.linalg.inv((equations.matrix / scale).T @ (equations.matrix / scale))
     errors = np.sqrt(np.outer(np.diag(covariance), np.sum(residual**2, axis=0) / freedom)) / scale[:, None]
+    # without noise the errors are rounding alone, of which only the size is known
     np.testing.assert_allclose(fit.standard_error, errors, rtol=1e-6, atol=1e-14 / scale.min())
 
 
@@ -153,6 +157,7 @@ def test_a_full_cubic_library_on_exact_data_gives_what_qr_gives() -> None:
     direct = np.linalg.solve(triangle, factor.T @ stored.target)
     fit = LeastSquares().fit(stored)
     largest = np.abs(direct).max(axis=0)
+    # same numerics; measured 2e-15
     assert np.max(np.abs(fit.coefficients * scale[:, None] - direct) / largest) < 1e-10
     found = Stlsq(1e-5).fit(stored)
     kept = found.support
@@ -167,6 +172,7 @@ def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
     matrix = matrix @ np.linalg.qr(random.normal(size=(8, 8)))[0]
     truth = random.normal(size=8)
     fit = LeastSquares().fit(DenseSystem(matrix, matrix @ truth, tuple("abcdefgh")))
+    # 1e-16 times the condition number, and a digit and a half; measured 2e-11
     np.testing.assert_allclose(fit.coefficients[:, 0], truth, rtol=1e-7)
 
 
@@ -192,6 +198,7 @@ def test_dropping_columns_gives_what_qr_gives_on_the_rest(dropped: int) -> None:
             )
             answer = gram.unscaled(np.sqrt(whole.variances(kept)) * gram.scale**2)[kept]
             covariance = np.linalg.inv(matrix.T @ matrix)
+            # the inverse of the same Gram matrix
             np.testing.assert_allclose(answer, np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
@@ -213,6 +220,7 @@ def test_what_is_held_out_is_judged_by_its_own_rows() -> None:
         found = np.linalg.lstsq(equations.matrix[~held][:, kept], equations.target[~held, 0])[0]
         missed = equations.target[held, 0] - equations.matrix[held][:, kept] @ found
         share = np.linalg.norm(missed) / np.linalg.norm(equations.target[held, 0])
+        # squares by difference of sums lose what QR keeps: measured 2e-9
         assert one.held_out == pytest.approx(share, rel=1e-6)
         count = held.sum()
         expected = count * np.log(np.sum(missed**2) / count) + one.terms * np.log(count)
@@ -265,6 +273,7 @@ def test_weights_are_those_of_weighted_least_squares() -> None:
     direct = np.linalg.lstsq(
         equations.matrix * weights[:, None] / scale, equations.target * weights[:, None]
     )[0]
+    # same numerics
     np.testing.assert_allclose(LeastSquares().fit(weighted).coefficients * scale[:, None], direct, rtol=1e-9)
 
 
@@ -281,6 +290,7 @@ def test_the_l1_solution_satisfies_the_conditions_of_optimality(
         active = scaled != 0
         # Identity, but for the digits that a Gram matrix of condition 300 takes.
         np.testing.assert_allclose(gradient[active], penalty * np.sign(scaled[active]), rtol=1e-9, atol=1e-12)
+        # optimality, to the digits of the line above
         assert np.max(np.abs(gradient)) <= penalty * (1 + 1e-9)
 
 
