@@ -6,6 +6,8 @@ STAMP := $(VENV)/.built
 RESULTS := results/two-mass-chain
 STUDY := results/paper
 PYTEST := -m pytest -q -n auto --maxprocesses 8 --dist worksteal
+# one BLAS thread for each worker, and compiled modules kept for the many processes that tests start
+TESTING := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 .DEFAULT_GOAL := help
 .PHONY: help env identify study test coverage matrix docs benchmark fuzz check clean
@@ -33,13 +35,13 @@ study: env  ## reproduce the paper in results/paper: half an hour on two process
 	$(BIN)/linkwise study paper -o $(STUDY)
 
 test: env  ## run all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python $(PYTEST)
+	$(TESTING) $(BIN)/python $(PYTEST)
 
 coverage: env  ## run all tests and measure the lines that they run; fail below the share in pyproject.toml
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python $(PYTEST) --cov
+	$(TESTING) $(BIN)/python $(PYTEST) --cov
 
 matrix: env  ## run all tests on every installed Python from 3.11, and once with the lowest versions of all dependencies
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/matrix.py $(PYTEST)
+	$(TESTING) $(BIN)/python .ci/matrix.py $(PYTEST)
 
 INPUTS ?= 10000
 fuzz: env  ## throw damaged and hostile inputs at every reader and command: 10 000, or INPUTS=20000

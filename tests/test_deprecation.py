@@ -8,11 +8,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from sources import FILES, SOURCE, tree
 
 import linkwise as lw
 from linkwise.deprecation import Deprecated, DeprecatedAttribute, deprecated_keyword
 
-SOURCE = Path(lw.__file__).parent
 CHANGELOG = (Path(__file__).resolve().parents[1] / "CHANGELOG.md").read_text(encoding="utf-8")
 ATTRIBUTES = [
     (owner, old, alias)
@@ -35,9 +35,9 @@ def numbers(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split("."))
 
 
-def entries(text: str) -> list[Deprecated]:
-    """Every `Deprecated(...)` that a module's text states."""
-    calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+def entries(module: ast.AST) -> list[Deprecated]:
+    """Every `Deprecated(...)` that a module states."""
+    calls = [node for node in ast.walk(module) if isinstance(node, ast.Call)]
     stated = [call for call in calls if getattr(call.func, "id", "") == "Deprecated"]
     return [
         Deprecated(
@@ -48,9 +48,9 @@ def entries(text: str) -> list[Deprecated]:
     ]
 
 
-def expired(text: str, version: str) -> list[Deprecated]:
+def expired(module: ast.AST, version: str) -> list[Deprecated]:
     """The entries of a module's text whose time is up in `version`."""
-    return [entry for entry in entries(text) if numbers(entry.until) <= numbers(version)]
+    return [entry for entry in entries(module) if numbers(entry.until) <= numbers(version)]
 
 
 def test_an_old_public_name_is_the_new_one_and_warns(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,13 +170,12 @@ def test_a_study_may_be_given_by_its_old_keyword() -> None:
 
 
 def test_no_old_spelling_outlives_its_version() -> None:
-    modules = sorted(SOURCE.rglob("*.py"))
-    assert SOURCE / "__init__.py" in modules
-    late = {path: expired(path.read_text(encoding="utf-8"), lw.__version__) for path in modules}
+    assert SOURCE / "__init__.py" in FILES
+    late = {path: expired(tree(path), lw.__version__) for path in FILES}
     assert {path: found for path, found in late.items() if found} == {}
 
 
 def test_the_search_sees_what_it_must_refuse() -> None:
-    text = 'TABLE = {"Ridge": Deprecated("Stlsq", "0.2.0", until="0.10.0")}'
-    assert expired(text, "0.9.3") == []
-    assert expired(text, "0.10.0") == expired(text, "1.0.0") == [Deprecated("Stlsq", "0.2.0", "0.10.0")]
+    module = ast.parse('TABLE = {"Ridge": Deprecated("Stlsq", "0.2.0", until="0.10.0")}')
+    assert expired(module, "0.9.3") == []
+    assert expired(module, "0.10.0") == expired(module, "1.0.0") == [Deprecated("Stlsq", "0.2.0", "0.10.0")]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from sources import FILES, SOURCE, tree
 
-import linkwise
-
-SOURCE = Path(linkwise.__file__).parent
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
     "root", "expression", "model", "records", "files", "signals", "inspection", "analysis", "simulation.integrator",
     "simulation", "estimates", "sindy.regression", "sindy", "weak", "likelihood.starts", "likelihood", "identification.limit",
@@ -21,7 +20,6 @@ DOORS = {
     "heyoka": "simulation/integrator",
     "pint": "units.py",
 }  # the one package or file that may import each
-FILES = sorted(SOURCE.rglob("*.py"))
 
 
 def module_name(path: Path) -> str:
@@ -34,9 +32,9 @@ MODULE_FILES = {module_name(path): path for path in FILES}
 MODULES = set(MODULE_FILES)
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
-    """Full dotted names that the tree imports; of `from a import b` it is `a.b` where that is a module."""
-    for node in ast.walk(tree):
+def imported(module: ast.AST) -> Iterator[str]:
+    """Full dotted names that a module imports; of `from a import b` it is `a.b` where that is a module."""
+    for node in ast.walk(module):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -45,9 +43,10 @@ def imported(tree: ast.AST) -> Iterator[str]:
             yield from (name if name in MODULES else base for name in names)
 
 
-def imports_of(path: Path) -> set[str]:
+@cache
+def imports_of(path: Path) -> frozenset[str]:
     """What a file of the package imports, as `imported` gives it."""
-    return set(imported(ast.parse(path.read_text(encoding="utf-8"))))
+    return frozenset(imported(tree(path)))
 
 
 def package(module: str) -> str:
@@ -55,12 +54,12 @@ def package(module: str) -> str:
     return ".".join(MODULE_FILES[module].parent.relative_to(SOURCE).parts) or "root"
 
 
-def imports_inside_functions(tree: ast.AST) -> list[int]:
+def imports_inside_functions(module: ast.AST) -> list[int]:
     """Line numbers of import statements within a function's body."""
     return sorted(
         {
             inner.lineno
-            for node in ast.walk(tree)
+            for node in ast.walk(module)
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
             for inner in ast.walk(node)
             if isinstance(inner, (ast.Import, ast.ImportFrom))
@@ -105,7 +104,7 @@ def test_only_the_command_line_imports_the_whole_package() -> None:
 def test_no_circles() -> None:
     """Imports that only type checkers see count too."""
     graph = {
-        name: imports_of(path) & MODULES - {"linkwise", name}
+        name: (MODULES - {"linkwise", name}) & imports_of(path)
         for name, path in MODULE_FILES.items()
         if name != "linkwise"
     }
@@ -114,7 +113,7 @@ def test_no_circles() -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(SOURCE)))
 def test_no_import_inside_a_function(path: Path) -> None:
-    assert imports_inside_functions(ast.parse(path.read_text(encoding="utf-8"))) == []
+    assert imports_inside_functions(tree(path)) == []
 
 
 @pytest.mark.parametrize(("library", "door"), DOORS.items())
@@ -135,10 +134,10 @@ def test_nobody_imports_pyplot() -> None:
 
 def test_the_walk_sees_what_it_must_refuse() -> None:
     """Beside each check, one that must be refused."""
-    tree = ast.parse("def f():\n    from linkwise.cli import main\n")
-    assert list(imported(tree)) == ["linkwise.cli"]
+    inside = ast.parse("def f():\n    from linkwise.cli import main\n")
+    assert list(imported(inside)) == ["linkwise.cli"]
     assert list(imported(ast.parse("from . import law"))) == ["."]
-    assert imports_inside_functions(tree) == [2]
+    assert imports_inside_functions(inside) == [2]
     assert climbs("linkwise.model.law", "linkwise.cli.console") and climbs(
         "linkwise.errors", "linkwise.model.law"
     )

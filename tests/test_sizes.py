@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 from statistics import median
 
-import linkwise
+from sources import FILES, SOURCE, tree
 
-SOURCE = Path(linkwise.__file__).parent
-TEXTS = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")}
-LINES = {name: text.count("\n") for name, text in TEXTS.items()}
+LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, MEDIAN, FUNCTION, PARAMETERS = 400, 200, 60, 8
 
 
-def functions(text: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    """Every function of a module's text, methods and inner functions among them."""
-    for node in ast.walk(ast.parse(text)):
+def functions(module: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Every function of a module, methods and inner functions among them."""
+    for node in ast.walk(module):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield node
 
@@ -38,9 +35,11 @@ def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return len([each for each in named if each.arg not in {"self", "cls"}])
 
 
-def too_large(text: str) -> list[str]:
-    """The functions of a module's text that are too long or take too much."""
-    return [each.name for each in functions(text) if length(each) > FUNCTION or parameters(each) > PARAMETERS]
+def too_large(module: ast.AST) -> list[str]:
+    """The functions of a module that are too long or take too much."""
+    return [
+        each.name for each in functions(module) if length(each) > FUNCTION or parameters(each) > PARAMETERS
+    ]
 
 
 def test_no_file_is_too_long() -> None:
@@ -52,13 +51,13 @@ def test_files_are_short_as_a_rule() -> None:
 
 
 def test_no_function_is_too_long_or_takes_too_much() -> None:
-    assert {name: too_large(text) for name, text in TEXTS.items() if too_large(text)} == {}
+    assert {path: found for path in FILES if (found := too_large(tree(path)))} == {}
 
 
 def test_the_count_sees_what_it_must_refuse() -> None:
     body = "    x = 1\n"
-    assert too_large("def f():\n" + body * 59) == []
-    assert too_large("def f():\n" + body * 60) == ["f"]
-    assert too_large('def f():\n    """Of\n\n    lines.\n    """\n' + body * 59) == []
-    assert too_large("class C:\n    def f(self, a, b, c, d, e, f, g, *, h): ...\n") == []
-    assert too_large("async def f(a, b, c, d, e, f, g, h, i): ...\n") == ["f"]
+    assert too_large(ast.parse("def f():\n" + body * 59)) == []
+    assert too_large(ast.parse("def f():\n" + body * 60)) == ["f"]
+    assert too_large(ast.parse('def f():\n    """Of\n\n    lines.\n    """\n' + body * 59)) == []
+    assert too_large(ast.parse("class C:\n    def f(self, a, b, c, d, e, f, g, *, h): ...\n")) == []
+    assert too_large(ast.parse("async def f(a, b, c, d, e, f, g, h, i): ...\n")) == ["f"]
