@@ -1,7 +1,8 @@
-"""What all tests share: deterministic hypothesis, and the data that may lie beside a checkout."""
+"""What all tests share: deterministic hypothesis, Ctrl-C, and the data that may lie beside a checkout."""
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,10 @@ import linkwise as lw
 
 settings.register_profile("linkwise", derandomize=True, deadline=None)
 settings.load_profile("linkwise")
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # so a shell starts what runs in its background, and the processes whose Ctrl-C is tested would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared"
 
