@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,22 +14,39 @@ from linkwise.model.law import Law
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A structure, how it is released, for how long and how often it is recorded, and the noise that is added in dB."""
+    """A structure, what moves it, for how long and how often it is recorded, the noise that is added in dB, what is asked.
+
+    `drive` are keywords of `simulate`: `release`, `forces` or `base`. Of the structure, `unknown` is unknown; `starts` are
+    those of coefficients that enter their law nonlinearly.
+    """
 
     name: str
     structure: lw.Structure
-    release: dict[str, float]
+    drive: dict[str, Any]
     snr_db: float
     duration: float = 6.0
     rate: float = 1000.0
-    sensors: tuple[str, ...] = field(default=("x",))
+    unknown: tuple[str, ...] = ("all",)
+    starts: dict[str, float] = field(default_factory=dict)
 
     @cached_property
     def clean(self) -> lw.Record:
         """The motion without noise."""
-        return lw.simulate(
-            self.structure, release=self.release, duration=self.duration, rate=self.rate, sensors=self.sensors
-        )
+        return lw.simulate(self.structure, duration=self.duration, rate=self.rate, **self.drive)
+
+    @cached_property
+    def asked(self) -> lw.Structure:
+        """The structure with its unknowns."""
+        freed = self.structure.unknown(*self.unknown)
+        for parameter, start in self.starts.items():
+            owner, _, name = parameter.rpartition(".")
+            changed = {name: lw.Coefficient.unknown(start)}
+            links = [
+                replace(link, coefficients={**link.coefficients, **changed}) if link.name == owner else link
+                for link in freed.links
+            ]
+            freed = replace(freed, links=tuple(links))
+        return freed
 
     def record(self, seed: int = 1) -> lw.Record:
         """The motion with noise."""
@@ -134,9 +152,64 @@ def _trio() -> lw.Structure:
     return lw.Structure("trio", masses, links)
 
 
-PROBLEMS = (
-    Problem("two masses, 20 dB", lw.bnes_chain(2), {"v:m1": 1.0}, 20.0),
-    Problem("four masses, 20 dB", lw.bnes_chain(4), {"v:m1": 3.0}, 20.0),
-    Problem("two masses, 40 dB, sampled twice as often", lw.bnes_chain(2), {"v:m1": 1.0}, 40.0, 3.0, 2000.0),
-    Problem("linear, hardening and quadratic links", _trio(), {"v:m1": 1.0, "v:m3": -2.0}, 30.0, 4.0),
-)
+def _pair(*more: lw.Link, end: str = "ground") -> lw.Structure:
+    """A mass on a spring, a smaller one on a hardening spring; what else there is stands between these two links."""
+    number = lw.Coefficient.number
+    spring = lw.Link("spring", ("m1", end), Law.parse("k*d + c*v"), {"k": number(3e3), "c": number(4.0)})
+    hard = lw.Link(
+        "hard",
+        ("m2", "m1"),
+        Law.parse("k*d + k3*d**3 + c*v"),
+        {"k": number(200.0), "k3": number(1e6), "c": number(0.3)},
+    )
+    masses = (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.1)))
+    return lw.Structure("pair", masses, (spring, *more, hard))
+
+
+def _gap() -> lw.Structure:
+    """A mass on a spring with a stop behind a clearance."""
+    number = lw.Coefficient.number
+    spring = lw.Link("spring", ("m1", "ground"), Law.parse("k*d + c*v"), {"k": number(1e3), "c": number(1.0)})
+    stop = lw.Link(
+        "stop", ("m1", "ground"), Law.parse("k*max(d - g, 0)"), {"k": number(2e4), "g": number(0.005)}
+    )
+    return lw.Structure("gap", (lw.Mass("m1", number(1.0)),), (spring, stop))
+
+
+_HIT: dict[str, Any] = {"release": {"v:m1": 1.0}}
+_LOAD = lw.Link("load", ("m1", "ground"), Law.parse("f0"), {"f0": lw.Coefficient.number(-3.0)})
+
+PROBLEMS = {
+    problem.name: problem
+    for problem in (
+        Problem("two masses, 20 dB", lw.bnes_chain(2), _HIT, 20.0),
+        Problem("four masses, 20 dB", lw.bnes_chain(4), {"release": {"v:m1": 3.0}}, 20.0),
+        Problem("two masses, 40 dB, sampled twice as often", lw.bnes_chain(2), _HIT, 40.0, 3.0, 2000.0),
+        Problem(
+            "linear, hardening and quadratic links",
+            _trio(),
+            {"release": {"v:m1": 1.0, "v:m3": -2.0}},
+            30.0,
+            4.0,
+        ),
+        Problem(
+            "masses unknown, a force applied",
+            _pair(),
+            {"forces": {"m1": "30*sin(50*t) + 40*sin(31*t + 1) + 30*sin(97*t)"}},
+            45.0,
+            4.0,
+            unknown=("all", "mass:m1", "mass:m2"),
+        ),
+        Problem("base moved", _pair(end="base"), {"base": "0.01*sin(50*t) + 0.004*sin(31*t + 1)"}, 35.0, 4.0),
+        Problem("constant force", _pair(_LOAD), _HIT, 40.0, 4.0),
+        Problem("clearance", _gap(), _HIT, 40.0, 4.0, starts={"stop.g": 0.0025}),
+        Problem(
+            "friction curved in v",
+            oscillator("k*d + F*tanh(v/s)", k=1e3, F=2.0, s=0.2),
+            _HIT,
+            50.0,
+            4.0,
+            starts={"link.s": 0.1},
+        ),
+    )
+}

@@ -15,17 +15,17 @@ FARTHEST = 4.5  # standard errors: the largest of 30 normal errors is beyond onc
 
 
 @pytest.mark.parametrize("method", ["ml", "weak"])
-@pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS)
 def test_coefficients_lie_within_their_errors(problem: Problem, method: Literal["ml", "weak"]) -> None:
-    fit = lw.identify(problem.record(seed=11), problem.structure.unknown("all"), method=method)
+    fit = lw.identify(problem.record(seed=11), problem.asked, method=method)
     assert fit.trusted, fit.explanation
-    assert len(fit.values) >= 5 and np.max(np.abs(problem.errors(fit))) < FARTHEST
+    assert len(fit.values) >= 3 and np.max(np.abs(problem.errors(fit))) < FARTHEST
 
 
-@pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS)
 def test_both_methods_agree_and_likelihood_is_the_sharper(problem: Problem) -> None:
     """Their difference scatters by less than the error of the weak form, since the likelihood uses all that it uses."""
-    record, asked = problem.record(seed=12), problem.structure.unknown("all")
+    record, asked = problem.record(seed=12), problem.asked
     likelihood, weak = lw.identify(record, asked), lw.identify(record, asked, method="weak")
     deviation = np.sqrt(weak.covariance.diagonal())
     assert np.all(np.abs(likelihood.values - weak.values) < FARTHEST * deviation)
@@ -34,10 +34,18 @@ def test_both_methods_agree_and_likelihood_is_the_sharper(problem: Problem) -> N
     )  # 10 %: errors of their estimate
 
 
-@pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+def alone(problem: Problem) -> bool:
+    """Whether no other link joins what the last one joins."""
+    *others, last = problem.structure.links
+    return last.between not in [link.between for link in others]
+
+
+@pytest.mark.parametrize(
+    "problem", [each for each in PROBLEMS.values() if alone(each)], ids=lambda problem: problem.name
+)
 def test_a_linear_law_in_place_of_the_last_one_is_refused(problem: Problem) -> None:
     """Beside what must be accepted, one that must not."""
-    asked = problem.structure.unknown("all")
+    asked = problem.asked
     last = asked.links[-1]
     unknown = lw.Coefficient.unknown(start=1.0)
     linear = lw.Link(last.name, last.between, lw.Law.parse("k*d + c*v"), {"k": unknown, "c": unknown})
