@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -133,7 +134,7 @@ class DamagedRuns:
         """The folder after a kill while it was written, over an earlier result where `number` is odd."""
         folder = self.home / f"kill{number}" / "answer"
         if number % 2:
-            self.undisturbed("second", folder)
+            shutil.copytree(self.folders["second"], folder)
         run = self.started("first", folder)
         first = self.answer(run)
         time.sleep(random.Random(number).uniform(0.0, 1.1 * self.writing))
@@ -155,7 +156,7 @@ class DamagedRuns:
         """
         folder = self.home / f"disk{number}" / "answer"
         if number % 2:
-            self.undisturbed("second", folder)
+            shutil.copytree(self.folders["second"], folder)
         total = sum(path.stat().st_size for path in self.folders["first"].iterdir())
         room = int(total ** ((number + 0.5) / count))
         run = self.started("first", folder, _FULL, str(room))

@@ -16,7 +16,7 @@ from fuzz.case import Case, Kind, Outcome
 from fuzz.cases import make_case
 from fuzz.checks import complaints
 
-INPUTS = 120
+INPUTS = 60
 
 
 def test_nothing_that_must_not_comes_of_a_few_inputs() -> None:

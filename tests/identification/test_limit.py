@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from present import present
+from present import present, some
 from scipy.integrate import solve_ivp
 
 import linkwise as lw
@@ -51,35 +51,41 @@ def motion(structure: lw.Structure, start: np.ndarray, times: np.ndarray) -> np.
     return states
 
 
-def dense_covariance(structure: lw.Structure, found: lw.Limit, sensor: int) -> np.ndarray:
-    """(p, p) from the whole Fisher matrix of theta and all starts, by central differences of the samples."""
-    truth, names = found.record.simulated, [p.name for p in found.parameters]
-    assert truth is not None
+def differences(structure: lw.Structure, found: lw.Limit) -> list[np.ndarray]:
+    """(p + 2n, N, 2n) for each segment: central differences of its states with respect to theta and its start."""
+    truth = present(found.record.simulated)
     n, samples = structure.size, round(found.segment * found.record.rate)
-    columns = slice(0, n) if sensor == 0 else slice(n, 2 * n)
-    sigma = np.array(list(found.noise.values()))
     states = np.hstack([truth.displacement, truth.velocity])
-    starts = range(0, len(states), samples)
-    p = len(names)
-    fisher = np.zeros((p + 2 * n * len(starts),) * 2)
-    for number, first in enumerate(starts):
+    sizes = 1e-5 * np.abs(states).max(axis=0)
+    tangents = []
+    for first in range(0, len(states), samples):
         times = found.record.time[first : first + samples]
         if len(times) < 2:
             continue
         rows = []
-        for name, value in zip(names, found.values, strict=True):
-            sides = [
-                motion(structure.with_values({name: value * (1.0 + side * 1e-4)}), states[first], times)
-                for side in (1, -1)
+        for parameter, value in zip(found.parameters, found.values, strict=True):
+            changed = [
+                structure.with_values({parameter.name: value * (1.0 + side * 1e-4)}) for side in (1, -1)
             ]
-            rows.append((sides[0] - sides[1])[:, columns] / (2e-4 * value) / sigma)
-        for i in range(2 * n):
-            step = np.zeros(2 * n)
-            step[i] = 1e-5 * np.abs(states[:, i]).max()
-            sides = [motion(structure, states[first] + side * step, times) for side in (1.0, -1.0)]
-            rows.append((sides[0] - sides[1])[:, columns] / (2.0 * step[i]) / sigma)
-        jacobian = np.array([row.ravel() for row in rows]).T
-        where = [*range(p), *range(p + 2 * n * number, p + 2 * n * (number + 1))]
+            ahead, behind = (motion(each, states[first], times) for each in changed)
+            rows.append((ahead - behind) / (2e-4 * value))
+        for step in np.diag(sizes):
+            ahead, behind = (motion(structure, states[first] + side * step, times) for side in (1.0, -1.0))
+            rows.append((ahead - behind) / (2.0 * step.max()))
+        tangents.append(np.array(rows))
+    assert all(each.shape[2] == 2 * n for each in some(tangents))
+    return tangents
+
+
+def dense_covariance(tangents: list[np.ndarray], found: lw.Limit, sensor: int) -> np.ndarray:
+    """(p, p) from the whole Fisher matrix of theta and all starts."""
+    p, size = len(found.parameters), tangents[0].shape[2]
+    columns = slice(0, size // 2) if sensor == 0 else slice(size // 2, size)
+    sigma = np.array(list(found.noise.values()))
+    fisher = np.zeros((p + size * len(tangents),) * 2)
+    for number, tangent in enumerate(tangents):
+        jacobian = np.array([row.ravel() for row in tangent[:, :, columns] / sigma]).T
+        where = [*range(p), *range(p + size * number, p + size * (number + 1))]
         fisher[np.ix_(where, where)] += jacobian.T @ jacobian
     told = np.flatnonzero(fisher.diagonal() > 0.0)
     scale = np.sqrt(fisher.diagonal()[told])
@@ -88,10 +94,16 @@ def dense_covariance(structure: lw.Structure, found: lw.Limit, sensor: int) -> n
     return covariance
 
 
+@pytest.fixture(scope="module")
+def tangents(chain: lw.Structure) -> list[np.ndarray]:
+    """Of the motion that is the same whatever sees it."""
+    return differences(chain, lw.limit(chain, sensors=("x",), noise=20.0, **SHORT))
+
+
 @pytest.mark.parametrize("kind", ["x", "v"])
-def test_equals_the_dense_fisher_matrix(chain: lw.Structure, kind: str) -> None:
+def test_equals_the_dense_fisher_matrix(chain: lw.Structure, tangents: list[np.ndarray], kind: str) -> None:
     found = lw.limit(chain, sensors=(kind,), noise=20.0, **SHORT)
-    dense = dense_covariance(chain, found, "xv".index(kind))
+    dense = dense_covariance(tangents, found, "xv".index(kind))
     scale = found.standard_errors
     # tangents of order 4 that turn 1/4 at most a step, over 25 samples
     np.testing.assert_allclose(

@@ -82,7 +82,7 @@ def test_states_stay_where_the_flow_runs_away_from_many(problem: ShootingProblem
     assert within_reach(problem.segments, wild, problem.scales, Gaussian()) is wild
 
 
-@pytest.mark.parametrize("release", [2.5, 3.0, 3.5])
+@pytest.mark.parametrize("release", [2.5, 3.0])
 def test_a_state_that_runs_to_infinity_is_no_reason_to_refuse(
     softening: lw.Structure, release: float
 ) -> None:
