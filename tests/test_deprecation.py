@@ -115,24 +115,21 @@ def test_an_old_attribute_of_an_object_is_the_new_one() -> None:
         assert subject.asked is subject.unknown_structure
 
 
-def old_keywords(text: str) -> set[tuple[str, str, str]]:
-    """Function, old keyword and new keyword of every decorator `deprecated_keyword` of a module's text."""
+def old_keywords(module: ast.AST) -> set[tuple[str, str, str]]:
+    """Function, old keyword and new keyword of every decorator `deprecated_keyword` of a module."""
     return {
         (node.name, ast.literal_eval(decorator.args[0]), entry.new)
-        for node in ast.walk(ast.parse(text))
+        for node in ast.walk(module)
         if isinstance(node, ast.FunctionDef)
         for decorator in node.decorator_list
         if isinstance(decorator, ast.Call) and getattr(decorator.func, "id", "") == "deprecated_keyword"
-        for entry in entries(ast.unparse(decorator))
+        for entry in entries(decorator)
     }
 
 
 def test_every_old_keyword_works_and_is_in_the_changelog() -> None:
     stated = {
-        keyword
-        for path in SOURCE.rglob("*.py")
-        if path.name != "deprecation.py"
-        for keyword in old_keywords(path.read_text(encoding="utf-8"))
+        keyword for path in FILES if path.name != "deprecation.py" for keyword in old_keywords(tree(path))
     }
     assert {("nmse", "found", "estimated"), ("write_absorption", "answer", "result")} < stated
     for function, old, new in sorted(stated):
