@@ -315,7 +315,7 @@ from problems import chain_record
 from linkwise.records.record import Record
 from linkwise.report.result_folder import ResultFolder
 from linkwise.report.section import Section
-from linkwise.report.sheet import sheet
+from linkwise.report.section_page import section_page
 
 
 def document(record, truth):
@@ -332,7 +332,7 @@ def sections(reported):
 
 def page(reported, pictures):
     structure = reported.result.simulated.structure
-    return sheet(structure, sections(reported), pictures, verdict=["Energy was put in."], trusted=True)
+    return section_page(structure, sections(reported), pictures, verdict=["Energy was put in."], trusted=True)
 
 
 FOLDER = ResultFolder[Record](mark="energy.json", document=document, data=data, figures=sections, page=page)

@@ -156,15 +156,15 @@ def _combined_forces(forces: Mapping[str, InputSignal], root: Mapping[str, str])
         if target not in combined:
             combined[target] = force
             continue
-        other = combined[target]
-        if not (isinstance(other, TimeFunction) and isinstance(force, TimeFunction)):
+        present = combined[target]
+        if not (isinstance(present, TimeFunction) and isinstance(force, TimeFunction)):
             raise SimulationError(
                 f"a sampled force and another force act on {target} and a sink locked to it, and cannot be added; add them "
                 "yourself, or compare with the sinks removed",
                 mass=target,
                 arguments=("without",),
             )
-        combined[target] = TimeFunction(f"({other.text}) + ({force.text})")
+        combined[target] = TimeFunction(f"({present.text}) + ({force.text})")
     return combined
 
 

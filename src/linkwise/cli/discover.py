@@ -161,20 +161,20 @@ def discover(
         step(lw.ProgressReport(0.0, "looking at the record"))
         for remark in lw.check_discovery(records, masses, options):
             tell(f"note: {remark}")
-        found = lw.discover(records, masses, options, progress=step)
+        discovery = lw.discover(records, masses, options, progress=step)
     if process is not None:
-        process.draw(found, true)
-    result = lw.discovery_of(found, true)
+        process.draw(discovery, true)
+    result = lw.discovery_of(discovery, true)
     deliver(
-        to_json(result) if as_json else "\n".join([str(found), *_comparison_lines(result)]),
+        to_json(result) if as_json else "\n".join([str(discovery), *_comparison_lines(result)]),
         output,
         lambda folder, step: folders.DISCOVERY_FOLDER.write(
-            found, folder, truth=true, progress=step, process=process
+            discovery, folder, truth=true, progress=step, process=process
         ),
-        lambda folder: folders.DISCOVERY_FOLDER.write_numbers(found, folder, truth=true),
+        lambda folder: folders.DISCOVERY_FOLDER.write_numbers(discovery, folder, truth=true),
         quiet=as_json,
     )
-    return exit_code(found.verdicts)
+    return exit_code(discovery.verdicts)
 
 
 def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:

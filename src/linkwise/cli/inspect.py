@@ -67,17 +67,19 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
             step(lw.ProgressReport(number / len(source.records), f"reading {path.name}"))
             records.append(source.read_file(path, None, informative=False))
         step(lw.ProgressReport(0.9, "inspecting"))
-        found = lw.inspect(records)
-    found = replace(found, alerts=tuple(map(_with_flags, found.alerts)))
+        inspection = lw.inspect(records)
+    inspection = replace(inspection, alerts=tuple(map(_with_flags, inspection.alerts)))
     if not as_json:
         for note in dict.fromkeys(note for record in records for note in record.notes):
             tell(f"note: {note}")
     if process is not None:
-        process.draw(found)
+        process.draw(inspection)
     deliver(
-        to_json(found.to_dict()) if as_json else str(found),
+        to_json(inspection.to_dict()) if as_json else str(inspection),
         output,
-        lambda folder, step: folders.INSPECTION_FOLDER.write(found, folder, progress=step, process=process),
+        lambda folder, step: folders.INSPECTION_FOLDER.write(
+            inspection, folder, progress=step, process=process
+        ),
         quiet=as_json,
     )
 

@@ -122,10 +122,10 @@ def _law_lines(name: str, law: lw.NamedLaw) -> str:
     for key, state in law.states.items():
         unit = parsed.state_units[key]
         lines.append(f"  {key}' = {state.rate}{f'    ({key} in {unit})' if unit else ''}")
-    told = (
+    described = (
         f"{key}{f' [{unit}]' if unit else ''} {law.coefficients[key]}" for key, unit in parsed.units.items()
     )
-    return "\n".join([*lines, f"  coefficients: {'; '.join(told)}", f"  source: {law.source}"])
+    return "\n".join([*lines, f"  coefficients: {'; '.join(described)}", f"  source: {law.source}"])
 
 
 def _link_text(name: str, law: lw.NamedLaw) -> str:

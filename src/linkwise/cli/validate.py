@@ -58,13 +58,15 @@ def validate(
         record = source.read(subject.structure.mass_names)
         for note in record.notes:
             tell(f"note: {note}")
-        found = lw.validate(record, answer, burn=burn, progress=step)
+        validation = lw.validate(record, answer, burn=burn, progress=step)
     if process is not None:
-        process.draw(found, None)
+        process.draw(validation, None)
     deliver(
-        to_json(lw.validation_of(found)) if as_json else str(found),
+        to_json(lw.validation_of(validation)) if as_json else str(validation),
         output,
-        lambda folder, step: folders.VALIDATION_FOLDER.write(found, folder, progress=step, process=process),
+        lambda folder, step: folders.VALIDATION_FOLDER.write(
+            validation, folder, progress=step, process=process
+        ),
         quiet=as_json,
     )
-    return exit_code(found.verdicts)
+    return exit_code(validation.verdicts)

@@ -138,8 +138,8 @@ def discover(
     discovery = _discovery(records, checks, screened, selection)
     if Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and selection.is_exact:
         simpler = select_inexact(search, selection, screened.first)
-        other = _discovery(records, checks, screened, simpler)
-        discovery = other if other.trusted else discovery
+        reduced = _discovery(records, checks, screened, simpler)
+        discovery = reduced if reduced.trusted else discovery
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)
@@ -274,18 +274,18 @@ class _Screened:
     @classmethod
     def of(cls, records: Sequence[Record], candidates: Candidates) -> _Screened:
         """Screen what the records show of the candidates, less those that were never active."""
-        placed = [with_displacements(record, candidates.masses) for record in records]
-        motions = [read_displacements(record, candidates.full_structure) for record in placed]
-        inactive = inactive_terms(motions, [record.rate for record in placed], candidates)
+        displaced = [with_displacements(record, candidates.masses) for record in records]
+        motions = [read_displacements(record, candidates.full_structure) for record in displaced]
+        inactive = inactive_terms(motions, [record.rate for record in displaced], candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
-        integrated = any(ours is not given for ours, given in zip(placed, records, strict=True))
-        result = screen(placed, motions, candidates)
+        integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
+        result = screen(displaced, motions, candidates)
         first = result.kept
         if integrated:
-            first = most_significant_tree(placed, motions, candidates) or result.kept
+            first = most_significant_tree(displaced, motions, candidates) or result.kept
         untested = len(candidates.entries) - len(result.tested)
         remarks = (*inactive_remark(inactive), *_untested_remark(untested))
-        return cls(placed, motions, candidates, integrated, result, first, remarks)
+        return cls(displaced, motions, candidates, integrated, result, first, remarks)
 
 
 def _untested_remark(count: int) -> tuple[str, ...]:

@@ -225,17 +225,17 @@ def kinks(expression: Expression) -> tuple[Expression, ...]:
 
     They are the kinks of its functions: arguments of abs and sign, differences of the arguments of max and min.
     """
-    found: dict[Expression, None] = {}
+    distinct: dict[Expression, None] = {}
 
     def visit(node: Expression) -> None:
         for below in children(node):
             visit(below)
         match node:
             case Call(function, arguments) if FUNCTIONS[function].kink is not None:
-                found.setdefault(kink_and_branch(function, arguments)[0])
+                distinct.setdefault(kink_and_branch(function, arguments)[0])
 
     visit(expression)
-    return tuple(found)
+    return tuple(distinct)
 
 
 def kink_and_branch(function: str, arguments: tuple[Expression, ...]) -> tuple[Expression, Expression]:

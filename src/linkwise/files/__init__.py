@@ -201,14 +201,14 @@ def _format(path: Path) -> Format:
     if suffix.lower() not in FORMATS:
         what = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
         raise RecordError(f"{what}; choose from {', '.join(FORMATS)}", path)
-    found = FORMATS[suffix.lower()]
-    if found.library is not None and find_spec(found.library) is None:
+    entry = FORMATS[suffix.lower()]
+    if entry.library is not None and find_spec(entry.library) is None:
         raise RecordError(
-            f"{suffix} files need the library {found.library}, which the extra 'files' installs: "
+            f"{suffix} files need the library {entry.library}, which the extra 'files' installs: "
             "pip install 'linkwise[files]'",
             path,
         )
-    return found
+    return entry
 
 
 def _check_exists(path: Path) -> None:

@@ -24,40 +24,42 @@ _SAME = (
 
 def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of velocities and accelerations that are not zero while nothing moves; a mass may rest in a well."""
-    for each in signals.responses:
-        if each.rest is None or each.channel.kind not in "va":
+    for signal in signals.responses:
+        if signal.rest is None or signal.channel.kind not in "va":
             continue
-        value, error = _mean(each.filled[each.rest])
-        if abs(value) < max(_LEVEL * each.rms, _CERTAIN * error):
+        value, error = _mean(signal.filled[signal.rest])
+        if abs(value) < max(_LEVEL * signal.rms, _CERTAIN * error):
             continue
         message = (
-            f"is {value:.3g} +- {error:.1g} {each.channel.unit} while nothing moves, {_when(each)}: this offset acts like a "
-            "constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
+            f"is {value:.3g} +- {error:.1g} {signal.channel.unit} while nothing moves, {_when(signal)}: this offset acts like "
+            "a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
         )
-        yield Alert("offset", each.name, message, abs(value) / each.rms, arguments=("offsets",))
+        yield Alert("offset", signal.name, message, abs(value) / signal.rms, arguments=("offsets",))
 
 
 def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses that change steadily while nothing moves."""
-    for each in signals.responses:
-        if each.rest is None or each.rest.stop - each.rest.start < _LONG * len(each.values):
+    for signal in signals.responses:
+        if signal.rest is None or signal.rest.stop - signal.rest.start < _LONG * len(signal.values):
             continue
-        piece = each.filled[each.rest]
+        piece = signal.filled[signal.rest]
         slope, error = _slope(piece)
         halves = [_slope(half) for half in np.array_split(piece, 2)]
         apart = abs(halves[0][0] - halves[1][0])
         allowed = _SAME * np.hypot(halves[0][1], halves[1][1])
-        over = slope * len(each.values)
+        over = slope * len(signal.values)
         if not _is_line(piece, slope):
             continue
-        if abs(slope) < _CERTAIN * error or abs(over) < _CHANGE * each.rms or apart > allowed:
+        if abs(slope) < _CERTAIN * error or abs(over) < _CHANGE * signal.rms or apart > allowed:
             continue
         message = (
-            f"drifts by {slope * each.rate:.3g} {each.channel.unit}/s while nothing moves, {_when(each)}, which is {over:.3g} "
-            f"{each.channel.unit} over the record: a drift acts like a slow force, and biases stiffness; let the sensor warm "
-            "up, subtract the trend, or use shorter pieces"
+            f"drifts by {slope * signal.rate:.3g} {signal.channel.unit}/s while nothing moves, {_when(signal)}, which is "
+            f"{over:.3g} {signal.channel.unit} over the record: a drift acts like a slow force, and biases stiffness; let the "
+            "sensor warm up, subtract the trend, or use shorter pieces"
         )
-        yield Alert("drift", each.name, message, 0.3 * abs(over) / each.rms, arguments=("earliest", "latest"))
+        yield Alert(
+            "drift", signal.name, message, 0.3 * abs(over) / signal.rms, arguments=("earliest", "latest")
+        )
 
 
 def _when(signal: ChannelSignal) -> str:

@@ -20,18 +20,18 @@ _FLAT = (
 
 def clipped(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels with samples at an end of their range."""
-    for each in signals.moving:
-        ends = [(count, value) for value in _ends(each) if (count := _at_end(each, value))]
+    for signal in signals.moving:
+        ends = [(count, value) for value in _ends(signal) if (count := _at_end(signal, value))]
         total = sum(count for count, _ in ends)
-        if not total or total > _FLAT * len(each.seen):
+        if not total or total > _FLAT * len(signal.seen):
             continue
-        where = " and ".join(f"{count} at {value:.4g} {each.channel.unit}" for count, value in ends)
+        where = " and ".join(f"{count} at {value:.4g} {signal.channel.unit}" for count, value in ends)
         message = (
             f"{total} samples are at the end of the range ({where}): the sensor or the amplifier was overloaded, and "
             "stiffness and damping at large motion come out wrong; mark these samples as missing, or measure with a larger "
             "range"
         )
-        yield Alert("clipped", each.name, message, float(total / len(each.seen)) ** 0.5)
+        yield Alert("clipped", signal.name, message, float(total / len(signal.seen)) ** 0.5)
 
 
 def _ends(signal: ChannelSignal) -> tuple[float, float]:

@@ -14,18 +14,18 @@ _MOTION = 1.2  # times the power of its noise: what has less holds no motion; no
 
 def dead(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses that hold nothing, and of inputs without samples."""
-    for each in signals.channels:
-        if not each.seen.size:
-            yield Alert("dead", each.name, "every sample is missing; leave the channel out", np.inf)
-        elif each.is_constant and not each.is_input:
+    for signal in signals.channels:
+        if not signal.seen.size:
+            yield Alert("dead", signal.name, "every sample is missing; leave the channel out", np.inf)
+        elif signal.is_constant and not signal.is_input:
             message = (
-                f"every sample is {each.seen[0]:g}: it shows no motion, and a fit to it is wrong throughout; "
+                f"every sample is {signal.seen[0]:g}: it shows no motion, and a fit to it is wrong throughout; "
                 "leave the channel out, and check sensor and cable"
             )
-            yield Alert("dead", each.name, message, np.inf)
-        elif not each.is_input and each.rms**2 < _MOTION * each.sigma**2:
+            yield Alert("dead", signal.name, message, np.inf)
+        elif not signal.is_input and signal.rms**2 < _MOTION * signal.sigma**2:
             message = (
-                f"holds nothing but noise of {each.sigma:.3g} {each.channel.unit}: nothing of the motion is in it; check "
+                f"holds nothing but noise of {signal.sigma:.3g} {signal.channel.unit}: nothing of the motion is in it; check "
                 "sensor, cable and range, excite more strongly, or leave the channel out"
             )
-            yield Alert("dead", each.name, message, np.inf)
+            yield Alert("dead", signal.name, message, np.inf)

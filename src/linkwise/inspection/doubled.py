@@ -19,18 +19,18 @@ _HALF = 10  # samples on either side that show whether the channel moves
 
 def doubled(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses with samples that were written twice, or held."""
-    for each in signals.responses:
-        steps = np.abs(np.diff(each.filled))
-        known = each.present[1:] & each.present[:-1]
+    for signal in signals.responses:
+        steps = np.abs(np.diff(signal.filled))
+        known = signal.present[1:] & signal.present[:-1]
         repeats = (steps == 0.0) & known & _moves(steps)
-        ends = (each.filled[1:] == each.levels[0]) | (each.filled[1:] == each.levels[-1])
+        ends = (signal.filled[1:] == signal.levels[0]) | (signal.filled[1:] == signal.levels[-1])
         count = int((repeats & ~ends).sum())
         if not count:
             continue
-        natural = _natural(steps[known], each.grain[1:][known])
+        natural = _natural(steps[known], signal.grain[1:][known])
         if natural > _NEVER and count <= _FEWEST + _EXPECTED * natural:
             continue
-        first = each.start + int(np.argmax(repeats & ~ends)) / each.rate
+        first = signal.start + int(np.argmax(repeats & ~ends)) / signal.rate
         held = count / max(int(known.sum()), 1)
         what = (
             f"about every sample is held for {1.0 / (1.0 - held):.2g} samples"
@@ -41,7 +41,7 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
             f"{what}: if the logger wrote samples twice, everything after them comes late, and stiffness and damping are "
             "wrong by many standard errors; cut the record to a piece without them, or mark them as missing"
         )
-        yield Alert("doubled", each.name, message, float(held**0.5), arguments=("earliest", "latest"))
+        yield Alert("doubled", signal.name, message, float(held**0.5), arguments=("earliest", "latest"))
 
 
 def _natural(steps: Floats, grain: Floats) -> float:

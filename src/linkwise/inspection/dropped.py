@@ -12,9 +12,9 @@ from linkwise.inspection.record_signals import RecordSignals
 
 def dropped(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels that lack samples."""
-    for each in signals.channels:
-        missing = ~each.present
-        if not missing.any() or not each.seen.size:
+    for signal in signals.channels:
+        missing = ~signal.present
+        if not missing.any() or not signal.seen.size:
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]])))
         starts, lengths = edges[::2], np.diff(edges)[::2]
@@ -22,7 +22,7 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
         gaps = "one gap" if len(lengths) == 1 else f"{len(lengths)} gaps"
         message = (
             f"{missing.sum()} of {len(missing)} samples are missing in {gaps}, the longest of {lengths[longest]} samples at "
-            f"{each.start + starts[longest] / each.rate:g} s: maximum likelihood and the weak form leave them out, which "
+            f"{signal.start + starts[longest] / signal.rate:g} s: maximum likelihood and the weak form leave them out, which "
             "costs accuracy only; differentiation needs a complete piece, cut to one"
         )
-        yield Alert("dropped", each.name, message, float(missing.mean()), arguments=("earliest", "latest"))
+        yield Alert("dropped", signal.name, message, float(missing.mean()), arguments=("earliest", "latest"))

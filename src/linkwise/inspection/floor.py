@@ -27,45 +27,45 @@ _QUIET = 1e-6  # of the root mean square: what is quieter is rounding
 
 def aliasing(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose spectrum does not fall before half the sampling rate."""
-    for each in signals.responses:
-        spectrum = each.spectrogram
-        top = spectrum.frequency >= 0.5 * _TOP * each.rate
+    for signal in signals.responses:
+        spectrum = signal.spectrogram
+        top = spectrum.frequency >= 0.5 * _TOP * signal.rate
         if not top.any():
             continue
         level = float(np.mean(spectrum.mean[top]))
-        even = each.rms**2 / (0.5 * each.rate)
-        noise = 2.0 * float(np.nan_to_num(each.sigma)) ** 2 / each.rate
+        even = signal.rms**2 / (0.5 * signal.rate)
+        noise = 2.0 * float(np.nan_to_num(signal.sigma)) ** 2 / signal.rate
         if level < max(_SHARE * even, _NOISE * noise):
             continue
         message = (
-            f"moves up to half the sampling rate, {0.5 * each.rate:g} Hz, with {100.0 * level / even:.2g} % of its mean "
+            f"moves up to half the sampling rate, {0.5 * signal.rate:g} Hz, with {100.0 * level / even:.2g} % of its mean "
             "spectral density there: faster motion is aliased to lower frequencies, where no law explains it; sample faster, "
             "and behind an anti-alias filter"
         )
-        yield Alert("aliasing", each.name, message, float(min(1.0, level / even)) ** 0.5)
+        yield Alert("aliasing", signal.name, message, float(min(1.0, level / even)) ** 0.5)
 
 
 def coloured(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose noise at rest is not white."""
-    for each in signals.responses:
-        if each.rest is None:
+    for signal in signals.responses:
+        if signal.rest is None:
             continue
-        values = _detrended(each.filled[each.rest])
+        values = _detrended(signal.filled[signal.rest])
         sigma = float(values.std())
         tilt, error = _tilt(values)
-        if sigma < max(_QUIET * each.rms, 2.0 * each.step) or abs(tilt) < max(_TILTED, _CERTAIN * error):
+        if sigma < max(_QUIET * signal.rms, 2.0 * signal.step) or abs(tilt) < max(_TILTED, _CERTAIN * error):
             continue
         correlations = [float(part[1:] @ part[:-1]) / len(part) for part in np.array_split(values, 3)]
         correlation = float(np.mean(correlations)) / sigma**2
         if np.ptp(correlations) > _STEADY * sigma**2:
             continue
         message = (
-            f"has noise at rest of {sigma:.3g} {each.channel.unit} whose neighbouring samples are correlated by "
+            f"has noise at rest of {sigma:.3g} {signal.channel.unit} whose neighbouring samples are correlated by "
             f"{correlation:.2g}: intervals assume white noise, and come out too "
             f"{'narrow' if correlation > 0.0 else 'wide'}; use a filter that only removes what is above half the sampling "
             "rate, or reduce the rate until the noise is white"
         )
-        yield Alert("coloured", each.name, message, sigma / each.rms)
+        yield Alert("coloured", signal.name, message, sigma / signal.rms)
 
 
 def _detrended(values: Floats) -> Floats:

@@ -24,27 +24,27 @@ _INPUT = 12  # harmonics of the frequency of an input that are no hum
 
 def hum(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels with a steady line of the mains."""
-    driven = [_peak(each) for each in signals.moving if each.is_input]
-    for each in signals.responses:
-        found = [
+    driven = [_peak(signal) for signal in signals.moving if signal.is_input]
+    for signal in signals.responses:
+        steady = [
             (frequency, size)
             for mains in _MAINS
             for order in range(1, _HARMONICS + 1)
-            if (frequency := order * mains) < 0.45 * each.rate
+            if (frequency := order * mains) < 0.45 * signal.rate
             and not any(_is_harmonic(frequency, peak, signals.record.duration) for peak in driven)
-            and (size := _steady_line(each, frequency))
+            and (size := _steady_line(signal, frequency))
         ]
-        if not found:
+        if not steady:
             continue
         lines = " and ".join(
-            f"{size:.3g} {each.channel.unit} at {frequency:g} Hz" for frequency, size in found
+            f"{size:.3g} {signal.channel.unit} at {frequency:g} Hz" for frequency, size in steady
         )
         message = (
             f"carries a line that neither grows nor decays, of {lines}: hum of the mains acts like an applied force and "
             "biases damping; shield and ground the sensor, or subtract the line"
         )
-        error = float(np.sqrt(0.5 * sum(size**2 for _, size in found))) / each.rms
-        yield Alert("hum", each.name, message, error)
+        error = float(np.sqrt(0.5 * sum(size**2 for _, size in steady))) / signal.rms
+        yield Alert("hum", signal.name, message, error)
 
 
 def _peak(signal: ChannelSignal) -> float:

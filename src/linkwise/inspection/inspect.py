@@ -56,7 +56,7 @@ def inspect(records: Record | Sequence[Record]) -> Inspection:
     channels: list[ChannelSummary] = []
     for record, label in zip(given, labels(given), strict=True):
         signals = RecordSignals.of(record)
-        channels += [summary(each, label) for each in signals.channels]
+        channels += [summary(signal, label) for signal in signals.channels]
         alerts += [replace(alert, record=label) for check in CHECKS.values() for alert in check(signals)]
     worst_first = sorted(alerts, key=lambda alert: -alert.error)
     return Inspection(given, tuple(channels), tuple(worst_first))

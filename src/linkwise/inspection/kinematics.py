@@ -49,11 +49,11 @@ class KinematicFit:
 def kinematic_fits(channels: Iterable[ChannelSignal]) -> Iterator[KinematicFit]:
     """A fit for each place with two channels or more, of neighbours in displacement, velocity and acceleration."""
     places: dict[str, list[ChannelSignal]] = {}
-    for each in channels:
-        if each.channel.kind in _KINDS:
-            places.setdefault(each.channel.mass, []).append(each)
+    for signal in channels:
+        if signal.channel.kind in _KINDS:
+            places.setdefault(signal.channel.mass, []).append(signal)
     for beside in places.values():
-        ordered = sorted(beside, key=lambda each: _KINDS.index(each.channel.kind))
+        ordered = sorted(beside, key=lambda signal: _KINDS.index(signal.channel.kind))
         for lower, upper in pairwise(ordered):
             fit = _fit(lower, upper)
             if fit is not None:
@@ -110,8 +110,8 @@ def _solved(
         return None
 
     def solve(gram: Floats, side: Floats) -> Floats:
-        found = scale * np.linalg.solve(gram * np.outer(scale, scale), side * scale)
-        return np.array([found[0], found[1] / found[0], found[2], found[3]])
+        solution = scale * np.linalg.solve(gram * np.outer(scale, scale), side * scale)
+        return np.array([solution[0], solution[1] / solution[0], solution[2], solution[3]])
 
     whole = solve(grams.sum(axis=0), right.sum(axis=0))
     without = np.array([solve(g, right.sum(axis=0) - r) for g, r in zip(left_out, right, strict=True)])

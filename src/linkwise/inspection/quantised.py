@@ -13,14 +13,14 @@ _FINE = 1e-3  # of the root mean square: finer steps are as good as none
 
 def quantised(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels whose steps are not hidden by noise."""
-    for each in signals.moving:
-        if each.step <= _FINE * each.rms or not each.sigma < _WHITE * each.step:
+    for signal in signals.moving:
+        if signal.step <= _FINE * signal.rms or not signal.sigma < _WHITE * signal.step:
             continue
-        unit, rounding = each.channel.unit, each.step / 12.0**0.5
-        steps = (each.seen.max() - each.seen.min()) / each.step
+        unit, rounding = signal.channel.unit, signal.step / 12.0**0.5
+        steps = (signal.seen.max() - signal.seen.min()) / signal.step
         message = (
-            f"comes in steps of {each.step:.3g} {unit}, {steps:.0f} over its range, and its noise is smaller: rounding then "
+            f"comes in steps of {signal.step:.3g} {unit}, {steps:.0f} over its range, and its noise is smaller: rounding then "
             "follows the motion, and intervals are too narrow; use a smaller range of the converter, or state a noise of "
             f"{rounding:.2g} {unit}"
         )
-        yield Alert("quantised", each.name, message, rounding / each.rms, arguments=("noise",))
+        yield Alert("quantised", signal.name, message, rounding / signal.rms, arguments=("noise",))

@@ -34,12 +34,12 @@ class RecordSignals:
     @property
     def moving(self) -> tuple[ChannelSignal, ...]:
         """Channels that are not constant."""
-        return tuple(each for each in self.channels if not each.is_constant)
+        return tuple(signal for signal in self.channels if not signal.is_constant)
 
     @property
     def responses(self) -> tuple[ChannelSignal, ...]:
         """Channels of masses that are not constant."""
-        return tuple(each for each in self.moving if not each.is_input)
+        return tuple(signal for signal in self.moving if not signal.is_input)
 
     @cached_property
     def kinematics(self) -> tuple[KinematicFit, ...]:

@@ -37,8 +37,8 @@ def _quiet_blocks(values: Floats) -> int:
     level = blocks.std(axis=1)
     least = greatest = level[0]
     count = 0
-    for each in level:
-        least, greatest = min(least, each), max(greatest, each)
+    for signal in level:
+        least, greatest = min(least, signal), max(greatest, signal)
         if greatest > _STEADY * least or greatest > _QUIET * values.std():
             break
         count += 1

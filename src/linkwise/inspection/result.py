@@ -134,10 +134,10 @@ class Inspection(NotebookView):
         RecordError
             If no record has the channel.
         """
-        for each in self.channels:
-            if each.name == name:
-                return each
-        listed = ", ".join(dict.fromkeys(each.name for each in self.channels))
+        for summary in self.channels:
+            if summary.name == name:
+                return summary
+        listed = ", ".join(dict.fromkeys(summary.name for summary in self.channels))
         raise RecordError(f"is not in the record; the channels are {listed}", channel=name)
 
     def channels_of(self, number: int) -> tuple[ChannelSummary, ...]:
@@ -154,7 +154,7 @@ class Inspection(NotebookView):
             One for each channel.
         """
         label = labels(self.records)[number]
-        return tuple(each for each in self.channels if each.record == label)
+        return tuple(summary for summary in self.channels if summary.record == label)
 
     def to_dict(self) -> dict[str, Any]:
         """The inspection as plain data.
@@ -165,7 +165,7 @@ class Inspection(NotebookView):
             "channels" by name, "alerts" worst first, and "records"; of several records "channels" holds each channel as the
             first record with it has it, and each of "records" its own.
         """
-        names = dict.fromkeys(each.name for each in self.channels)
+        names = dict.fromkeys(summary.name for summary in self.channels)
         return {
             "channels": {name: self.channel(name).to_dict() for name in names},
             "alerts": [alert.to_dict() for alert in self.alerts],
@@ -176,7 +176,7 @@ class Inspection(NotebookView):
                     "rate": record.rate,
                     "start": record.start,
                     "notes": list(record.notes),
-                    "channels": {each.name: each.to_dict() for each in self.channels_of(number)},
+                    "channels": {summary.name: summary.to_dict() for summary in self.channels_of(number)},
                 }
                 for number, (label, record) in enumerate(zip(labels(self.records), self.records, strict=True))
             ],

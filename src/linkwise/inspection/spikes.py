@@ -26,22 +26,22 @@ _LEFT = (
 
 def spikes(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses, and of the motion of the base, with outliers."""
-    for each in signals.moving:
-        if each.channel.kind in ("force", "f") or len(each.values) < 4 * _BLOCK:
+    for signal in signals.moving:
+        if signal.channel.kind in ("force", "f") or len(signal.values) < 4 * _BLOCK:
             continue
-        found = _spikes(each)
-        if not len(found):
+        indices = _spikes(signal)
+        if not len(indices):
             continue
-        size = _deviations(each.filled)[found]
+        size = _deviations(signal.filled)[indices]
         largest = int(np.argmax(np.abs(size)))
-        when = each.start + found[largest] / each.rate
+        when = signal.start + indices[largest] / signal.rate
         message = (
-            f"{len(found)} sample{'s lie' if len(found) > 1 else ' lies'} far from the neighbours, the farthest by "
-            f"{size[largest]:.3g} {each.channel.unit} at {when:.6g} s: least squares follows such samples, and noise and "
+            f"{len(indices)} sample{'s lie' if len(indices) > 1 else ' lies'} far from the neighbours, the farthest by "
+            f"{size[largest]:.3g} {signal.channel.unit} at {when:.6g} s: least squares follows such samples, and noise and "
             "intervals come out too wide; mark them as missing, or use a robust loss"
         )
-        error = float(np.sqrt(np.sum(size**2) / len(each.values))) / each.rms
-        yield Alert("spikes", each.name, message, error, arguments=("loss",))
+        error = float(np.sqrt(np.sum(size**2) / len(signal.values))) / signal.rms
+        yield Alert("spikes", signal.name, message, error, arguments=("loss",))
 
 
 def _deviations(values: Floats) -> Floats:

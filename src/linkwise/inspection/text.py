@@ -58,7 +58,7 @@ def _tables(inspection: Inspection) -> list[str]:
     for label, record in zip(labels(inspection.records), inspection.records, strict=True):
         end = record.start + record.duration
         span = f"{len(record)} samples at {record.rate:g} Hz, {record.start:g} to {end:g} s"
-        rows = [channel_row(each) for each in inspection.channels if each.record == label]
+        rows = [channel_row(summary) for summary in inspection.channels if summary.record == label]
         lines += ["", f"{label}: {span}", *align_columns([HEAD, *rows])]
     return lines
 

@@ -15,19 +15,19 @@ _ORDERS = {"x": 2, "v": 1, "a": 0}  # derivatives to the acceleration
 
 def unit(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose acceleration is beyond anything that vibrates."""
-    for each in signals.moving:
-        if each.channel.kind not in _ORDERS or each.highest <= 0.0:
+    for signal in signals.moving:
+        if signal.channel.kind not in _ORDERS or signal.highest <= 0.0:
             continue
-        spectrum = each.spectrogram
-        inside = (spectrum.frequency > 0.0) & (spectrum.frequency <= each.highest)
+        spectrum = signal.spectrogram
+        inside = (spectrum.frequency > 0.0) & (spectrum.frequency <= signal.highest)
         omega = 2.0 * np.pi * spectrum.frequency[inside]
-        density = spectrum.mean[inside] * omega ** (2 * _ORDERS[each.channel.kind])
+        density = spectrum.mean[inside] * omega ** (2 * _ORDERS[signal.channel.kind])
         acceleration = float(np.sqrt(np.sum(density) * spectrum.frequency[1]))
         if acceleration <= FASTEST:
             continue
         message = (
             f"would accelerate by {acceleration:.2g} m/s^2 (root mean square), more than 100 km/s^2: its unit is not "
-            f"{each.channel.unit}, or the times are not in s, and all coefficients are wrong by powers of the factor; state "
+            f"{signal.channel.unit}, or the times are not in s, and all coefficients are wrong by powers of the factor; state "
             "the unit in the name of the column, such as [mm] or [ms]"
         )
-        yield Alert("unit", each.name, message, np.inf, arguments=("channels",))
+        yield Alert("unit", signal.name, message, np.inf, arguments=("channels",))

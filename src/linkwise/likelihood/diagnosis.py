@@ -217,13 +217,13 @@ def _single_tests(curvature: Floats, slope: Floats, parameters: int) -> tuple[Fl
     """What each cause alone would take off the cost with the coefficients fitted anew, its size, and the deviation of it."""
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     scaled, gradient = curvature / np.outer(scale, scale), slope / scale
-    own, beside = slice(0, parameters), slice(parameters, None)
-    found = np.linalg.lstsq(
-        scaled[own, own], np.column_stack([scaled[own, beside], gradient[own]]), rcond=1e-12
+    own, added = slice(0, parameters), slice(parameters, None)
+    projection = np.linalg.lstsq(
+        scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=1e-12
     )[0]
-    left = scaled[beside, beside].diagonal() - np.einsum("ij,ij->j", scaled[own, beside], found[:, :-1])
-    score = gradient[beside] - scaled[beside, own] @ found[:, -1]
+    left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
+    score = gradient[added] - scaled[added, own] @ projection[:, -1]
     tested = left > _COLLINEAR
     left = np.where(tested, left, 1.0)
     gain = np.where(tested, score**2 / left, 0.0)
-    return gain, score / left / scale[beside], 1.0 / np.sqrt(left) / scale[beside]
+    return gain, score / left / scale[added], 1.0 / np.sqrt(left) / scale[added]

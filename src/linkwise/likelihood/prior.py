@@ -50,8 +50,8 @@ class Prior:
         where it alone says what the unknown is.
         """
         left = 1.0 - np.minimum(variance / self.deviation**2, 1.0)
-        told = np.isfinite(self.deviation) & (left > _OWN)
-        return np.where(told, self._standardised(border) ** 2 / np.where(told, left, 1.0), 0.0)
+        determined = np.isfinite(self.deviation) & (left > _OWN)
+        return np.where(determined, self._standardised(border) ** 2 / np.where(determined, left, 1.0), 0.0)
 
     def _standardised(self, border: Floats) -> Floats:
         return np.asarray((self.mean - border) / self.deviation)

@@ -217,10 +217,10 @@ class Law:
     @cached_property
     def _dimensions(self) -> Mapping[str, str]:
         """Unit of each coefficient and state."""
-        found = law_dimensions(
+        dimensions = law_dimensions(
             self, {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
         )
-        return {name: "?" if dimension is None else str(dimension) for name, dimension in found.items()}
+        return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions.items()}
 
     @cached_property
     def elastic(self) -> Expression:
@@ -231,8 +231,8 @@ class Law:
     def kinks(self) -> tuple[Expression, ...]:
         """Expressions in d, v and states at whose zeros the force or a rate is not smooth, without repetition."""
         trees = (self.expression, *(rate.expression for rate in self.rates))
-        found = dict.fromkeys(kink for tree in trees for kink in kinks(tree))
-        return tuple(kink for kink in found if set(symbols(kink)) & set(self.variables))
+        distinct = dict.fromkeys(kink for tree in trees for kink in kinks(tree))
+        return tuple(kink for kink in distinct if set(symbols(kink)) & set(self.variables))
 
     def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """Force in N at elongation `d` in m and rate `v` in m/s.

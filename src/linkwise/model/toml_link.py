@@ -68,9 +68,13 @@ def link_of(entry: LinkTable, index: int, source: str) -> Link:
         stated = _stated_units(entry, law)
         open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
         if open_states:  # the units of coefficients tell them
-            found = law_dimensions(law, {**stated, **known})
-            told = {name: replace(states[name], unit=str(found[name])) for name in open_states if found[name]}
-            states |= told
+            inferred = law_dimensions(law, {**stated, **known})
+            resolved = {
+                name: replace(states[name], unit=str(inferred[name]))
+                for name in open_states
+                if inferred[name]
+            }
+            states |= resolved
             law = _law(law.text, tuple(states.items()))
         units = law.units
     except LinkwiseError as error:

@@ -56,7 +56,7 @@ def crossings(
     'time, s'
     """
     plain = without_intervals(result)
-    names = [each.sink.link for each in plain.sinks]
+    names = [entry.sink.link for entry in plain.sinks]
     if sink is not None and sink not in names:
         raise StructureError(f"unknown sink {sink!r}; choose from {', '.join(names)}")
     shown = plain.sinks[0 if sink is None else names.index(sink)]
@@ -108,7 +108,7 @@ def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     >>> len(lw.plot.crossings_figure(result).axes)
     1
     """
-    names = [each.sink.link for each in without_intervals(result).sinks[:_MOST]]
+    names = [entry.sink.link for entry in without_intervals(result).sinks[:_MOST]]
     with sheet(len(names), height=1.2 + 1.3 * len(names), share_time=True) as (figure, strips):
         for axes, name in zip(strips, names, strict=True):
             crossings(result, name, legend=False, ax=axes)

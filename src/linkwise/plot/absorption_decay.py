@@ -126,7 +126,7 @@ def _title(result: Absorption) -> str:
 
 
 def _mass_number(result: Absorption, mass: str | None) -> int:
-    names = [each.name for each in result.masses]
+    names = [change.name for change in result.masses]
     if mass is not None and mass not in names:
         raise StructureError(f"unknown primary mass {mass!r}; choose from {', '.join(names)}")
     return 0 if mass is None else names.index(mass)

@@ -110,7 +110,7 @@ def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
 
 
 def _quantity(result: AbsorptionMap, name: str) -> AbsorptionQuantity:
-    return next(each for each in result.quantities if each.name == name)
+    return next(candidate for candidate in result.quantities if candidate.name == name)
 
 
 def _shown(result: AbsorptionMap, name: str) -> tuple[Floats, str]:

@@ -50,12 +50,12 @@ def spectrum(
     present = ~np.isnan(values)
     index = np.arange(len(values))
     filled = np.interp(index, index[present], values[present]) if present.any() else np.zeros(len(values))
-    found = Spectrogram.of(filled, record.rate)
-    density = np.sqrt(found.mean[1:])
+    spectrogram = Spectrogram.of(filled, record.rate)
+    density = np.sqrt(spectrogram.mean[1:])
     color = SERIES[record.channels.index(name) % len(SERIES)]
     with axes_for(ax) as axes:
         if density.any():
-            axes.plot(found.frequency[1:], density, color=color, linewidth=0.9, label=label(name))
+            axes.plot(spectrogram.frequency[1:], density, color=color, linewidth=0.9, label=label(name))
             log_scale(axes, "y")
         if noise is not None and noise > 0.0 and density.any():
             level = noise * (2.0 / record.rate) ** 0.5
@@ -94,7 +94,7 @@ def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
     """
     record = inspection.records[number]
     names = (*record.inputs, *record.responses)[:_MOST]
-    of = {each.name: each.noise for each in inspection.channels_of(number)}
+    of = {summary.name: summary.noise for summary in inspection.channels_of(number)}
     with sheet(len(names), height=0.9 + 1.1 * len(names), share_time=True) as (figure, strips):
         for axes, name in zip(strips, names, strict=True):
             spectrum(record, name, of[name], legend=False, ax=axes)

@@ -17,7 +17,7 @@ from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, h
 from linkwise.lazy import LazyFunction
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
-from linkwise.report.sheet import sheet
+from linkwise.report.section_page import section_page
 
 if TYPE_CHECKING:
     from linkwise.plot import crossings_figure, decay_figure, energy_figure, map_figure
@@ -102,7 +102,7 @@ MAP_SECTIONS: Registry[Build[AbsorptionMap]] = Registry("section", {"map": _map}
 def absorption_page(reported: Reported[Answer], pictures: Mapping[str, Markup]) -> str:
     """The page of a comparison as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
     plain = without_intervals(reported.result)
-    return sheet(
+    return section_page(
         plain.with_sinks.structure,
         sections_of(SECTIONS, reported),
         pictures,
@@ -115,7 +115,7 @@ def absorption_page(reported: Reported[Answer], pictures: Mapping[str, Markup]) 
 def map_page(reported: Reported[AbsorptionMap], pictures: Mapping[str, Markup]) -> str:
     """The page of a sweep as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
     swept = reported.result
-    return sheet(
+    return section_page(
         swept.structure,
         sections_of(MAP_SECTIONS, reported),
         pictures,

@@ -112,13 +112,13 @@ def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:
 
 def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]) -> str:
     """The page as self-contained HTML; `pictures` are those that `write_figures` made of `discovery_figures`."""
-    found = reported.result
+    discovery = reported.result
     return TEMPLATES.get_template("discovery.html.jinja").render(
         {
             **page_parts(links_of(reported), pictures),
-            "found": found,
-            "headline": headline(found),
-            "remarks": all_remarks(found),
+            "discovery": discovery,
+            "headline": headline(discovery),
+            "remarks": all_remarks(discovery),
             "lead": sections_of(SECTIONS, reported),
         }
     )

@@ -12,7 +12,7 @@ from linkwise.inspection.result import Inspection, labels
 from linkwise.inspection.text import HEAD, alert_text, channel_row, headline
 from linkwise.lazy import LazyFunction
 from linkwise.report.section import Reported, Section
-from linkwise.report.sheet import sheet
+from linkwise.report.section_page import section_page
 
 if TYPE_CHECKING:
     from linkwise.plot import histories_figure, spectra_figure
@@ -25,17 +25,19 @@ PICTURED = 8  # records with figures; the others have their table
 
 def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
     """The alerts, and of each record a table, its histories and its spectra, by the names of their files."""
-    found = reported.result
+    inspection = reported.result
     sections = (
-        {"alerts": Section("Alerts", items=[alert_text(found, alert) for alert in found.alerts])}
-        if found.alerts
+        {"alerts": Section("Alerts", items=[alert_text(inspection, alert) for alert in inspection.alerts])}
+        if inspection.alerts
         else {}
     )
-    for number, (label, record) in enumerate(zip(labels(found.records), found.records, strict=True)):
+    for number, (label, record) in enumerate(
+        zip(labels(inspection.records), inspection.records, strict=True)
+    ):
         end = record.start + record.duration
         text = f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {end:g} s."
-        table = [HEAD, *(channel_row(each) for each in found.channels_of(number))]
-        ending = "" if len(found.records) == 1 else f"_{number + 1}"
+        table = [HEAD, *(channel_row(each) for each in inspection.channels_of(number))]
+        ending = "" if len(inspection.records) == 1 else f"_{number + 1}"
         pictured = number < PICTURED
         sections[f"histories{ending}"] = Section(
             label,
@@ -46,22 +48,22 @@ def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
             interactive=True,
         )
         if pictured:
-            title = "Spectra" if len(found.records) == 1 else f"Spectra of {label}"
+            title = "Spectra" if len(inspection.records) == 1 else f"Spectra of {label}"
             text = "Amplitude spectral density; dashed is white noise of the level that was found."
             sections[f"spectra{ending}"] = Section(
-                title, [text], figure=partial(spectra_figure, found, number), interactive=True
+                title, [text], figure=partial(spectra_figure, inspection, number), interactive=True
             )
     return sections
 
 
 def inspection_page(reported: Reported[Inspection], pictures: Mapping[str, Markup]) -> str:
     """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    found = reported.result
-    return sheet(
+    inspection = reported.result
+    return section_page(
         None,
         inspection_sections(reported),
         pictures,
         title="Inspection",
-        verdict=[headline(found)],
-        trusted=not found.alerts,
+        verdict=[headline(inspection)],
+        trusted=not inspection.alerts,
     )

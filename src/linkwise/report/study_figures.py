@@ -82,9 +82,9 @@ def _with_times(report: StudyReport) -> str:
         times = [cell.seconds for cell in cells if cell is not None and cell.seconds is not None]
         if times:
             ranges.append(f"{method} {min(times):.2g} to {max(times):.2g}")
-    here = f"Seconds for one estimate here: {', '.join(ranges)}. " if ranges else ""
+    measured = f"Seconds for one estimate here: {', '.join(ranges)}. " if ranges else ""
     unsaid = "The paper does not say whether its times are for one cycle or for all 100."
-    return f"{here}Medians, and the range of the cycles. {unsaid}"
+    return f"{measured}Medians, and the range of the cycles. {unsaid}"
 
 
 STUDY_FIGURES: Registry[StudyFigure] = Registry(

@@ -19,7 +19,7 @@ from linkwise.identification.validation.text import (
 from linkwise.lazy import LazyFunction
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
-from linkwise.report.sheet import sheet
+from linkwise.report.section_page import section_page
 
 if TYPE_CHECKING:
     from linkwise.plot import (
@@ -37,8 +37,8 @@ else:  # matplotlib loads where a figure is drawn, which may be another process
 
 def _scores(reported: Reported[Validation]) -> Section:
     """The scores of the channels, and the record against the prediction."""
-    found = reported.result
-    record = found.record
+    validation = reported.result
+    record = validation.record
     return Section(
         "Prediction",
         [
@@ -48,8 +48,8 @@ def _scores(reported: Reported[Validation]) -> Section:
             "NMSE is the squared RMSE over the variance of the measured samples, fit is 100 % less its root."
         ],
         items=record.notes,
-        rows=[CHANNEL_HEAD, *channel_rows(found)],
-        figure=partial(prediction_figure, found),
+        rows=[CHANNEL_HEAD, *channel_rows(validation)],
+        figure=partial(prediction_figure, validation),
         interactive=True,
     )
 
@@ -99,17 +99,17 @@ def _spectra(reported: Reported[Validation]) -> Section | None:
 
 def _coefficients(reported: Reported[Validation]) -> Section | None:
     """The coefficients estimated again from this record, where the answer has a covariance."""
-    found = reported.result
-    if not found.coefficients:
+    validation = reported.result
+    if not validation.coefficients:
         return None
-    limit = found.coefficients[0].limit
+    limit = validation.coefficients[0].limit
     return Section(
         "Coefficients",
         [
             "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
             f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
         ],
-        rows=[COEFFICIENT_HEAD, *coefficient_rows(found)],
+        rows=[COEFFICIENT_HEAD, *coefficient_rows(validation)],
     )
 
 
@@ -129,11 +129,11 @@ SECTIONS: Registry[Build[Validation]] = Registry(
 
 def validation_page(reported: Reported[Validation], pictures: Mapping[str, Markup]) -> str:
     """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    found = reported.result
-    return sheet(
-        found.structure,
+    validation = reported.result
+    return section_page(
+        validation.structure,
         sections_of(SECTIONS, reported),
         pictures,
-        verdict=headline(found),
-        trusted=found.trusted,
+        verdict=headline(validation),
+        trusted=validation.trusted,
     )

@@ -43,26 +43,26 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
     integrator, layout = system.without_events, system.layout
     branches, unwatched = parameters[layout.branches], parameters[layout.unwatched]
     for _ in range(system.kinks):  # kinks may be nested, inner ones first
-        now = system.kink_values(state, parameters, time)
-        branches[:] = np.where(now == 0.0, branches, np.sign(now))
+        values = system.kink_values(state, parameters, time)
+        branches[:] = np.where(values == 0.0, branches, np.sign(values))
     reversals = np.zeros(system.kinks, dtype=int)
     fraction = _FRACTION
     while True:
         integrator.place(Placement(time, state, parameters))
         later_state, later = integrator.trial_step(fraction, longest)
         then = system.kink_values(later_state, parameters, later)
-        now = system.kink_values(state, parameters, time)
-        on_kink = np.abs(now) <= _ON_KINK * np.abs(then - now)
-        if np.any(~on_kink & (now * then < 0.0)) and fraction > _SHORTEST:
+        values = system.kink_values(state, parameters, time)
+        on_kink = np.abs(values) <= _ON_KINK * np.abs(then - values)
+        if np.any(~on_kink & (values * then < 0.0)) and fraction > _SHORTEST:
             fraction *= 0.1  # another kink is passed within this moment
             continue
         wrong = on_kink & (then * branches < 0.0)
         if not wrong.any():
             unwatched[:] = then == 0.0
-            still = (then == now) & (now != 0.0)
+            still = (then == values) & (values != 0.0)
             if still.any():  # a slider that slides: its force stays at the limit, up to rounding
                 sizes = system.kink_sizes(state, parameters, time)
-                unwatched[still] = (np.abs(now) <= _ROUNDING * sizes)[still]
+                unwatched[still] = (np.abs(values) <= _ROUNDING * sizes)[still]
             return BranchChoice(later, parameters)
         reversals += wrong
         if reversals.max() > 2:

@@ -40,19 +40,19 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
     limit = float(-scipy.special.ndtri(LEVEL / (2 * max(count, 1))))
     rows = []
     for index, name in enumerate(posterior.names):
-        other = estimate.coefficient(name)
+        own = estimate.coefficient(name)
         error = math.sqrt(max(posterior.covariance[index, index], 0.0))
-        if other.standard_error is None or not other.standard_error > 0.0:
+        if own.standard_error is None or not own.standard_error > 0.0:
             continue
         rows.append(
             CoefficientAgreement(
                 name=name,
-                unit=other.unit,
+                unit=own.unit,
                 value=float(posterior.values[index]),
                 standard_error=error,
-                found=other.value,
-                found_error=other.standard_error,
-                z=(other.value - float(posterior.values[index])) / math.hypot(error, other.standard_error),
+                found=own.value,
+                found_error=own.standard_error,
+                z=(own.value - float(posterior.values[index])) / math.hypot(error, own.standard_error),
                 limit=limit,
             )
         )

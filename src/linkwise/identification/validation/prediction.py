@@ -85,11 +85,11 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
     history = min(_HISTORY, burn)
     count = len(record) - burn
     targets = burn + np.arange(0, count, -(-count // _MOST_STEPS))
-    found = predictor(targets - history, history, history + 1)
+    prediction = predictor(targets - history, history, history + 1)
     shape = (len(record), len(record.responses))
     predicted, variance = np.full(shape, np.nan), np.full(shape, np.nan)
-    predicted[targets] = found.predicted[-1].T
-    variance[targets] = (found.by_state + found.by_coefficients + found.by_laws)[-1].T
+    predicted[targets] = prediction.predicted[-1].T
+    variance[targets] = (prediction.by_state + prediction.by_coefficients + prediction.by_laws)[-1].T
     return predicted, variance
 
 
@@ -167,15 +167,15 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
     while True:
         settle = min(burn, max(_HISTORY, samples), _SETTLE)
         firsts = np.arange(burn, len(record), samples) - settle
-        found = predictor(firsts, settle, settle + samples)
-        deviation = np.sqrt(found.by_state[settle:])  # (M, C, K)
-        early = np.sqrt(np.mean(found.by_state[:settle], axis=0))
+        prediction = predictor(firsts, settle, settle + samples)
+        deviation = np.sqrt(prediction.by_state[settle:])  # (M, C, K)
+        early = np.sqrt(np.mean(prediction.by_state[:settle], axis=0))
         lost = ((deviation > _LOST * size[:, None]) & (deviation > _GROWN * early)).any(axis=1)
         lost = np.maximum.accumulate(lost, axis=0)  # (M, K)
         if 1.0 - np.mean(lost) >= _WITHIN or samples == _SHORTEST:
             break
         samples = max(samples // 2, _SHORTEST)
-    found.predicted[settle:].transpose(0, 2, 1)[lost] = np.nan
+    prediction.predicted[settle:].transpose(0, 2, 1)[lost] = np.nan
 
     def joined(parts: Floats) -> Floats:
         """(N, ...) from (M, ..., K): what follows the state of each window, one after the other."""
@@ -183,13 +183,13 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
         tail = tail.reshape(-1, *tail.shape[2:])[: len(record) - burn]
         return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
 
-    motion = joined(found.motion)
+    motion = joined(prediction.motion)
     base = record.channel(f"x:{BASE}") if f"x:{BASE}" in record.channels else None
     return Prediction(
-        predicted=joined(found.predicted),
-        by_state=joined(found.by_state),
-        by_coefficients=joined(found.by_coefficients),
-        by_laws=joined(found.by_laws),
+        predicted=joined(prediction.predicted),
+        by_state=joined(prediction.by_state),
+        by_coefficients=joined(prediction.by_coefficients),
+        by_laws=joined(prediction.by_laws),
         d=structure.elongations(motion[:, 0], base),
         v=structure.elongations(motion[:, 1], None if base is None else np.gradient(base, record.step)),
         starts=len(firsts),

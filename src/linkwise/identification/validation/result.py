@@ -267,15 +267,16 @@ class Validation(JudgedView):
     def findings(self) -> tuple[str, ...]:
         """Channels and coefficients that disagree, where the error is largest, and the remarks."""
         channels = [
-            f"{each.name}: the error is {each.rmse:.3g} {each.unit}; noise and intervals allow {each.limit:.3g} {each.unit}."
-            for each in self.channels.values()
-            if not each.agrees
+            f"{entry.name}: the error is {entry.rmse:.3g} {entry.unit}; noise and intervals allow {entry.limit:.3g} "
+            f"{entry.unit}."
+            for entry in self.channels.values()
+            if not entry.agrees
         ]
         coefficients = [
-            f"{each.name}: this record alone gives {each.found:.6g}, {abs(each.z):.1f} standard errors from {each.value:.6g} "
-            f"{each.unit}."
-            for each in self.coefficients
-            if not each.agrees
+            f"{entry.name}: this record alone gives {entry.found:.6g}, {abs(entry.z):.1f} standard errors from "
+            f"{entry.value:.6g} {entry.unit}."
+            for entry in self.coefficients
+            if not entry.agrees
         ]
         where = []
         if channels:
@@ -299,21 +300,21 @@ class Validation(JudgedView):
             "method": "validate",
             "status": self.status,
             "message": self.verdicts[0].value,
-            "channels": {name: _plain(each) for name, each in self.channels.items()},
+            "channels": {name: _plain(entry) for name, entry in self.channels.items()},
             "burn": self.burn,
             "free_run": self.free_run,
             "windows": {"count": self.windows, "length": self.window},
             "horizon": self.horizon,
             "where": {
-                each.quantity: {
-                    "unit": each.unit,
-                    "edges": each.edges.tolist(),
-                    "error_percent": each.error_percent.tolist(),
-                    "samples": each.samples.tolist(),
+                entry.quantity: {
+                    "unit": entry.unit,
+                    "edges": entry.edges.tolist(),
+                    "error_percent": entry.error_percent.tolist(),
+                    "samples": entry.samples.tolist(),
                 }
-                for each in self.profiles
+                for entry in self.profiles
             },
-            "coefficients": {each.name: _plain(each) for each in self.coefficients},
+            "coefficients": {entry.name: _plain(entry) for entry in self.coefficients},
             "model_error_percent": 100.0 * self.model_error,
             "verdicts": [verdict.name for verdict in self.verdicts],
             "trusted": self.trusted,
@@ -324,6 +325,6 @@ class Validation(JudgedView):
         return as_text(self)
 
 
-def _plain(each: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
+def _plain(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
     """The fields but the name, and whether it agrees."""
-    return {key: value for key, value in asdict(each).items() if key != "name"} | {"agrees": each.agrees}
+    return {key: value for key, value in asdict(entry).items() if key != "name"} | {"agrees": entry.agrees}

@@ -21,7 +21,7 @@ def validation_text(validation: Validation) -> str:
         blocks.append("\n".join(align_columns([COEFFICIENT_HEAD, *coefficient_rows(validation)])))
     if validation.findings:
         blocks.append(
-            "\n".join(fill(f"! {each}", _WIDTH, subsequent_indent="  ") for each in validation.findings)
+            "\n".join(fill(f"! {entry}", _WIDTH, subsequent_indent="  ") for entry in validation.findings)
         )
     return "\n\n".join(blocks)
 
@@ -47,16 +47,16 @@ def channel_rows(validation: Validation) -> list[tuple[str, ...]]:
     """A row for each channel."""
     return [
         (
-            each.name,
-            f"{each.rmse:.4g}",
-            f"{each.limit:.4g}",
-            f"{each.one_step_rmse:.4g}",
-            f"{each.noise:.4g}",
-            f"{each.nmse_percent:.3g}",
-            f"{each.fit_percent:.2f}",
-            each.unit,
+            entry.name,
+            f"{entry.rmse:.4g}",
+            f"{entry.limit:.4g}",
+            f"{entry.one_step_rmse:.4g}",
+            f"{entry.noise:.4g}",
+            f"{entry.nmse_percent:.3g}",
+            f"{entry.fit_percent:.2f}",
+            entry.unit,
         )
-        for each in validation.channels.values()
+        for entry in validation.channels.values()
     ]
 
 
@@ -64,11 +64,11 @@ def coefficient_rows(validation: Validation) -> list[tuple[str, ...]]:
     """A row for each coefficient that the answer gives with an interval."""
     return [
         (
-            each.name,
-            f"{format_value(each.value, each.standard_error)} ± {format_error(each.standard_error)}",
-            f"{format_value(each.found, each.found_error)} ± {format_error(each.found_error)}",
-            f"{each.z:+.1f}",
-            each.unit,
+            entry.name,
+            f"{format_value(entry.value, entry.standard_error)} ± {format_error(entry.standard_error)}",
+            f"{format_value(entry.found, entry.found_error)} ± {format_error(entry.found_error)}",
+            f"{entry.z:+.1f}",
+            entry.unit,
         )
-        for each in validation.coefficients
+        for entry in validation.coefficients
     ]

@@ -14,7 +14,7 @@ from linkwise.report.section import Section
 from linkwise.report.templates import TEMPLATES
 
 
-def sheet(
+def section_page(
     structure: Structure | None,
     sections: Mapping[str, Section],
     pictures: Mapping[str, Markup],
@@ -30,7 +30,7 @@ def sheet(
     `write_figures` returned for the sections. The title is the name of the structure unless it is given.
     """
     interactive = any(section.interactive for section in sections.values())
-    return TEMPLATES.get_template("sheet.html.jinja").render(
+    return TEMPLATES.get_template("section_page.html.jinja").render(
         title=title or (structure and structure.name) or "structure",
         verdict=verdict,
         trusted=trusted,
