@@ -1,4 +1,4 @@
-"""Makes the README's picture: what sensors saw of the paper's two-mass chain, and the sink's force found in it.
+"""Makes the README's picture: displacements of the paper's two-mass chain with noise, and the force of the sink identified from them.
 
 Run it from anywhere: .venv/bin/python docs/picture.py
 """
@@ -18,9 +18,9 @@ fit = lw.identify(record, chain.unknown("nes"))
 
 with sheet(columns=3, width=9.0, height=3.2) as (figure, (motion, force, wells)):
     lw.plot.histories(record, ["x:m2", "x:m1"], ax=motion)
-    motion.set_title("seen: noise at 20 dB")
+    motion.set_title("measured: noise at 20 dB")
     lw.plot.force(fit, "nes1", legend=False, ax=force)
-    force.set_title("found: the force of the sink")
+    force.set_title("identified: the force of the sink")
     lw.plot.force(fit, "nes1", near_wells=True, legend=False, ax=wells)
     wells.set_title("near its wells")
     drawn = dict(zip(*reversed(force.get_legend_handles_labels()), strict=True))

@@ -75,7 +75,7 @@ def test_prints_a_table(chain: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert run(["limit", str(chain), *PLAN, "--noise", "20"]) == 0
     out = capsys.readouterr().out
     assert "251 samples each of x:m1, x:m2 at 500 Hz, in segments of 0.25 s with free starts" in out
-    titles = ["coefficient", "value", "std. error", "relative", "smallest seen", "unit"]
+    titles = ["coefficient", "value", "std. error", "relative", "detectable", "unit"]
     assert all(title in out for title in titles)
     assert "nes1.alpha" in out and "N/m^3" in out and "expected NMSE" in out and "nes1 barrier" in out
 

@@ -35,7 +35,7 @@ nes1 (m2 - m1): alpha*d + beta*d**3 + c*v
   barrier       0.002482                0.002438 to 0.002527  J
   frequency 1     22.547                    22.448 to 22.645  Hz
   frequency 2     22.547                    22.448 to 22.645  Hz
-  seen: d -0.03054 to 0.02969 m, v -5.6 to 5.6 m/s"""
+  range: d -0.03054 to 0.02969 m, v -5.6 to 5.6 m/s"""
 
 BAD = """\
 bistable chain of 2 masses: weak, chi-square off, NOT to be trusted
@@ -60,7 +60,7 @@ nes1 (m2 - m1): alpha*d + beta*d**3 + c*v
   barrier       0.00248237                             J
   frequency 1      22.5466                             Hz
   frequency 2      22.5466                             Hz
-  seen: d -0.03054 to 0.02969 m, v -5.6 to 5.6 m/s
+  range: d -0.03054 to 0.02969 m, v -5.6 to 5.6 m/s
 
 ! 12 samples are missing; equations that need them are left out. A sentence that is too long for one
   line is broken."""

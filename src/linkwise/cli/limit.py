@@ -54,11 +54,11 @@ def limit(
     segment: float | None,
     as_json: bool,
 ) -> None:
-    """Tell how well a planned test of STRUCTURE can find its coefficients, before anybody measures.
+    """Compute how well a planned test of STRUCTURE can determine its coefficients, before anything is measured.
 
     STRUCTURE holds the numbers that are expected. Printed are the smallest standard errors that any method can reach which
-    looks at pieces of the record with free starts (Cramer-Rao bound), and the smallest coefficients and forces that 95 of 100
-    such tests would tell from zero.
+    takes pieces of the record with free initial states (Cramer-Rao bound), and the smallest coefficients and forces that 95
+    of 100 such tests would distinguish from zero.
 
     \b
     Examples:

@@ -85,8 +85,8 @@ def _link(link: LinkEstimate) -> str:
         rows.append(_derived(link.barrier, "barrier"))
     rows += [_derived(frequency, f"frequency {i}") for i, frequency in enumerate(link.frequencies, start=1)]
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
-    seen = f"seen: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
-    return "\n".join([head, *align_columns([_HEAD, *rows]), f"  {seen}"])
+    visited = f"range: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
+    return "\n".join([head, *align_columns([_HEAD, *rows]), f"  {visited}"])
 
 
 def _row(coefficient: CoefficientEstimate, label: str) -> tuple[str, ...]:

@@ -26,13 +26,13 @@ def limit_text(limit: Limit) -> str:
         ("noise", "deviation"),
         *((name, _noise_text(limit, name)) for name in limit.noise),
     ]
-    title = ("coefficient", "value", "std. error", "relative", "smallest seen", "unit")
+    title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
     forces = [(link.name, _percent(link.nmse), _force(link.detectable), "") for link in limit.links]
     blocks = [
         head,
         _table(noise),
         _table([title, *(_coefficient_row(coefficient) for coefficient in limit.coefficients)]),
-        _table([("force of", "expected NMSE", "smallest seen", ""), *forces]),
+        _table([("force of", "expected NMSE", "detectable", ""), *forces]),
     ]
     wells = [row for link in limit.links for row in _well_rows(link)]
     if wells:
