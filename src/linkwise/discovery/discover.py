@@ -34,6 +34,7 @@ from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
+from linkwise.records.stated_noise import check_stated_noise
 from linkwise.runtime import one_blas_thread
 from linkwise.units import to_si
 from linkwise.verdict import Verdict, is_trusted
@@ -93,7 +94,7 @@ def discover(
         If the records determine no structure: a mass without a sensor, a moving base without its displacement, no motion
         above the noise, too few samples, or a mass to which no link was found.
     RecordError
-        If two records hold the same samples.
+        If two records hold the same samples, or the noise stated of a channel is far more than its samples.
     StructureError
         If a mass is listed twice or unknown, or a stated link ends at something that is not a mass.
     LawError
@@ -196,6 +197,7 @@ def candidates_for(
     if not records:
         raise IdentificationError("discovery needs at least one record, got none")
     check_distinct(records)
+    check_stated_noise(records)
     if isinstance(masses, Structure | PartialStructure):
         given, stated = masses.masses, masses.links
     else:

@@ -18,6 +18,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
+from linkwise.records.stated_noise import check_stated_noise
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
 
@@ -59,7 +60,7 @@ def identify(
         If the records do not determine an unknown at all, nothing is unknown, or options are given that the method does not
         have.
     RecordError
-        If two records hold the same samples.
+        If two records hold the same samples, or the noise stated of a channel is far more than its samples.
 
     Examples
     --------
@@ -76,6 +77,7 @@ def identify(
     if not records:
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
+    check_stated_noise(records)
     if not structure.parameters:
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'

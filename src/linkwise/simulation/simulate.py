@@ -141,6 +141,9 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
         raise SimulationError(
             'sensors must have at least one kind, "x", "v" or "a", or "f" or "state" of links, or channel, such as "a:m1"'
         )
+    repeated = next((name for i, name in enumerate(wanted) if name in wanted[:i]), None)
+    if repeated is not None:
+        raise SimulationError(f"the sensor {repeated} is listed twice", arguments=("sensors",))
     responses: dict[Channel, None] = {}
     for name in wanted:
         if name in ("x", "v", "a"):
