@@ -1,4 +1,4 @@
-"""Makes the README's picture: displacements of the paper's two-mass chain with noise, and the force of the sink identified from them.
+"""Makes the README's picture: noisy displacements of the paper's two-mass chain, and the sink's force identified from them.
 
 Run it from anywhere: .venv/bin/python docs/picture.py
 """

@@ -85,7 +85,8 @@ def _link(link: LinkEstimate) -> str:
         rows.append(_derived(link.barrier, "barrier"))
     rows += [_derived(frequency, f"frequency {i}") for i, frequency in enumerate(link.frequencies, start=1)]
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
-    visited = f"range: d {link.d_range[0]:.4g} to {link.d_range[1]:.4g} m, v {link.v_range[0]:.4g} to {link.v_range[1]:.4g} m/s"
+    d_low, d_high, v_low, v_high = (f"{end:.4g}" for end in (*link.d_range, *link.v_range))
+    visited = f"range: d {d_low} to {d_high} m, v {v_low} to {v_high} m/s"
     return "\n".join([head, *align_columns([_HEAD, *rows]), f"  {visited}"])
 
 
