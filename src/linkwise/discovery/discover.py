@@ -322,7 +322,7 @@ def _discovery(
 ) -> Discovery:
     """The estimate of the selected structure and the evidence for it."""
     fit = selection.fit
-    estimate = estimate_of(fit, selection.structure, records)
+    estimate = estimate_of(selection.structure, fit, records)
     search = [
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),

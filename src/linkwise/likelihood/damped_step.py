@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.likelihood.late_sensors import LARGEST
 from linkwise.likelihood.normal_equations import Linearization
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Iterate, Scales, Segments
@@ -61,14 +62,14 @@ def damped_step(
             break
         free &= ~outside
     new = np.clip(new, lower, upper)
-    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
+    n = segments.system.incidence.shape[0]
     moved = (nodes * scales.state).T.reshape(2, n, -1)
-    point = Iterate(misfit.point.nodes + moved, *np.split(new, [p, p + segments.sensors.offsets]))
+    point = misfit.point.moved(misfit.point.nodes + moved, new)
     return point, (2.0 - length) * equations.drop(nodes, border)
 
 
 def bounds(segments: Segments) -> tuple[Floats, Floats]:
-    """Bounds of parameters, offsets and gains.
+    """Bounds of parameters, offsets, gains and delays.
 
     Parameters
     ----------
@@ -77,12 +78,13 @@ def bounds(segments: Segments) -> tuple[Floats, Floats]:
 
     Returns
     -------
-    lower, upper : array of shape (p + o + g,)
+    lower, upper : array of shape (P,)
         The bounds; infinite for offsets and gains.
     """
-    open_ = np.full(segments.sensors.offsets + segments.sensors.gains, np.inf)
-    parameters = segments.system.parameters
-    return np.concatenate([parameters.lower, -open_]), np.concatenate([parameters.upper, open_])
+    sensors, parameters = segments.sensors, segments.system.parameters
+    open_ = np.full(sensors.offsets + sensors.gains, np.inf)
+    late = np.full(sensors.delays, LARGEST * float(np.min(segments.step)) * segments.refine)
+    return np.concatenate([parameters.lower, -open_, -late]), np.concatenate([parameters.upper, open_, late])
 
 
 def freedom(segments: Segments) -> float:

@@ -15,13 +15,13 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.likelihood.admitted_errors import by_channel, estimate_with_admitted
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.restarts import fit_with_restarts
+from linkwise.likelihood.sensor_unknowns import by_channel, estimate_with_sensors
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.memory_support import refuse_memory
@@ -40,6 +40,7 @@ class LikelihoodKeywords(TypedDict, total=False):
     offsets: Sequence[str]
     gains: Sequence[str]
     calibration: Mapping[str, float] | None
+    delays: Sequence[str]
     admit: Sequence[str]
     loss: Loss | None
 
@@ -64,7 +65,9 @@ class MaximumLikelihood(Estimator):
         Relative standard deviations to which the gains of sensors are known, by channel: 0.01 for 1 %. ``"all"`` stands for
         every response channel that is not named, each with an error of its own, ``"common"`` for a factor that all of them
         share. Gains are then found with the rest, with these priors, and every interval counts them.
-    admit : sequence of {"gain", "offset"}, optional
+    delays : sequence of str, optional
+        Channels with an unknown delay, estimated with the rest.
+    admit : sequence of {"gain", "offset", "delay"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.
     loss : Loss, optional
@@ -90,6 +93,7 @@ class MaximumLikelihood(Estimator):
     offsets: Sequence[str] = ()
     gains: Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict)
+    delays: Sequence[str] = ()
     admit: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
 
@@ -116,38 +120,36 @@ class MaximumLikelihood(Estimator):
             If an unknown has no starting value, or the records lack channels or differ in them.
         """
         refuse_memory(structure.links, 'method "ml"')
-        theta, spread = starting_values(records, structure, self.starts)
         options = LikelihoodOptions(
             self.offsets,
             self.gains,
             by_channel(self.calibration, records[0].responses),
+            self.delays,
             self.loss,
             progress=progress,
         )
 
-        def fitted(options: LikelihoodOptions) -> LikelihoodFit:
-            return self._fitted(records, structure, theta, spread, options)
-
-        return estimate_with_admitted(
-            fitted, options, self.admit, lambda fit: estimate_of(fit, structure, records)
+        return estimate_with_sensors(
+            partial(self._search, structure), records, options, self.admit, partial(estimate_of, structure)
         )
 
-    @staticmethod
-    def _fitted(
-        records: Sequence[Record],
-        structure: Structure,
-        theta: Floats,
-        spread: Floats | None,
-        options: LikelihoodOptions,
+    def _search(
+        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
+        theta, spread = starting_values(records, structure, self.starts)
         if needs_integration(records[0], structure):
             return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
         fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
         return lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
 
 
-def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Estimate:
-    """The estimate that a fit of `structure` to `records` gives, with its verdicts."""
+def estimate_of(
+    structure: Structure,
+    fit: LikelihoodFit,
+    records: Sequence[Record],
+    delays: Mapping[str, float] | None = None,
+) -> Estimate:
+    """The estimate that a fit of `structure` to `records` gives, with its verdicts; `delays` in s were found by channel."""
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
     judgement = assess(fit, identified, records[0].responses)
@@ -166,7 +168,7 @@ def estimate_of(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         samples=fit.samples,
         compute_motion=partial(_motion, fit, identified, records),
         record=records[0],
-        remarks=_remarks(fit),
+        remarks=_remarks(fit, delays or {}),
         profile=partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
@@ -213,13 +215,25 @@ def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None
     return np.concatenate(columns)
 
 
-def _remarks(fit: LikelihoodFit) -> tuple[str, ...]:
-    off = [
-        f"{name} is off by {value:.4g} throughout (estimated with the other unknowns)."
-        for name, value in fit.offsets.items()
+def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]:
+    """What was found of the sensors, with standard deviations."""
+    told = [
+        *(
+            f"{name} is off by {value:.4g} throughout (estimated with the other unknowns"
+            for name, value in fit.offsets.items()
+        ),
+        *(
+            f"{name} shows {value:.6g} of its motion (estimated with the other unknowns"
+            for name, value in fit.gains.items()
+        ),
+        *(
+            f"{name} is late by {1e3 * value:.4g} ms (estimated with the other unknowns"
+            for name, value in delays.items()
+        ),
     ]
-    gained = [
-        f"{name} shows {value:.6g} of its motion (estimated with the other unknowns)."
-        for name, value in fit.gains.items()
-    ]
-    return (*off, *gained)
+    units = [""] * (len(fit.offsets) + len(fit.gains)) + [" ms"] * len(delays)
+    deviations = fit.sensor_deviations * np.where([bool(unit) for unit in units], 1e3, 1.0)
+    return tuple(
+        f"{text}, standard error {deviation:.2g}{unit})."
+        for text, deviation, unit in zip(told, deviations, units, strict=True)
+    )

@@ -107,6 +107,8 @@ class LikelihoodFit:
     free: Bools
     offsets: dict[str, float]
     gains: dict[str, float]
+    delays: dict[str, float]
+    sensor_deviations: Floats
     noise: dict[str, float]
     chi_square: float
     chi_square_off: bool
@@ -132,6 +134,8 @@ class LikelihoodOptions:
         Channels with an unknown constant error or factor.
     calibration : mapping of str to float, optional
         Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
+    delays : sequence of str, optional
+        Channels with an unknown delay of less than a sample.
     loss : Loss, optional
         Loss of a residual.
     model_error : bool, optional
@@ -149,6 +153,7 @@ class LikelihoodOptions:
     offsets: Sequence[str] = ()
     gains: Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict)
+    delays: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     progress: Progress = silent
@@ -197,7 +202,7 @@ def likelihood_fit(
         If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
-    sensing = SensorModel.of(records, options.offsets, options.gains, options.calibration)
+    sensing = SensorModel.of(records, options.offsets, options.gains, options.calibration, options.delays)
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
         annealer = Annealer(executor, options.loss, options.progress)
@@ -238,6 +243,8 @@ def _fitted(
         free=~fit.at_bound[:p],
         offsets=dict(zip(sensing.offsets, map(float, fit.point.offsets), strict=True)),
         gains=dict(zip(sensing.gains, map(float, fit.point.gains), strict=True)),
+        delays=dict(zip(sensing.delays, map(float, fit.point.delays), strict=True)),
+        sensor_deviations=factor * np.sqrt(np.maximum(fit.covariance.diagonal()[p:], 0.0)),
         noise=_found_noise(fit, records[0].responses),
         chi_square=chi_square,
         chi_square_off=off,

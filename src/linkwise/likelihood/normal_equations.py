@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.bordered_system import BorderedSystem, Damping
-from linkwise.likelihood.flow import CandidateForces, tangents
+from linkwise.likelihood.flow import CandidateForces, Single, tangents
+from linkwise.likelihood.late_sensors import late_motion
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
+from linkwise.likelihood.segments import A, Iterate, Scales, Segments, Sensors, V, X
 from linkwise.likelihood.sensor_errors import SensorErrors
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
@@ -174,10 +176,11 @@ def whitened_jacobian(
         sample, between = divmod(number, segments.tangent_refine)
         if acceleration is None or between:
             continue
-        for kind, motion in ((X, state[0]), (V, state[1]), (A, acceleration)):
+        motions = (state[0], state[1], acceleration)
+        for kind in (X, V, A):
             if len(chosen[kind]):
                 factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
-                rows = motion[sensors.mass[chosen[kind]]] * factor[:, None]
+                rows = _shown(motions, kind, chosen[kind], sensors, misfit.point, rates[V]) * factor[:, None]
                 jacobian[:, sample, chosen[kind], :moving] = rows.transpose(2, 0, 1)
     if errors is not None:
         for number, channel in enumerate(errors.channel):
@@ -186,11 +189,50 @@ def whitened_jacobian(
         column = width + sensors.offset[channel]
         jacobian[:, :, channel, column] = whiten[:, channel].T * scales.theta[p + sensors.offset[channel]]
     _calibrate_gains(jacobian, segments, misfit, scales, root, part)
+    _add_delays(jacobian, segments, misfit, scales, whiten, part)
     ends = np.zeros((K, 2 * n, P))
     ends[:, :n, :moving] = state[0].transpose(2, 0, 1)
     ends[:, n:, :moving] = (state[1] * rates[V]).transpose(2, 0, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _shown(
+    motions: Sequence[Single],
+    kind: int,
+    channels: Indices,
+    sensors: Sensors,
+    point: Iterate,
+    rate: float | Floats,
+) -> Single:
+    """(c, P, k) tangents of what the `channels` of one `kind` show; those that are late to first order in the delay."""
+    rows = np.asarray(motions[kind][sensors.mass[channels]])
+    for number, channel in enumerate(channels):
+        if kind < A and sensors.delays and sensors.delay[channel] >= 0:
+            delay = point.delays[sensors.delay[channel]]
+            rows[number] -= (delay * rate * motions[kind + 1][sensors.mass[channel]]).astype(rows.dtype)
+    return rows
+
+
+def _add_delays(
+    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, whiten: Single, part: slice
+) -> None:
+    """The columns of delays: the rate of the motion that the sensor shows, sign reversed."""
+    sensors, point = segments.sensors, misfit.point
+    first = jacobian.shape[-1] - 1 - sensors.delays
+    units, factors = scales.theta[len(scales.theta) - sensors.delays :], sensors.factors(point.gains)
+    for channel in sensors.late:
+        number = sensors.delay[channel]
+        _, rate = late_motion(
+            misfit.trajectories.part(part),
+            segments.step[part] * segments.refine,
+            segments.refine,
+            mass=int(sensors.mass[channel]),
+            kind=int(sensors.kind[channel]),
+            delay=float(point.delays[number]),
+        )
+        column = -whiten[:, channel] * rate * (units[number] * factors[channel])
+        jacobian[:, :, channel, first + number] = column.T
 
 
 def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
@@ -208,7 +250,7 @@ def _calibrate_gains(
     `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing.
     """
     sensors, point = segments.sensors, misfit.point
-    motion_columns = jacobian.shape[-1] - 1 - sensors.offsets - sensors.gains
+    motion_columns = jacobian.shape[-1] - 1 - sensors.unknowns
     first = len(point.theta) + len(point.offsets)
     factors = sensors.factors(point.gains)
     for channel in sensors.scaled:

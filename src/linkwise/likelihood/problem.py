@@ -82,13 +82,21 @@ def shooting_problem(
         np.min(
             [start.scale for start in starts], axis=0
         ),  # the record with the least noise needs the tightest flow
-        np.concatenate([np.where(unit > 0.0, unit, 1.0), offset_units, np.ones(len(sensing.gains))]),
+        np.concatenate(
+            [
+                np.where(unit > 0.0, unit, 1.0),
+                offset_units,
+                np.ones(len(sensing.gains)),
+                np.full(len(sensing.delays), records[0].step),
+            ]
+        ),
     )
     point = Iterate(
         segment_nodes(starts, SAMPLES),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
         np.zeros(len(sensing.offsets)),
         np.ones(len(sensing.gains)),
+        np.zeros(len(sensing.delays)),
     )
     segments = _fine_segments(partial(sensing.segments, records, structure, system), point, scales)
     return ShootingProblem(segments, point, scales)

@@ -8,6 +8,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.flow import Trajectories, flow
+from linkwise.likelihood.late_sensors import late_motion
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
 
@@ -88,6 +89,16 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     ):
         chosen = np.flatnonzero(sensors.kind == kind)
         residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
+    for channel in sensors.late:
+        shown, _ = late_motion(
+            orbit,
+            segments.step * segments.refine,
+            segments.refine,
+            mass=int(sensors.mass[channel]),
+            kind=int(sensors.kind[channel]),
+            delay=float(point.delays[sensors.delay[channel]]),
+        )
+        residuals[:, channel] = segments.samples[:, channel] - shown
     factors = sensors.factors(point.gains)
     for channel in sensors.scaled:
         motion = segments.samples[:, channel] - residuals[:, channel]

@@ -22,7 +22,7 @@ X, V, A = 0, 1, 2
 
 @dataclass(frozen=True)
 class Sensors:
-    """`kind` (C,) is X, V or A, `mass` (C,) a number, `offset` (C,) the index of the channel's unknown offset, -1 for none.
+    """`kind` (C,) is X, V or A, `mass` (C,) a number, `offset`, `delay` (C,) indices of its unknown errors, -1 for none.
 
     A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
     g): ones where a factor acts on the channel, else zeros.
@@ -32,6 +32,7 @@ class Sensors:
     mass: Indices
     offset: Indices
     gain: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    delay: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
 
     @property
     def offsets(self) -> int:
@@ -40,6 +41,20 @@ class Sensors:
     @property
     def gains(self) -> int:
         return int(self.gain.shape[1])
+
+    @property
+    def delays(self) -> int:
+        return int(self.delay.max(initial=-1)) + 1
+
+    @property
+    def unknowns(self) -> int:
+        """Unknown offsets, gains and delays."""
+        return self.offsets + self.gains + self.delays
+
+    @property
+    def late(self) -> Indices:
+        """Channels with an unknown delay."""
+        return np.flatnonzero(self.delay >= 0)
 
     @property
     def scaled(self) -> Indices:
@@ -89,7 +104,7 @@ class Segments:
 
     @property
     def parameters(self) -> int:
-        return int(self.system.parameters.size + self.sensors.offsets + self.sensors.gains)
+        return int(self.system.parameters.size + self.sensors.unknowns)
 
     @cached_property
     def unconstrained(self) -> Bools:
@@ -105,17 +120,23 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """The unknowns: nodes (2, n, K) in m and m/s, theta (p,), offsets (o,) and gains (g,) of sensors."""
+    """The unknowns: nodes (2, n, K) in m and m/s, theta (p,), offsets (o,), gains (g,) and delays (l,) in s of sensors."""
 
     nodes: Floats
     theta: Floats
     offsets: Floats
     gains: Floats = field(default_factory=lambda: np.ones(0))
+    delays: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def border(self) -> Floats:
-        """(p + o + g,) the unknowns that all nodes share: parameters, offsets and gains."""
-        return np.concatenate([self.theta, self.offsets, self.gains])
+        """(P,) the unknowns that all nodes share: parameters, offsets, gains and delays."""
+        return np.concatenate([self.theta, self.offsets, self.gains, self.delays])
+
+    def moved(self, nodes: Floats, border: Floats) -> Iterate:
+        """The point with other nodes and another border (P,)."""
+        sizes = [len(self.theta), len(self.offsets), len(self.gains)]
+        return Iterate(nodes, *np.split(border, np.cumsum(sizes)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.segmentation import cut_segments
 from linkwise.likelihood.segments import Segments
@@ -28,8 +29,8 @@ class SensorModel:
 
     Attributes
     ----------
-    offsets, gains : tuple of str
-        Channels with an unknown constant error or factor; ``"common"`` is a factor of all of them.
+    offsets, gains, delays : tuple of str
+        Channels with an unknown constant error, factor or delay; ``"common"`` is a factor of all of them.
     noise : tuple of dict of str to float
         For each record the standard deviations of the noise by channel, in SI units.
     calibration : mapping of str to float
@@ -40,6 +41,7 @@ class SensorModel:
     gains: tuple[str, ...]
     noise: tuple[dict[str, float], ...]
     calibration: Mapping[str, float] = field(default_factory=dict)
+    delays: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -48,6 +50,7 @@ class SensorModel:
         offsets: Sequence[str],
         gains: Sequence[str],
         calibration: Mapping[str, float] | None = None,
+        delays: Sequence[str] = (),
     ) -> SensorModel:
         """Sensors of records.
 
@@ -59,6 +62,8 @@ class SensorModel:
             Channels with an unknown constant error or factor.
         calibration : mapping of str to float, optional
             Standard deviations to which gains are known beforehand, relative, by channel; they are unknown too.
+        delays : sequence of str, optional
+            Channels with an unknown delay.
 
         Returns
         -------
@@ -67,10 +72,11 @@ class SensorModel:
         """
         known = dict(calibration or {})
         every = dict.fromkeys((*gains, *known))
-        return cls(tuple(offsets), tuple(every), tuple(channel_noise(record) for record in records), known)
+        noise = tuple(channel_noise(record) for record in records)
+        return cls(tuple(offsets), tuple(every), noise, known, tuple(delays))
 
     def prior(self, parameters: Sequence[Parameter]) -> Prior | None:
-        """What is known beforehand of parameters, offsets and gains.
+        """What is known beforehand of parameters, offsets, gains and delays.
 
         Parameters
         ----------
@@ -83,10 +89,12 @@ class SensorModel:
             The prior; None where nothing is known.
         """
         starts = [0.0 if p.start is None else p.start for p in parameters]
-        mean = np.concatenate([starts, np.zeros(len(self.offsets)), np.ones(len(self.gains))])
+        late = np.zeros(len(self.delays))
+        mean = np.concatenate([starts, np.zeros(len(self.offsets)), np.ones(len(self.gains)), late])
         sigma = [p.sigma for p in parameters]
         gains = [self.calibration.get(name, np.inf) for name in self.gains]
-        prior = Prior(mean, np.concatenate([sigma, np.full(len(self.offsets), np.inf), gains]))
+        free = np.full(len(self.offsets), np.inf), np.full(len(self.delays), np.inf)
+        prior = Prior(mean, np.concatenate([sigma, free[0], gains, free[1]]))
         return prior if prior.count else None
 
     @property
@@ -130,4 +138,17 @@ class SensorModel:
             gains=self.gains,
             relative_noise=relative_noise,
         )
-        return replace(segments, prior=self.prior(structure.parameters))
+        return replace(
+            segments,
+            sensors=replace(segments.sensors, delay=self._delays(records[0].responses)),
+            prior=self.prior(structure.parameters),
+        )
+
+    def _delays(self, channels: Sequence[str]) -> Indices:
+        """(C,) index of the unknown delay of each channel, -1 for none."""
+        absent = [name for name in self.delays if name not in channels]
+        if absent:
+            raise IdentificationError(
+                f"no delay of {absent[0]} can be estimated: the sensors of the record are {', '.join(channels)}"
+            )
+        return np.array([self.delays.index(name) if name in self.delays else -1 for name in channels])

@@ -1,0 +1,57 @@
+"""What sensors show that are late: the fitted motion between its samples, and its rate.
+
+Between two samples the motion is the polynomial of fifth degree that agrees with displacement, velocity and acceleration at
+both; before the first of a segment it is that of the first two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.flow import Trajectories
+
+LARGEST = 0.75
+"""Delay in samples up to which the polynomials hold; the records are shifted by whole samples for more."""
+
+
+def late_motion(
+    orbit: Trajectories, step: Floats, stride: int, *, mass: int, kind: int, delay: float
+) -> tuple[Floats, Floats]:
+    """(M, K) what a sensor of this `kind` shows of a mass at the samples, `delay` s late, and the rate of it.
+
+    `step` (K,) is that of the samples, with `stride` steps of the flow.
+    """
+    x = orbit.states[::stride, 0, mass]
+    v = orbit.states[::stride, 1, mass] * stride
+    a = orbit.accelerations[::stride, mass] * step**2
+    first = np.arange(len(x) - 1)
+    if delay > 0.0:
+        first = np.maximum(first - 1, 0)
+    place = np.arange(len(x) - 1)[:, None] - first[:, None] - delay / step
+    polynomial = _quintic(x[first], v[first], a[first], x[first + 1], v[first + 1], a[first + 1])
+    shown, rate = (_derivative(polynomial, place, order) / step**order for order in (kind, kind + 1))
+    return shown, rate
+
+
+def _quintic(*ends: Floats) -> tuple[Floats, ...]:
+    """Coefficients of the polynomial on 0..1 with value, slope and curvature x, v, a at 0 and y, w, b at 1."""
+    x, v, a, y, w, b = ends
+    value, slope, curvature = y - x - v - 0.5 * a, w - v - a, b - a
+    return (
+        x,
+        v,
+        0.5 * a,
+        10.0 * value - 4.0 * slope + 0.5 * curvature,
+        -15.0 * value + 7.0 * slope - curvature,
+        6.0 * value - 3.0 * slope + 0.5 * curvature,
+    )
+
+
+def _derivative(coefficients: tuple[Floats, ...], place: Floats, order: int) -> Floats:
+    """The polynomial's derivative of an order at `place`, by Horner's scheme."""
+    total = np.zeros_like(place)
+    for power in range(len(coefficients) - 1, order - 1, -1):
+        factor = np.prod(np.arange(power - order + 1, power + 1, dtype=float))
+        total = total * place + factor * coefficients[power]
+    return total

@@ -1,0 +1,118 @@
+"""Errors of sensors that are estimated with the laws: calibrations by channel, delays of any length, and errors that the
+diagnosis names and the user admits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from linkwise.errors import IdentificationError
+from linkwise.estimates.estimate import Estimate
+from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions
+from linkwise.likelihood.segmentation import COMMON
+from linkwise.records.record import Record
+from linkwise.text import near_miss
+
+ALL = "all"
+ADMISSIBLE = ("gain", "offset", "delay")
+_LARGEST = (
+    0.5  # relative deviation of a calibration: the first order tells no sensor that may show half or twice
+)
+_WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
+_SHIFTS = 8  # of channels, at most: beyond the delays wander
+
+Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], LikelihoodFit]
+Report: TypeAlias = Callable[[LikelihoodFit, Sequence[Record], Mapping[str, float]], Estimate]
+
+
+def by_channel(calibration: Mapping[str, float], responses: Sequence[str]) -> dict[str, float]:
+    """Relative deviations of gains by response channel, and of the common one; `ALL` stands for those that are not named.
+
+    Raises IdentificationError for a channel that is not a response, or a deviation that is not small and positive.
+    """
+    for name, deviation in calibration.items():
+        if name not in (*responses, ALL, COMMON):
+            raise IdentificationError(
+                f"no calibration of {name} can be stated{near_miss(name, responses)}: the record has the sensors "
+                f'{", ".join(responses)}; "{ALL}" stands for each of them and "{COMMON}" for a factor that they share'
+            )
+        if not 0.0 < deviation <= _LARGEST:
+            raise IdentificationError(
+                f"the calibration of {name} must be a relative standard deviation above 0 and up to {_LARGEST:g}, "
+                f"got {deviation:g}"
+            )
+    each = dict.fromkeys(responses, calibration[ALL]) if ALL in calibration else {}
+    return each | {name: deviation for name, deviation in calibration.items() if name != ALL}
+
+
+def estimate_with_sensors(
+    search: Search,
+    records: Sequence[Record],
+    options: LikelihoodOptions,
+    admitted: Sequence[str],
+    report: Report,
+) -> Estimate:
+    """The estimate by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
+
+    Raises IdentificationError for a kind that cannot be admitted.
+    """
+    for kind in admitted:
+        if kind not in ADMISSIBLE:
+            raise IdentificationError(
+                f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}'
+            )
+    while True:
+        estimate = _with_delays(search, records, options, report)
+        instruments = [cause for cause in estimate.diagnosis if cause.is_instrument]
+        if not instruments or instruments[0].kind not in admitted:
+            return estimate
+        kind, channel = instruments[0].kind, instruments[0].where
+        present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
+        if channel in present:
+            return estimate
+        options = _widened(options, kind, (*present, channel))
+
+
+def _widened(options: LikelihoodOptions, kind: str, channels: tuple[str, ...]) -> LikelihoodOptions:
+    if kind == "offset":
+        return replace(options, offsets=channels)
+    if kind == "gain":
+        return replace(options, gains=channels)
+    return replace(options, delays=channels)
+
+
+def _with_delays(
+    search: Search, records: Sequence[Record], options: LikelihoodOptions, report: Report
+) -> Estimate:
+    """The estimate; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again."""
+    late = dict.fromkeys(options.delays, 0)
+    for _ in range(_SHIFTS):
+        shifted = [_shifted(record, late) for record in records]
+        fit = search(shifted, options)
+        step = records[0].step
+        moved = {
+            name: round(delay / step) for name, delay in fit.delays.items() if abs(delay) > _WHOLE * step
+        }
+        if not moved:
+            break
+        late |= {name: late[name] + samples for name, samples in moved.items()}
+    return report(fit, shifted, {name: samples * step + fit.delays[name] for name, samples in late.items()})
+
+
+def _shifted(record: Record, late: Mapping[str, int]) -> Record:
+    """The record with channels that are `late` by whole samples set beside the others, cut to what all have."""
+    if not any(late.values()):
+        return record
+    first = max(0, *(-samples for samples in late.values()))
+    count = len(record) - first - max(0, *late.values())
+    columns = [
+        record.values[first + late.get(name, 0) :][:count, column]
+        for column, name in enumerate(record.channels)
+    ]
+    return replace(
+        record, start=record.start + first * record.step, values=np.stack(columns, axis=1), simulated=None
+    )
