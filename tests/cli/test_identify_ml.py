@@ -105,7 +105,7 @@ def test_a_calibration_is_counted_where_it_is_stated(files: Path) -> None:
     found = answer(files, "--calibration", "all=1%", "--calibration", "x:m1=0.5 %")
     by_library = library(files, "run.csv", calibration={"all": 0.01, "x:m1": 0.005})
     assert alpha(found)["value"] == pytest.approx(by_library, rel=1e-8)
-    assert sum(" of its motion (found" in line for line in found["findings"]) == 2
+    assert sum(" of its motion (estimated" in line for line in found["findings"]) == 2
 
 
 def test_an_error_of_a_sensor_is_let_into_the_model(files: Path) -> None:

@@ -90,6 +90,21 @@ def test_what_is_held_does_not_move(equations: BorderedSystem) -> None:
     assert nodes.ravel() == pytest.approx(np.linalg.solve(matrix[:-P, :-P], gradient[:-P]), rel=1e-8)
 
 
+def test_what_is_held_elsewhere_moves_the_others_and_the_cost(equations: BorderedSystem) -> None:
+    matrix, gradient = dense(equations)
+    free, held = np.array([True, False, True]), np.array([9.0, -0.7, 9.0])
+    factor = present(equations.factor())
+    nodes, border = present(factor.solve(free, held))
+    moving = np.concatenate([np.ones(len(gradient) - P, bool), free])
+    step = np.zeros_like(gradient)
+    step[~moving] = -0.7
+    right = gradient[moving] + 0.7 * matrix[moving][:, ~moving].sum(axis=1)
+    step[moving] = np.linalg.solve(matrix[np.ix_(moving, moving)], right)
+    assert np.concatenate([nodes.ravel(), border]) == pytest.approx(step, rel=1e-8, abs=1e-10)
+    predicted = 2.0 * gradient @ step - step @ matrix @ step  # of a quadratic cost, exactly
+    assert equations.drop(nodes, border) - factor.excess(border, free) == pytest.approx(predicted, rel=1e-8)
+
+
 def test_covariance_is_the_corner_of_the_inverse(equations: BorderedSystem) -> None:
     matrix, _ = dense(equations)
     unit = np.array([30.0, 1e6, 0.02])

@@ -132,6 +132,17 @@ def test_a_shared_coefficient_is_one_unknown() -> None:
     )  # two sinks tell more of it than the better one
 
 
+def test_a_coefficient_that_leaves_its_bounds_ends_at_them(chain: lw.Structure, clean: lw.Record) -> None:
+    """However far inside it starts: one that stays where it is would be taken for an estimate."""
+    text = lw.format_structure(chain.unknown("nes"))
+    bounded = lw.parse_structure(text.replace('c = "unknown"', "c = { start = 0.05, lower = 0.03 }"))
+    record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=1)
+    fit = lw.identify(record, bounded, starts={"nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.05})
+    damping = fit.coefficient("nes1.c")
+    assert damping.value == 0.03 and damping.interval is None
+    assert any("nes1.c was stopped by its bound" in line for line in fit.findings)
+
+
 def test_a_bound_that_stops_a_coefficient_is_said(chain: lw.Structure, clean: lw.Record) -> None:
     text = lw.format_structure(chain.unknown("nes"))
     bounded = lw.parse_structure(

@@ -75,18 +75,26 @@ class BorderedFactor:
     reduced: Floats
     shape: tuple[int, int]
 
-    def solve(self, free: Bools) -> tuple[Floats, Floats] | None:
-        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at zero; None where not positive definite."""
-        border = np.zeros(len(self.reduced))
+    def solve(self, free: Bools, held: Floats | None = None) -> tuple[Floats, Floats] | None:
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `held` (p,), by default at zero.
+
+        None where the equations are not positive definite.
+        """
+        border = np.zeros(len(self.reduced)) if held is None else np.where(free, 0.0, held)
         if free.any():
             try:
                 root = cholesky(self.schur[np.ix_(free, free)], lower=True)
             except np.linalg.LinAlgError:
                 return None
-            border[free] = cho_solve((root, True), self.reduced[free])
+            right = self.reduced[free] - self.schur[np.ix_(free, ~free)] @ border[~free]
+            border[free] = cho_solve((root, True), right)
         right = self.forward[-1] - border @ self.forward[:-1]
         nodes, _ = lapack.dtbtrs(self.chol, right[:, None], uplo="L", trans="T")
         return nodes.reshape(self.shape), border
+
+    def excess(self, border: Floats, free: Bools) -> float:
+        """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `BorderedSystem.drop` takes for zero."""
+        return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
 
     def log_determinant(self, free: Bools) -> float:
         """Of the whole matrix, border restricted to `free`."""

@@ -20,7 +20,7 @@ def damped_step(
     damping: float,
     length: float,
 ) -> tuple[Iterate, float] | None:
-    """A damped Gauss-Newton step that ends at the bounds.
+    """A damped Gauss-Newton step; parameters that it would take out of their bounds go to them, the others with them.
 
     Parameters
     ----------
@@ -50,9 +50,9 @@ def damped_step(
         return None
     lower, upper = bounds(segments)
     old = misfit.point.border
-    free = np.ones(segments.parameters, bool)
+    free, ends = np.ones(segments.parameters, bool), old.copy()
     while True:
-        solved = factor.solve(free)
+        solved = factor.solve(free, (ends - old) / scales.theta)
         if solved is None:
             return None
         nodes, border = length * solved[0], length * solved[1]
@@ -60,12 +60,16 @@ def damped_step(
         outside = free & ((new < lower) | (new > upper))
         if not outside.any():
             break
+        ends = np.where(outside, np.clip(new, lower, upper), ends)
         free &= ~outside
+    if length == 1.0:
+        new = np.where(free, new, ends)  # to the last digit
     new = np.clip(new, lower, upper)
     n = segments.system.incidence.shape[0]
     moved = (nodes * scales.state).T.reshape(2, n, -1)
     point = misfit.point.moved(misfit.point.nodes + moved, new)
-    return point, (2.0 - length) * equations.drop(nodes, border)
+    predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * factor.excess(solved[1], free)
+    return point, predicted
 
 
 def bounds(segments: Segments) -> tuple[Floats, Floats]:

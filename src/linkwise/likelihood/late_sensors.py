@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.flow import Trajectories
 
-LARGEST = 0.75
+LARGEST = 1.5
 """Delay in samples up to which the polynomials hold; the records are shifted by whole samples for more."""
 
 
@@ -25,11 +25,10 @@ def late_motion(
     x = orbit.states[::stride, 0, mass]
     v = orbit.states[::stride, 1, mass] * stride
     a = orbit.accelerations[::stride, mass] * step**2
-    first = np.arange(len(x) - 1)
-    if delay > 0.0:
-        first = np.maximum(first - 1, 0)
-    place = np.arange(len(x) - 1)[:, None] - first[:, None] - delay / step
-    polynomial = _quintic(x[first], v[first], a[first], x[first + 1], v[first + 1], a[first + 1])
+    sample = np.arange(len(x) - 1)[:, None]
+    first = np.clip(sample + np.floor(-delay / step).astype(int), 0, len(x) - 2)
+    ends = (np.take_along_axis(each, first + end, axis=0) for end in (0, 1) for each in (x, v, a))
+    place, polynomial = sample - delay / step - first, _quintic(*ends)
     shown, rate = (_derivative(polynomial, place, order) / step**order for order in (kind, kind + 1))
     return shown, rate
 
