@@ -50,8 +50,8 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
                 unit=own.unit,
                 value=float(posterior.values[index]),
                 standard_error=error,
-                found=own.value,
-                found_error=own.standard_error,
+                record_value=own.value,
+                record_error=own.standard_error,
                 z=(own.value - float(posterior.values[index])) / math.hypot(error, own.standard_error),
                 limit=limit,
             )

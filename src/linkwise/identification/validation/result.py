@@ -81,7 +81,7 @@ class CoefficientAgreement:
         Full name and unit of the coefficient.
     value, standard_error : float
         The answer.
-    found, found_error : float
+    record_value, record_error : float
         The estimate from this record, and its standard error.
     z : float
         Their difference in standard deviations of both errors together (Wald test).
@@ -104,8 +104,8 @@ class CoefficientAgreement:
     unit: str
     value: float
     standard_error: float
-    found: float
-    found_error: float
+    record_value: float
+    record_error: float
     z: float
     limit: float
 
@@ -273,7 +273,7 @@ class Validation(JudgedView):
             if not entry.agrees
         ]
         coefficients = [
-            f"{entry.name}: this record alone gives {entry.found:.6g}, {abs(entry.z):.1f} standard errors from "
+            f"{entry.name}: this record alone gives {entry.record_value:.6g}, {abs(entry.z):.1f} standard errors from "
             f"{entry.value:.6g} {entry.unit}."
             for entry in self.coefficients
             if not entry.agrees

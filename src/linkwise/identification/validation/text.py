@@ -66,7 +66,7 @@ def coefficient_rows(validation: Validation) -> list[tuple[str, ...]]:
         (
             entry.name,
             f"{format_value(entry.value, entry.standard_error)} ± {format_error(entry.standard_error)}",
-            f"{format_value(entry.found, entry.found_error)} ± {format_error(entry.found_error)}",
+            f"{format_value(entry.record_value, entry.record_error)} ± {format_error(entry.record_error)}",
             f"{entry.z:+.1f}",
             entry.unit,
         )
