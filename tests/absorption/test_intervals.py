@@ -36,8 +36,10 @@ def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
     # the standard error of a covariance from R draws is sqrt((s_i s_j)^2 (1 + r^2) / R); four of them
     size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)) * 2.0 / 20000)
     assert np.all(np.abs(np.cov(drawn.T) - covariance) < 4.0 * size)
+    # likewise, of means
     assert np.all(np.abs(drawn.mean(axis=0) - [-100.0, 1e6]) < 4.0 * np.sqrt(np.diag(covariance) / 20000))
     bounded = known([[1e-4]], "nes1.c", lower=0.01).draws(500, seed=1000)
+    # the bound that was stated
     assert bounded.min() >= 0.01 and len(bounded) == 500
     with pytest.raises(
         lw.IdentificationError, match=r"draws only \d+ lie within the bounds of the coefficients"

@@ -57,6 +57,7 @@ def test_json_is_the_answer_of_the_library(chain: Path, capsys: pytest.CaptureFi
     assert found["sinks"]["nes1"]["crossing_times"] == same.sinks[0].crossings.tolist()
     assert found["harvesters"]["nes1"]["average_power"] == pytest.approx(same.harvests[0].power, rel=1e-12)
     shares = found["energy"]["with_sinks"]
+    # identity, printed with 6 digits
     assert sum(shares["shares"].values()) + shares["remaining"] == pytest.approx(1.0, abs=1e-6)
 
 
@@ -87,6 +88,7 @@ def test_tables_hold_the_histories(folder: Path) -> None:
         table[:, links].sum(axis=1) + table[:, 2], table[:, 1], rtol=1e-9
     )  # ten digits
     decay = np.loadtxt(folder / "decay.csv", delimiter=",", skiprows=1)
+    # files have ten digits
     assert decay.shape == (501, 5) and np.all(np.abs(decay[:, 1]) <= decay[:, 2] * (1 + 1e-9))
     lines = (folder / "crossings.csv").read_text().splitlines()
     assert lines[0] == "sink,time" and all(line.startswith("nes1,") for line in lines[1:]) and len(lines) > 20
@@ -99,6 +101,7 @@ def test_page_needs_nothing_else(folder: Path) -> None:
     )
     body = page.partition("<body>")[2]
     assert 0 < body.index("With its sinks") < body.index("<h2>Primary masses") < body.index("<h2>Harvesters")
+    # characters: without plotly, which takes 4.8e6; 3.4e5 here
     assert len(page) < 2e6
 
 
@@ -159,6 +162,7 @@ def test_a_sweep_writes_a_map(chain: Path, tmp_path: Path, capsys: pytest.Captur
     header = (folder / "map.csv").read_text().splitlines()[0].split(",")
     table = np.loadtxt(folder / "map.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(table[:, 0], [-150, -150, -100, -100, -50, -50], rtol=1e-12)
+    # files have ten digits
     np.testing.assert_allclose(table[:, 1], [2e5, 2e6] * 3, rtol=1e-9)
     single = lw.absorb(lw.bnes_chain(2, beta=2e6), duration=1.0, rate=500.0, release={"v:m1": 1.0})
     crossings = table[3, header.index("crossings")]

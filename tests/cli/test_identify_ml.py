@@ -86,8 +86,10 @@ def test_several_records_are_fitted_together(files: Path) -> None:
 def test_an_offset_is_found_where_it_is_asked_for(files: Path) -> None:
     found = answer(files, "--offset", "x:m1", record="offset.csv")
     assert alpha(found)["value"] == pytest.approx(library(files, "offset.csv", offsets=("x:m1",)), rel=1e-8)
+    # 2000 samples scatter by sqrt(2/2000) = 0.03, three of them
     assert found["fit"]["chi_square_per_sample"] == pytest.approx(1.0, abs=0.1)
     low, high = alpha(found)["interval"]
+    # the truth
     assert low < -100.0 < high
 
 
@@ -165,6 +167,7 @@ def test_profiles_are_printed(files: Path, capsys: pytest.CaptureFixture[str]) -
     out, err = capsys.readouterr()
     assert err == "" and "95 % intervals that follow the likelihood (profiles)" in out
     row = re.search(r"^  nes1\.alpha  (\S+) to (\S+) N/m", out, flags=re.MULTILINE)
+    # the truth
     assert row is not None and float(row[1]) < -100.0 < float(row[2])
     found = answer(files, "--profile")["profile_intervals"]
     assert list(found) == ["nes1.alpha", "nes1.beta", "nes1.c"]

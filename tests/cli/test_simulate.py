@@ -83,6 +83,7 @@ def test_json_is_all_that_is_printed(chain: Path, capsys: pytest.CaptureFixture[
     told = json.loads(out)
     assert err == "" and told["samples"] == 251 and told["channels"] == ["x:m1", "x:m2"]
     energy = told["energy"]
+    # the energies close to rounding, 4e-16 here
     assert energy["closure"] < 1e-9
     total = energy["stored"] + sum(energy["dissipated"].values())
     assert total == pytest.approx(energy["put_in"], rel=1e-9)

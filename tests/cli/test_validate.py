@@ -84,6 +84,7 @@ def test_a_messy_file_is_mapped_like_that_of_identify(
     assert found["channels"]["x:m1"]["samples"] == pytest.approx(
         clean["channels"]["x:m1"]["samples"] * 0.98, abs=2
     )
+    # the same record but for 2 % of its samples
     assert found["channels"]["x:m1"]["rmse"] == pytest.approx(clean["channels"]["x:m1"]["rmse"], rel=0.05)
 
 

@@ -100,6 +100,7 @@ def test_displacements_are_summed_up_where_none_was_measured(kind: str) -> None:
     speed = 0.01 * omega * np.std(true)
     walk = speed * 1e-3 * np.sqrt(len(error))
     assert np.sqrt(np.mean(error**2)) < walk
+    # what is found swings at a few parts in a hundred of error; a fifth is allowed
     assert np.sqrt(np.mean(swing**2)) > 5.0 * walk
     assert found.noise["x:m1"] == pytest.approx(
         0.01 * np.std(x), rel=0.05

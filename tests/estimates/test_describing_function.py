@@ -44,12 +44,14 @@ def test_quadratic_damping_grows_with_the_amplitude() -> None:
     np.testing.assert_allclose(
         answer.damping, 8.0 / (3.0 * np.pi) * 3.0 * OMEGA * AMPLITUDES, rtol=1e-4
     )  # kink of abs
+    # identity: rounding of a force of c2 omega^2
     np.testing.assert_allclose(answer.stiffness, 0.0, atol=1e-12 * OMEGA**2)
 
 
 def test_the_band_is_that_of_the_coefficients() -> None:
     covariance = np.diag([4.0, 0.01])
     answer = equivalent(found("k*d + c*v", covariance, ("k", "c"), k=300.0, c=2.0), AMPLITUDES, FREQUENCY)
+    # the quantile is written with seven digits
     np.testing.assert_allclose(answer.stiffness_band[:, 1] - 300.0, 1.959964 * 2.0, rtol=1e-6)
     np.testing.assert_allclose(answer.damping_band[:, 1] - 2.0, 1.959964 * 0.1, rtol=1e-6)
 

@@ -60,6 +60,7 @@ def test_wells_barrier_and_frequency_in_closed_form() -> None:
     assert [well.value for well in found.wells] == pytest.approx([-0.01, 0.01], rel=1e-12)
     assert present(found.barrier).value == pytest.approx(ALPHA**2 / (4 * BETA), rel=1e-12)
     expected = np.sqrt(-2 * ALPHA / MOVING) / (2 * np.pi)
+    # closed form against eigenvalues, whose square roots halve the digits that slopes lose
     assert [each.value for each in found.frequencies] == pytest.approx([expected, expected], rel=1e-9)
 
 
@@ -98,6 +99,7 @@ def test_the_band_of_a_force_is_that_of_its_coefficients() -> None:
     slope = np.stack([d, d**3])
     half = 1.959964 * np.sqrt(np.einsum("in,ij,jn->n", slope, COVARIANCE[:2, :2], slope))
     assert force == pytest.approx(ALPHA * d + BETA * d**3)
+    # the quantile is written with seven digits
     assert upper - force == pytest.approx(half, rel=1e-6, abs=1e-15)
     assert force - lower == pytest.approx(half, rel=1e-6, abs=1e-15)
 
@@ -173,6 +175,7 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
     assert set(found["range"]) == {"d", "v"} and set(found["wells"][0]) == {"d", "interval"}
     assert set(found["barrier"]) == {"value", "unit", "interval"}
     assert result["masses"]["m1"] == {"value": 1.0, "unit": "kg", "known": True}
+    # the truth
     assert result["masses"]["m2"]["interval"][0] < 0.01 < result["masses"]["m2"]["interval"][1]
 
 

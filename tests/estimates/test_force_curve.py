@@ -33,6 +33,7 @@ def test_curve_of_a_simulated_record_has_the_truth(fitted: lw.Estimate, chain: l
     damping = fitted.coefficient("nes1.c").value - 0.02
     speed = max(abs(end) for end in fitted.link("nes1").v_range)
     off = np.abs(curve.sample_force - chain.link("nes1").force(curve.sample_d))
+    # at most so, a tenth for the speed between two samples
     assert off.max() <= 1.1 * abs(damping) * speed
 
 

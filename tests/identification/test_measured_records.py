@@ -106,6 +106,7 @@ def test_damping_with_amplitude_makes_the_circuit_better(circuit: lw.Record) -> 
         for law in ("k*d + k2*d**2 + k3*d**3 + c*v + f0", "k*d + k2*d**2 + k3*d**3 + c*v + c3*v*d**2 + f0")
     )
     rest = circuit[cut:]
+    # a tenth of the error is asked; measured 0.79 of it
     assert lw.free_run(damped, rest).rmse["x:m1"] < 0.9 * lw.free_run(plain, rest).rmse["x:m1"]
 
 

@@ -40,6 +40,7 @@ def test_an_unknown_gain_is_found_with_the_laws(quiet: lw.Record) -> None:
     for name in ("nes1.alpha", "nes1.beta", "nes1.c"):
         low, high = fit.coefficient(name).interval or (np.nan, np.nan)
         spare = 0.5 * (high - low)  # five deviations, for a seed that was not picked
+        # 2.5 times 1.96 deviations
         assert low - 1.5 * spare < present(chain.coefficient(name).value) < high + 1.5 * spare
     assert any(line.startswith(("x:m1 shows 1.1", "x:m1 shows 1.09")) for line in fit.findings)
     assert fit.message == "The laws explain the record to within its noise."

@@ -59,6 +59,7 @@ def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     assert named[0].size == pytest.approx(size, abs=LOST * named[0].standard_error + FOUND * size)
     assert f"{fit.diagnosis[0].description}" in fit.message
     told = fit.to_dict()["diagnosis"][0]
+    # five deviations squared, which no noise gains; measured 105 and more
     assert {"cause", "where", "size", "unit", "gain", "message"} == set(told) and told["gain"] > 25.0
 
 
@@ -122,6 +123,7 @@ def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
     )
     kinds = [cause.kind for cause in late.diagnosis[:2]]
     assert set(kinds) <= {"force delay", "delay"}  # a force that is late, or a response that is early
+    # a delay of one sample, told to first order in its length; measured 0.3 % off
     assert abs(late.diagnosis[0].size) == pytest.approx(1.0 / RATE, rel=0.1)
     right = lw.identify(driven(structure), structure.unknown("all"))
     assert right.trusted and right.diagnosis == ()

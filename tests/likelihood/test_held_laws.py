@@ -63,6 +63,7 @@ def disturbed(problem: ShootingProblem, size: float) -> ShootingProblem:
 @pytest.mark.parametrize("size", [1.3, 30.0], ids=["far from the record", "runs to infinity"])
 def test_states_become_a_motion_of_the_laws(problem: ShootingProblem, size: float) -> None:
     rough = disturbed(problem, size)
+    # noise alone costs 1; twice that much more is no motion of the laws
     assert not cost_per_sample(rough, 1.0) < 3.0
     assert np.isfinite(cost_per_sample(rough, 1.0)) == (size < 2.0)
     better = found(rough)

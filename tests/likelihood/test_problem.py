@@ -88,6 +88,7 @@ def test_a_search_where_samples_are_few_ends_at_once_at_the_optimum(chain: lw.St
     """Newton's steps gain digits faster and faster; with tangents in steps of a sample each left a fifth of the cost."""
     fit = fitted(chain, recorded(chain, COARSE, 3))
     assert fit.status.name == "CONVERGED" and fit.model_error == 0.0
+    # the search ends at a step that could gain no more than this; at a linear rate a fifth was left
     assert fit.path[-1].remaining < 1e-2 * fit.path[-1].cost
     true = np.array([chain.coefficient(p.name).value for p in chain.unknown("all").parameters])
     z = (fit.values - true) / np.sqrt(fit.covariance.diagonal())

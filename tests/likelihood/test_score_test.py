@@ -215,6 +215,7 @@ def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it
     # far from chance, and the truth within four deviations (6e-5)
     assert abs(z) > 8.0 and abs(values[-1] - 250.0) < 4.0 * error[-1]
     elsewhere = local_quadratic(fit.optimum, [replace(missing, ends=(1, -1)).force])
+    # what must be refused: an order more than the 0.01 above
     assert np.linalg.solve(elsewhere.curvature, elsewhere.slope)[-1] != pytest.approx(values[-1], rel=0.1)
 
 

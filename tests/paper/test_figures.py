@@ -98,6 +98,7 @@ def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
     spread = (motion.greatest - motion.least).max(axis=1) / np.abs(motion.record.values).max()
     time = motion.record.time
     assert spread[time < 0.5 * present(motion.horizon)].max() < 1e-3
+    # of the largest motion: past the horizon neighbours part as far as any two orbits
     assert spread[time > 2.0].min() > 0.1
     assert np.all((motion.least <= motion.record.values) & (motion.record.values <= motion.greatest))
 

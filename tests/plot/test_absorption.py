@@ -48,6 +48,7 @@ def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.A
         bands = {band.get_label(): band for band in axes.collections}
         paths = [path for band in bands.values() for path in band.get_paths()]
         top = max(float(np.asarray(path.vertices)[:, 1].max()) for path in paths)
+        # identity
         assert top == pytest.approx(100.0, abs=1e-6)
         panels.append({name: tuple(np.asarray(band.get_facecolor())[0]) for name, band in bands.items()})
     both = set(panels[0]) & set(panels[1])

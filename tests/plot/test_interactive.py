@@ -29,6 +29,7 @@ def test_force_shows_what_the_figure_shows(fitted: lw.Estimate) -> None:
     assert {"true", "95 % band", "identified", "wells", "true less damping", ""} == set(wide)
     inside = (curve.d >= curve.visited[0]) & (curve.d <= curve.visited[1])
     np.testing.assert_allclose(wide["identified"]["x"], 1e3 * curve.d[inside], rtol=1e-6)  # seven digits
+    # seven digits
     np.testing.assert_allclose(wide["identified"]["y"], curve.force[inside], rtol=1e-6, atol=1e-12)
     assert content["layout"]["xaxis"]["title"]["text"] == "elongation d, mm"
     [span, _] = content["layout"]["shapes"]

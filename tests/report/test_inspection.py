@@ -64,4 +64,5 @@ def test_a_spectrum_shows_the_motion_and_the_noise() -> None:
         np.sqrt(30000.0) / (2 * np.pi), abs=4.0
     )  # the spring under 1 kg; bins of 2 Hz
     floor = np.median(np.asarray(density)[np.asarray(frequency) > 200.0])
+    # a median over 150 bins and the estimate, each good to a few per cent; measured 0.4 %
     assert np.asarray(axes.lines[1].get_ydata())[0] == pytest.approx(floor, rel=0.1)

@@ -71,6 +71,7 @@ def test_page_needs_nothing_else(folder: Path) -> None:
     assert "http" not in markup
     assert page.count("plotly.js v") == 1
     assert {f'id="{name}"' in page for name in ("force_nes1", "force_spring1", "histories")} == {True}
+    # characters, most of them those of plotly; 5.1e6 here
     assert len(page) < 6e6
 
 
@@ -123,6 +124,7 @@ def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate
 def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_path: Path) -> None:
     told: list[float] = []
     lw.write_result(fitted, tmp_path / "answer", progress=lambda report: told.append(report.fraction))
+    # four files are written, the last report is before the last of them
     assert told == sorted(told) and told[0] >= 0.0 and 0.8 < told[-1] <= 1.0
 
 

@@ -73,6 +73,7 @@ def test_noisy_velocities_are_differenced(record: Record) -> None:
     np.testing.assert_array_equal(states.x, before.x)
     np.testing.assert_array_equal(states.v, before.v)
     differences = (8 * (before.v[3:-1] - before.v[1:-3]) - (before.v[4:] - before.v[:-4])) * record.rate / 12
+    # the same formula in another order of sums
     np.testing.assert_allclose(states.a[2:-2], differences, rtol=1e-10, atol=1e-10 * np.abs(states.a).max())
 
 
@@ -120,7 +121,11 @@ def test_an_exact_fit_gives_the_exact_force(
     d, force = monomial_force(exact, CHAIN, link, record, reading=reading)
     sink, primary = CHAIN.link(link).between
     np.testing.assert_allclose(
-        d, record.channel(f"x:{sink}") - record.channel(f"x:{primary}"), rtol=0, atol=1e-16
+        # to the last digit of places of 0.1 m
+        d,
+        record.channel(f"x:{sink}") - record.channel(f"x:{primary}"),
+        rtol=0,
+        atol=1e-16,
     )
     truth = CHAIN.link(link).force(d)
     # Same numerics: the 165 columns of a motion of two seconds have a condition number near 1e4.

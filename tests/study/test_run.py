@@ -98,6 +98,7 @@ def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
     clean = chain_record(2, duration=0.5, sensors=("x", "v", "a"))
     states = lw.noisy_states(clean, "states", 40.0, seed=1001)
     fit = lw.LeastSquares().fit(lw.monomial_equations(states, order=3))
+    # same numerics, but for the solve of two columns
     assert row.links == pytest.approx({"nes1": lw.monomial_nmse(fit, chain, "nes1", clean)}, rel=1e-6)
     terms = fit.terms("x2''")
     expected = {"nes1.alpha": -0.01 * terms["x2"], "nes1.beta": -0.01 * terms["x2**3"]}
