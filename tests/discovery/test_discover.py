@@ -195,7 +195,7 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
 
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Its links would bend about another place; the answer says where to look."""
-    record, _ = two
+    record = two[0][:3000]
     shifted = record.values + np.array([0.0, 0.02])
     found = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
     assert terms(found.structure) != terms(lw.bnes_chain(2)) and not found.trusted

@@ -43,16 +43,15 @@ def attempt(record: lw.Record, masses: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("duration", [3.0, 6.0])
-def test_the_chain_at_a_rate_that_is_too_low(seed: int, duration: float) -> None:
+def test_the_chain_at_a_rate_that_is_too_low(seed: int) -> None:
     """100 Hz and 20 dB: four samples for a period of the sink."""
-    record = chain_record(2, duration=duration, rate=100.0)
+    record = chain_record(2, duration=3.0, rate=100.0)
     attempt(record.with_noise(20.0, seed=seed), {"m1": 1.0, "m2": 0.01})
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_random_records_of_any_rate_and_noise(seed: int) -> None:
-    """5 to 50 samples for a period, 10 to 40 dB."""
+    """5 to 50 samples for a period, 10 to 40 dB; the benchmark has more of them."""
     rng = np.random.default_rng(seed)
     subject, highest = random_chain(rng)
     rate = float(highest * 10.0 ** rng.uniform(0.7, 1.7))
