@@ -12,9 +12,10 @@ import pytest
 TESTS = Path(__file__).parent
 CLOCKS = {"time", "monotonic", "perf_counter", "process_time", "thread_time"}
 CLOCKS |= {f"{name}_ns" for name in CLOCKS}
+PROCESSOR = {("os", "times"), ("resource", "getrusage")}  # whose time depends on what else runs, too
 DURATIONS = {"seconds", "total_seconds", "elapsed"}
 MENTION = re.compile(
-    rf"import time|from time|{'|'.join(DURATIONS)}"
+    rf"import time|from time|import resource|os\.times|{'|'.join(DURATIONS)}"
 )  # what is not in a text need not be looked for
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -25,12 +26,14 @@ def names(tree: ast.AST) -> set[str]:
 
 
 def reads_clock(tree: ast.AST) -> bool:
-    """Whether a clock of the module `time` is called, as `time.monotonic()` or `monotonic()`."""
+    """Whether a clock is called, as `time.monotonic()`, `monotonic()` or `os.times()`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):
             function = node.func
             if isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
                 if function.value.id == "time" and function.attr in CLOCKS:
+                    return True
+                if (function.value.id, function.attr) in PROCESSOR:
                     return True
             elif isinstance(function, ast.Name) and function.id in CLOCKS:
                 return True
@@ -113,6 +116,8 @@ def test_no_test_asserts_what_a_clock_said() -> None:
         "end = time.monotonic() + 5.0\n    while busy():\n        assert end > now(), 'too slow'",
         "def cost(n):\n        began = time.time_ns()\n        work(n)\n        return time.time_ns() - began\n"
         "    assert cost(200) < 3 * cost(100)",
+        "def cost(command):\n        before = os.times()\n        run(command)\n        return os.times()[2] - before[2]\n"
+        "    assert cost('help') < 0.3",
         "assert run().seconds < 2.0",
         "assert max(row.seconds for row in rows) <= 30.0",
     ],
