@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from string import ascii_letters
 
 from numpydoc.xref import DEFAULT_LINKS
+from sphinx.util.inspect import TypeAliasForwardRef
 
 import linkwise as lw
 
@@ -40,6 +42,7 @@ autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_type_aliases = dict.fromkeys(("Floats", "Bools", "Indices"), "ndarray")
+TypeAliasForwardRef.__repr__ = lambda self: self.name  # what a page shows of an alias inside another type
 python_maximum_signature_line_length = 88
 autosummary_generate = True
 numpydoc_show_class_members = False
@@ -48,7 +51,15 @@ numpydoc_xref_aliases = {
     **{name: name for name in DEFAULT_LINKS},  # these point to pages of Python and NumPy
     **{name: f"linkwise.{name}" for name in lw.__all__},
 }
-numpydoc_xref_ignore = {"default", "of", "optional", "or", "shape", "to"}
+numpydoc_xref_ignore = {
+    "default",
+    "of",
+    "optional",
+    "or",
+    "shape",
+    "to",
+    *ascii_letters,
+}  # of shapes, such as (N, p)
 
 # Without a network nothing outside this package can be linked to; names of it that are not public are no links.
 nitpick_ignore_regex = [("py:.*", r"(?!linkwise\.).*"), ("py:.*", r"linkwise\.[a-z_]+\..*")]
