@@ -12,6 +12,8 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from problems import chain_record
+
 import linkwise as lw
 from linkwise.atomic import check_result_folder
 
@@ -74,7 +76,7 @@ class DamagedRuns:
     def __post_init__(self) -> None:
         chain = lw.bnes_chain(2)
         lw.write_structure(chain.unknown("nes"), self.home / "unknown.toml")
-        motion = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=500.0)
+        motion = chain_record(2, duration=1.0, rate=500.0)
         for seed, name in enumerate(("first", "second")):
             lw.write_record(motion.with_noise(30.0, seed=seed), self.home / f"{name}.csv")
             self.folders[name] = self.home / name

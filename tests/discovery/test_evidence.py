@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from judged import masses, terms
 from present import some
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.discovery.criterion import Penalty
@@ -143,9 +144,7 @@ def test_runners_up_are_one_step_away_best_first(case: Case) -> None:
 
 def select_structure(h: np.ndarray, g: np.ndarray) -> Selection:
     """A choice of the first two of some terms of the two-mass chain, about a parabola that is made up."""
-    pool = candidates_for(
-        [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
-    )
+    pool = candidates_for([chain_record(2, duration=0.1, speed=0.0)], masses(lw.bnes_chain(2)), "linear")
     names = ("m1-ground.k", "m2-m1.k", "m2-ground.k")
     structure = pool.structure(names[:2])
     penalty = Penalty.of(pool, names, 4000)
@@ -166,9 +165,7 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
     """However much would be lost without it and without the other."""
     h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, lean], [0.0, lean, 1.0]])
     made = select_structure(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
-    pool = candidates_for(
-        [lw.simulate(lw.bnes_chain(2), duration=0.1, rate=1000.0)], masses(lw.bnes_chain(2)), "linear"
-    )
+    pool = candidates_for([chain_record(2, duration=0.1, speed=0.0)], masses(lw.bnes_chain(2)), "linear")
     evidence = term_evidence(made, pool, trusted=True)
     kept = [term for term in evidence if term.kept]
     assert {term.name for term in kept if term.certain} == certain

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
+from problems import chain_record
 
 import linkwise as lw
 
@@ -104,9 +105,7 @@ coefficients = { k = 2000.0, c = 3.0, f0 = 1.2 }
 def test_a_constant_force_acts_from_the_ground_only() -> None:
     candidates = lw.parse_terms("1, d, v")
     assert [term.coefficient for term in candidates] == ["f0", "k", "c"]
-    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(
-        40.0, seed=1
-    )
+    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01}, terms="1, cubic")
     assert discovery.trusted
     assert not [term for term in discovery.terms if term.term == "1" and "ground" not in term.between]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import FrozenInstanceError, fields
 
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.discovery.options import DiscoveryKeywords
@@ -15,8 +16,7 @@ MASSES = {"m1": 1.0, "m2": 0.01}
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
     """A record of two masses."""
-    clean = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
-    return clean.with_noise(40.0, seed=1)
+    return chain_record(2, duration=0.5).with_noise(40.0, seed=1)
 
 
 def test_every_field_has_its_keyword() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from problems import chain_record
 
 import linkwise as lw
 
@@ -29,7 +30,7 @@ def test_negative_friction_is_named_where_the_link_as_a_whole_dissipates() -> No
 
 
 def test_negative_stiffness_of_a_bistable_link_is_not_named(chain: lw.Structure) -> None:
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=3)
+    record = chain_record(2, duration=2.0).with_noise(30.0, seed=3)
     fit = lw.identify(record, chain.unknown("nes"))
     assert fit.coefficient("nes1.alpha").value < 0.0
     assert not [line for line in fit.findings if "is negative" in line]

@@ -14,6 +14,7 @@ import numpy as np
 import openpyxl
 import pyuff
 from nptdms import ChannelObject, TdmsWriter
+from problems import chain_record
 from scipy.io import savemat
 
 import linkwise as lw
@@ -143,8 +144,7 @@ def sound_records() -> tuple[tuple[str, bytes], ...]:
 @cache
 def sound_record() -> bytes:
     """The CSV file that commands read whose other files are damaged: 0.3 s of the two-mass chain."""
-    chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.3, rate=500.0).with_noise(40.0, seed=1)
+    record = chain_record(2, duration=0.3, rate=500.0).with_noise(40.0, seed=1)
     return _written(".csv", lambda path: lw.write_record(record, path))
 
 

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from present import some
+from problems import chain_record
 
 import linkwise as lw
 
@@ -45,9 +46,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     swept = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}, **drive
     )
-    record = lw.simulate(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 0.1}).with_noise(
-        40.0, seed=1
-    )
+    record = chain_record(2, duration=1.0, rate=500.0, speed=0.1).with_noise(40.0, seed=1)
     validated = lw.validate(record, lw.bnes_chain(2))
     results = {
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 
@@ -18,7 +19,7 @@ RELEASE = {"v:m1": 1.0}
 
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
-    return lw.simulate(CHAIN, release=RELEASE, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+    return chain_record(2, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
 
 
 MAKERS: dict[str, Callable[[lw.Record], Any]] = {

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
@@ -17,7 +18,7 @@ MASSES = {"m1": 1.0, "m2": 0.01}
 
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
-    return lw.simulate(CHAIN, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
+    return chain_record(2, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
 
 
 def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
@@ -34,7 +35,7 @@ def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
 
 
 def test_two_measurements_of_one_test_are_taken(record: lw.Record) -> None:
-    clean = lw.simulate(CHAIN, release={"v:m1": 1.0}, duration=1.0, rate=500.0)
+    clean = chain_record(2, duration=1.0, rate=500.0)
     one = lw.identify(record, CHAIN.unknown("nes"))
     both = lw.identify([record, clean.with_noise(30.0, seed=2)], CHAIN.unknown("nes"))
     assert both.samples == 2 * one.samples
@@ -57,7 +58,7 @@ def test_the_same_file_with_with_is_refused(
 def test_the_notes_of_all_records_are_in_the_result(record: lw.Record, tmp_path: Path) -> None:
     gap = record.channel("x:m2").copy()
     gap[10:20] = np.nan
-    clean = lw.simulate(CHAIN, release={"v:m1": 0.8}, duration=1.0, rate=500.0).with_noise(30.0, seed=3)
+    clean = chain_record(2, duration=1.0, rate=500.0, speed=0.8).with_noise(30.0, seed=3)
     other = lw.Record.from_arrays(record.time, {"x:m1": record.channel("x:m1"), "x:m2": gap})
     fit = lw.identify([clean, other], CHAIN.unknown("nes"))
     lw.write_result(fit, tmp_path / "answer")

@@ -28,7 +28,7 @@ CHAIN = bnes_chain(4)
 
 @pytest.fixture(scope="module")
 def record() -> Record:
-    return simulate(CHAIN, release={"v:m1": 3.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    return chain_record(4, duration=2.0, sensors=("x", "v", "a"))
 
 
 @pytest.fixture(scope="module")
@@ -207,6 +207,6 @@ def test_forces_that_no_monomial_tells_are_refused(record: Record, exact: Regres
     rough = Structure("rough", CHAIN.masses, (CHAIN.links[0], dry, *CHAIN.links[2:]))
     with pytest.raises(IdentificationError, match=r"F\*tanh\(d/s\) of link nes1 is not a polynomial in d"):
         monomial_force(exact, rough, "nes1", record)
-    rest = simulate(CHAIN, release={"v:m1": 0.0}, duration=0.1, rate=1000.0, sensors=("x", "v", "a"))
+    rest = chain_record(4, duration=0.1, sensors=("x", "v", "a"), speed=0.0)
     with pytest.raises(RecordError, match='true force of link "nes1" does not vary'):
         monomial_nmse(exact, CHAIN, "nes1", rest)
