@@ -187,8 +187,9 @@ def test_without_damping_nothing_settles() -> None:
 def test_forced_structures_take_energy_in() -> None:
     found = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=1000.0, forces={"m1": "20*sin(170*t)"})
     side = found.with_sinks
+    # identity; measured 2e-15
     np.testing.assert_allclose(
-        side.dissipated.sum(axis=1) + side.stored, side.supplied, atol=1e-9 * side.supplied.max()
+        side.dissipated.sum(axis=1) + side.stored, side.supplied, atol=1e-12 * side.supplied.max()
     )
     assert side.supplied[0] == pytest.approx(0.0025, rel=1e-12) and side.total > 1.0
 

@@ -59,6 +59,7 @@ def test_what_a_precise_record_does_not_show_is_absent(structure: lw.Structure, 
         term for term in found.terms if not term.kept and term.between in {("m1", "ground"), ("m2", "m1")}
     ]
     for term in some(dropped):
+        # of the force of the link: a damper below it is as good as absent
         assert 0.0 < term.possible_share < 0.001 and not term.may_matter
         assert term.certain == (term.unambiguous and term.margin > CERTAIN)
     assert any(term.certain for term in dropped)

@@ -51,6 +51,7 @@ def test_a_delay_of_one_of_four_channels_is_found_with_the_laws(name: str, tenth
     delay, deviation = told(fit, name)
     assert fit.trusted
     assert delay == pytest.approx(1e-4 * tenths, abs=2e-5)  # 0.02 samples at 30 dB, as asked
+    # five deviations, 6e-7 of chance; here, below and for the laws
     assert delay == pytest.approx(1e-4 * tenths, abs=5.0 * deviation)
     for parameter in ASKED.parameters:
         found = fit.coefficient(parameter.name)

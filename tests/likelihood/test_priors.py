@@ -54,6 +54,7 @@ def test_a_prior_counts_once_in_gradient_curvature_and_cost(record: lw.Record) -
     slope = both[0].data.corner_gradient - both[1].data.corner_gradient
     assert curvature[3, 3] == pytest.approx((unit / 1e-4) ** 2, rel=1e-5)  # the rest is in single precision
     assert np.count_nonzero(curvature) == 1
+    # likewise
     assert slope[3] == pytest.approx((0.0101 - mass) * unit / 1e-4**2, rel=1e-5)
     costs = [evaluate(each, point, optimum.scales, Gaussian()).cost(1.0) for each in (optimum.segments, free)]
     assert costs[0] - costs[1] == pytest.approx(((mass - 0.0101) / 1e-4) ** 2, rel=1e-8)
@@ -139,6 +140,7 @@ def test_an_error_that_is_admitted_is_taken_into_the_model(kind: str, said: str,
     fit = lw.identify(faulty, asked, admit=["offset", "gain"])
     assert fit.trusted and any(line.startswith(said) for line in fit.findings)
     beta = fit.coefficient("nes1.beta")
+    # five deviations, 6e-7 of chance
     assert abs(beta.value - 1e6) < 5.0 * present(beta.standard_error)
     with pytest.raises(lw.IdentificationError, match='unknown error of a sensor "gian"; did you mean "gain"'):
         lw.identify(faulty, asked, admit=["gian"])
@@ -151,6 +153,7 @@ def test_a_test_is_planned_with_what_is_known_beforehand() -> None:
         for sigma in (1.0, 1e-6)
     )
     information = np.array([present(wide.standard_error), 1e-6]) ** -2.0
+    # same numerics, of a matrix whose scales are 1e6 apart
     assert present(narrow.standard_error) == pytest.approx(information.sum() ** -0.5, rel=1e-6)
 
 

@@ -243,6 +243,7 @@ def test_energy_is_balanced(name: str) -> None:
     assert truth is not None
     energy = truth.energy
     scale = np.abs(energy.work).max()
+    # identity, to what quadratures of 1e-14 a step sum up to
     assert np.abs(energy.residual).max() < 1e-9 * scale
 
 
