@@ -62,6 +62,17 @@ def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Struct
     assert lw.identify(noisy, chain.unknown("all")).trusted
 
 
+@pytest.mark.parametrize("seed", range(1000, 1003))
+def test_a_low_rate_needs_no_model_error(seed: int, chain: lw.Structure) -> None:
+    """Four samples a period of the sink at 200 Hz: the steps of the flow are finer than the samples."""
+    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=DURATION, rate=200.0)
+    asked = chain.unknown("all")
+    fit = lw.identify(clean.with_noise(30.0, seed=seed), asked)
+    assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
+    errors = (fit.values - truth(chain, asked)) / np.sqrt(fit.covariance.diagonal())
+    assert np.max(np.abs(errors)) < 5.0  # standard errors: by chance once in 3 million
+
+
 def test_outliers_are_seen_and_normal_noise_has_none() -> None:
     rng = np.random.default_rng(5)
     normal = rng.normal(size=(6000, 3))
