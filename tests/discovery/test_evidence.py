@@ -176,5 +176,24 @@ def test_what_another_term_could_replace_is_not_certain(lean: float, certain: se
     assert not any(term.certain for term in some(term_evidence(made, pool, trusted=False)))
 
 
+def test_a_mass_with_links_to_several_that_moved_together_has_no_certain_one() -> None:
+    """How its force is shared among them is not known, so that a link to the ground may make up for a wrong share."""
+    structure = lw.bnes_chain(4)
+    pool = candidates_for([lw.simulate(structure, duration=0.1, rate=1000.0)], masses(structure), "d")
+    names = ("m1-ground.k", "m2-ground.k", "m3-ground.k", "m2-m1.k", "m3-m1.k", "m4-m1.k", "m4-ground.k")
+    quadratic, penalty = QuadraticModel(names, np.eye(7), np.full(7, 100.0)), Penalty.of(pool, names, 4000)
+    made = Selection(frozenset(names), pool.structure(names), None, quadratic, penalty, True, 1)  # type: ignore[arg-type]
+
+    def certain(*collinear: str) -> set[str]:
+        return {
+            term.name for term in term_evidence(made, pool, trusted=True, collinear=collinear) if term.certain
+        }
+
+    assert certain() == set(names)
+    assert certain("m2", "m3") == {"m4-ground.k"}  # m1 is linked to both
+    assert certain("m3", "m4") == {"m2-ground.k"}
+    assert certain("m2") == set(names) - {"m2-ground.k", "m2-m1.k"}
+
+
 def test_what_it_tells_apart_is_not() -> None:
     assert exchange_remarks(select_structure(np.eye(3), np.array([100.0, 50.0, 1.0]))) == ()

@@ -14,6 +14,7 @@ from linkwise.discovery.result import CERTAIN, PathPoint, RunnerUp, TermEvidence
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import Move, MoveKind
 from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.model.link import BASE, GROUND
 
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
 _RUNNERS_UP = 10
@@ -30,8 +31,9 @@ def term_evidence(
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: first those kept, the most certain first, then those dropped, the least certain first.
 
-    Terms of links to `collinear` masses are not unambiguous, nor are terms that can be exchanged at little cost; without a
-    `trusted` fit no term is. `shares` are the `unit_shares` of those dropped.
+    Terms of links to `collinear` masses are not unambiguous, nor those of a mass whose links are spread over several of them,
+    nor terms that can be exchanged at little cost; without a `trusted` fit no term is. `shares` are the `unit_shares` of those
+    dropped.
     """
     quadratic = selection.quadratic
     inside = list(range(len(selection.structure.parameters)))
@@ -41,6 +43,7 @@ def term_evidence(
         for move in selection.neighbours
         if move.kind is not MoveKind.SWAP
     }
+    ambiguous = _ambiguous_masses(selection, collinear)
     exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)}
     coefficients = [
         *zip(inside, solution.values, solution.z, strict=True),
@@ -59,7 +62,7 @@ def term_evidence(
                 unit=entry.term.unit,
                 kept=k < len(inside),
                 identifiable=bool(np.isfinite(value)),
-                unambiguous=trusted and k not in exchanged and set(collinear).isdisjoint(pair.between),
+                unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),
                 value=float(value),
                 standard_error=error,
                 z=float(z),
@@ -73,6 +76,17 @@ def term_evidence(
         *sorted(kept, key=lambda term: -term.margin),
         *sorted(dropped, key=lambda term: term.margin),
     )
+
+
+def _ambiguous_masses(selection: Selection, collinear: Collection[str]) -> frozenset[str]:
+    """The `collinear` masses, and those that were found linked to several of them: what such links share may be wrong."""
+    neighbours: dict[str, set[str]] = {}
+    for first, second in {link.between for link in selection.structure.links} if collinear else ():
+        for mass, other in ((first, second), (second, first)):
+            if other in collinear:
+                neighbours.setdefault(mass, set()).add(other)
+    spread = {mass for mass, others in neighbours.items() if len(others) > 1} - {GROUND, BASE}
+    return frozenset(collinear) | spread
 
 
 def selection_path(selection: Selection) -> tuple[PathPoint, ...]:
