@@ -95,6 +95,8 @@ if TYPE_CHECKING:
     from linkwise.model.topology import LinkShape, Topology
     from linkwise.progress import Progress, ProgressReport
     from linkwise.records.channel import Channel
+    from linkwise.records.delays import without_delays
+    from linkwise.records.joining import beside
     from linkwise.records.record import Record
     from linkwise.records.truth import EnergyBalance, MotionDiagnostics, SimulationTruth
     from linkwise.report.absorption_folder import write_absorption, write_absorption_map
@@ -256,6 +258,7 @@ __all__ = [
     "absorption_of",
     "align_truth",
     "barrier",
+    "beside",
     "bnes_chain",
     "check_discovery",
     "differentiate",
@@ -299,6 +302,7 @@ __all__ = [
     "validate",
     "validation_of",
     "wells",
+    "without_delays",
     "write_absorption",
     "write_absorption_map",
     "write_discovery",

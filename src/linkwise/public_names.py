@@ -82,6 +82,8 @@ HOMES = {
     "model.topology": ("LinkShape", "Topology"),
     "progress": ("Progress", "ProgressReport"),
     "records.channel": ("Channel",),
+    "records.delays": ("without_delays",),
+    "records.joining": ("beside",),
     "records.record": ("Record",),
     "records.truth": ("EnergyBalance", "MotionDiagnostics", "SimulationTruth"),
     "report.absorption_folder": ("write_absorption", "write_absorption_map"),

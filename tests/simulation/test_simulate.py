@@ -14,7 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.input_signal import Sampled
+from linkwise.model.input_signal import Sampled, TimeFunction
 from linkwise.model.structure import Structure
 from linkwise.progress import ProgressReport
 from linkwise.records.record import Record
@@ -270,3 +270,24 @@ def test_a_base_that_does_not_move_by_itself_is_asked_for() -> None:
 def test_an_unknown_cannot_be_simulated() -> None:
     with pytest.raises(StructureError, match=r"nes1.*alpha.*unknown.*give it a number, or identify it first"):
         simulate(bnes_chain(2).unknown("nes"), release={"v:m1": 1.0}, duration=1.0, rate=100.0)
+
+
+def test_sensors_relative_to_the_base_and_of_the_base() -> None:
+    structure = oscillator("k*d", mass=2.0, to="base", k=400.0)
+    base = "0.01*sin(20*t) + 0.002*t**2"
+    record = simulate(
+        structure,
+        base=base,
+        duration=0.5,
+        rate=200.0,
+        sensors=["x", "v", "a", "rel:x", "rel:v", "rel:a", "a:base"],
+    )
+    assert record.inputs == ("a:base",)
+    motion = TimeFunction(base)
+    shown = [motion.value(record.time), motion.derivative(record.time), motion.derivative(record.time, 2)]
+    for kind, of_base in zip("xva", shown, strict=True):
+        relative = record.channel(f"{kind}:m1") - of_base
+        assert record.channel(f"rel:{kind}:m1") == pytest.approx(relative, abs=1e-12)
+    assert record.channel("a:base") == pytest.approx(shown[2], abs=1e-12)
+    with pytest.raises(SimulationError, match="sensor rel:x needs a base that moves"):
+        simulate(oscillator("k*d", k=400.0), duration=0.5, rate=200.0, sensors=["rel:x"])

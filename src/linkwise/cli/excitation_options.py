@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import linkwise as lw
-from linkwise.cli.options import POSITIVE, grouped, number, pairs, split
+from linkwise.cli.options import POSITIVE, file_and_column, grouped, is_file, number, pairs, split
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class ExcitationOptions:
                 mass: _time_function(value, f"force:{mass}")
                 for mass, value in pairs(self.force, "--force", 'm1="sin(2*pi*3*t)"').items()
             },
-            "base": None if self.base is None else _time_function(self.base, "x:base"),
+            "base": None if self.base is None else _base_motion(self.base),
         }
 
 
@@ -46,21 +46,24 @@ def _impulse(text: str) -> lw.Impulse:
 
 def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
     """An expression of t, or samples: `FILE` with that channel, or `FILE:COLUMN`."""
-    for end in [*(i for i, character in enumerate(text) if character == ":"), len(text)]:
-        path = Path(text[:end])
-        if _is_file(path):
-            column = text[end + 1 :]
-            record = lw.read_record(path, channels={channel: column} if column else {})
-            return lw.Sampled(record.start, record.rate, record.channel(channel))
-    return lw.TimeFunction(text)
+    path, column = file_and_column(text)
+    if path is None and not is_file(Path(text)):
+        return lw.TimeFunction(text)
+    record = lw.read_record(path or text, channels={channel: column} if path is not None else {})
+    return lw.Sampled(record.start, record.rate, record.channel(channel))
 
 
-def _is_file(path: Path) -> bool:
-    """Whether there is such a file; no text that is too long or too odd for a name is one."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
+def _base_motion(text: str) -> lw.TimeFunction | lw.Sampled:
+    """As `_time_function`; from a file with the velocity or the acceleration alone, its integral from rest."""
+    if not is_file(Path(text)):
+        return _time_function(text, "x:base")
+    record = lw.read_record(text)
+    kinds = [kind for kind in "xva" if f"{kind}:base" in record.channels]
+    name = f"{kinds[0] if kinds else 'x'}:base"
+    signal = lw.Sampled(record.start, record.rate, record.channel(name))
+    for _ in range("xva".index(name[0])):
+        signal = lw.Sampled(signal.start, signal.rate, signal.integral(record.time))
+    return signal
 
 
 drive_options = grouped(
@@ -85,7 +88,9 @@ drive_options = grouped(
         help='Force in N: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
     ),
     click.option(
-        "--base", metavar="MOTION", help="Base displacement in m: an expression of t or FILE:COLUMN."
+        "--base",
+        metavar="MOTION",
+        help="Base displacement in m: an expression of t, FILE:COLUMN, or a FILE with x:base, v:base or a:base.",
     ),
 )
 
@@ -114,6 +119,6 @@ sampling_options = grouped(
         metavar="LIST",
         default="x",
         show_default=True,
-        help="Kinds (x,v,a) or channels (x:m1,a:m2).",
+        help="Kinds (x,v,a,rel:x) or channels (x:m1,a:m2,a:base).",
     ),
 )

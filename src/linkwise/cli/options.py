@@ -145,6 +145,7 @@ class ReadingOptions:
     resample: float | None
     start: float | None
     stop: float | None
+    late: tuple[str, ...]
     noise_of: tuple[str, ...]
 
     def read_file(self, path: Path, masses: tuple[str, ...] | None, *, informative: bool = True) -> lw.Record:
@@ -152,15 +153,24 @@ class ReadingOptions:
 
         `masses` are those there are, if that is known. Without `informative` dead and duplicated channels are read.
         """
-        mapping = pairs(self.channel, "--channel", "x:m1=COLUMN")
-        record = lw.read_record(
-            path,
-            channels=mapping,
-            rate=self.rate,
-            resample=self.resample,
-            known_masses=masses,
-            informative=informative,
+        mapping = {name: file_and_column(text) for name, text in self._mapping.items()}
+        files = dict.fromkeys(file for file, _ in mapping.values() if file is not None)
+        record, *others = (
+            lw.read_record(
+                path if file is None else file,
+                channels={name: column for name, (other, column) in mapping.items() if other == file},
+                rate=self.rate,
+                resample=self.resample,
+                known_masses=masses,
+                informative=informative,
+            )
+            for file in (None, *files)
         )
+        for other in others:
+            record = lw.beside(record, other)
+        delays = pairs(self.late, "--late", "a:base=0.002")
+        late = {name: number(value, "--late", "a:base=0.002") for name, value in delays.items()}
+        record = lw.without_delays(record, late)
         sigmas = pairs(self.noise_of, "--noise-of", "x:m1=1e-4")
         if sigmas:
             known = {name: number(value, "--noise-of", "x:m1=1e-4") for name, value in sigmas.items()}
@@ -170,6 +180,26 @@ class ReadingOptions:
         start = record.start if self.start is None else self.start
         stop = record.start + record.duration if self.stop is None else self.stop
         return record.between(start, stop)
+
+    @property
+    def _mapping(self) -> dict[str, str]:
+        return pairs(self.channel, "--channel", "x:m1=COLUMN")
+
+
+def file_and_column(text: str) -> tuple[Path | None, str]:
+    """`COLUMN`, or `FILE:COLUMN` with a file that exists."""
+    for end in (place for place, character in enumerate(text) if character == ":"):
+        if is_file(Path(text[:end])):
+            return Path(text[:end]), text[end + 1 :]
+    return None, text
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; no text that is too long or too odd for a name is one."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 @dataclass(frozen=True)
@@ -188,7 +218,8 @@ READING = (
         "--channel",
         metavar="NAME=COLUMN",
         multiple=True,
-        help="The column of the file that a channel is, as in x:m1=Laser1 or x:m1[mm]=Laser1. Repeatable.",
+        help="The column of the file that a channel is, as in x:m1=Laser1 or x:m1[mm]=Laser1, or of another file that was "
+        "started with it, as in a:base=ground.csv:AccX. Repeatable.",
     ),
     click.option(
         "--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of a file without a time column."
@@ -196,6 +227,12 @@ READING = (
     click.option("--resample", metavar="HZ", type=POSITIVE, help="Resample uneven time to this rate."),
     click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
     click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
+    click.option(
+        "--late",
+        metavar="CHANNEL=S",
+        multiple=True,
+        help="Time in s by which a channel is late, to be taken out. Repeatable.",
+    ),
     click.option(
         "--noise-of",
         metavar="CHANNEL=SIGMA",

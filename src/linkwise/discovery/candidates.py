@@ -111,9 +111,14 @@ class Candidates:
 
 
 def all_candidates(
-    masses: Sequence[Mass], terms: Sequence[Term], *, stated: Sequence[Link] = (), base: bool = False
+    masses: Sequence[Mass],
+    terms: Sequence[Term],
+    *,
+    stated: Sequence[Link] = (),
+    base: bool = False,
+    ground: bool = True,
 ) -> Candidates:
-    """The candidates between every pair of `masses`, every mass and the ground, and, with `base`, every mass and the base.
+    """The candidates between every pair of `masses`, with `ground` every mass and the ground, with `base` and the base.
 
     Links of `stated` are known to be there with their laws; other terms may join them, except terms whose coefficient is a
     number there (0 excludes a term). A link whose law is 0 is known not to be there. Raises StructureError for a stated
@@ -130,7 +135,8 @@ def all_candidates(
                 f'link "{link.name}"',
             )
         known.setdefault(frozenset(link.between), []).append(link)
-    supports = (BASE, GROUND) if base or any(BASE in link.between for link in stated) else (GROUND,)
+    based = base or any(BASE in link.between for link in stated)
+    supports = (*((BASE,) if based else ()), *((GROUND,) if ground else ()))
     taken = {link.name for links in known.values() for link in links}
     pairs = []
     for number, mass in enumerate(masses):

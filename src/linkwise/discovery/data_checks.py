@@ -47,12 +47,12 @@ class DataChecks:
 def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     """What these records cannot show of the candidates.
 
-    Raises IdentificationError if nothing can be discovered: a mass without a sensor, a moving base without its displacement,
-    no motion above the noise, fewer samples than a regression on all candidates needs.
+    Raises IdentificationError if nothing can be discovered: a mass without a sensor, no motion above the noise, fewer samples
+    than a regression on all candidates needs.
     """
     names = [mass.name for mass in candidates.masses]
     _require_sensors(records, names)
-    _require_base_displacement(records, candidates)
+    _require_base_motion(records, candidates)
     ratios = np.max([_signal_to_noise(record, names) for record in records], axis=0)
     at_rest = [name for name, ratio in zip(names, ratios, strict=True) if ratio < _AT_REST]
     if len(at_rest) == len(names):
@@ -136,21 +136,15 @@ def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
             )
 
 
-def _require_base_displacement(records: Sequence[Record], candidates: Candidates) -> None:
-    """IdentificationError if the base moves, or a stated link ends there, and its displacement was not measured."""
+def _require_base_motion(records: Sequence[Record], candidates: Candidates) -> None:
+    """IdentificationError if a stated link ends at the base, and its motion was not measured."""
     based = [link.name for pair in candidates.pairs for link in pair.stated if BASE in link.between]
     for record in records:
         if based and "x:base" not in record.channels:
             raise IdentificationError(
-                f'the link "{based[0]}" ends at the base, and the record has no displacement of it; add a channel x:base, or '
-                "let the link end at the ground if the base did not move",
+                f'the link "{based[0]}" ends at the base, and the record has no motion of it; add a channel x:base, v:base or '
+                "a:base, or let the link end at the ground if the base did not move",
                 arguments=("channels",),
-            )
-        moving = [name for name in ("v:base", "a:base") if name in record.channels]
-        if moving and "x:base" not in record.channels:
-            raise IdentificationError(
-                f"the record has {' and '.join(moving)} but not the displacement of the base, which links to it need; add a "
-                "channel x:base, or leave out the base if no link ends there"
             )
 
 

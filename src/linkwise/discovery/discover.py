@@ -36,6 +36,7 @@ from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.records.stated_noise import check_stated_noise
 from linkwise.runtime import one_blas_thread
+from linkwise.signals.base_frame import framed_records
 from linkwise.units import to_si
 from linkwise.verdict import Verdict, is_trusted
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
@@ -120,12 +121,12 @@ def discover(
     terms = DiscoveryOptions.given(options, keywords).terms
     records = [record] if isinstance(record, Record) else list(record)
     candidates = candidates_for(records, masses, terms)
-    checks = check_data(records, candidates)
+    checks = check_data(framed_records(records, candidates.full_structure), candidates)
     candidates = candidates.without_masses(checks.at_rest)
     records = [_channels_of(record, candidates.masses) for record in records]
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     with one_blas_thread():
-        screened = _Screened.of(records, candidates)
+        screened = _Screened.of(framed_records(records, candidates.full_structure), candidates)
     search = TermSearch(
         records,
         screened.candidates,
@@ -185,7 +186,8 @@ def check_discovery(
     """
     terms = DiscoveryOptions.given(options, keywords).terms
     records = [record] if isinstance(record, Record) else list(record)
-    return check_data(records, candidates_for(records, masses, terms)).remarks
+    candidates = candidates_for(records, masses, terms)
+    return check_data(framed_records(records, candidates.full_structure), candidates).remarks
 
 
 def candidates_for(
@@ -210,8 +212,9 @@ def candidates_for(
     refuse_memory(stated, "discovery")
     _require_no_priors(given, stated)
     _require_scale(given, records)
-    base_moves = any("x:base" in record.channels for record in records)
-    return all_candidates(given, parse_terms(terms), stated=stated, base=base_moves)
+    base = {name for record in records for name in record.channels if Channel.parse(name).mass == BASE}
+    grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
+    return all_candidates(given, parse_terms(terms), stated=stated, base=bool(base), ground=grounded)
 
 
 def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:

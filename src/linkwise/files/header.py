@@ -37,9 +37,9 @@ class ColumnHeader:
     @property
     def channel(self) -> Channel | None:
         """The channel of this name; None if it is not the name of a channel."""
-        kind, _, mass = (part.strip() for part in self.name.partition(":"))
+        parts = (part.strip() for part in self.name.split(":"))
         try:
-            return Channel.parse(f"{kind}:{mass}")
+            return Channel.parse(":".join(parts))
         except RecordError:
             return None
 

@@ -48,10 +48,10 @@ class KinematicFit:
 
 def kinematic_fits(channels: Iterable[ChannelSignal]) -> Iterator[KinematicFit]:
     """A fit for each place with two channels or more, of neighbours in displacement, velocity and acceleration."""
-    places: dict[str, list[ChannelSignal]] = {}
+    places: dict[tuple[str, bool], list[ChannelSignal]] = {}
     for signal in channels:
         if signal.channel.kind in _KINDS:
-            places.setdefault(signal.channel.mass, []).append(signal)
+            places.setdefault((signal.channel.mass, signal.channel.relative), []).append(signal)
     for beside in places.values():
         ordered = sorted(beside, key=lambda signal: _KINDS.index(signal.channel.kind))
         for lower, upper in pairwise(ordered):

@@ -11,9 +11,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
+from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.flow import CandidateForces
 from linkwise.likelihood.residuals import Misfit, evaluate
@@ -26,7 +28,7 @@ from linkwise.likelihood.score_test import (
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
 _TERMS = tuple(
@@ -35,6 +37,7 @@ _TERMS = tuple(
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a cause beside the coefficients of the laws
 _RELATIVE = ("gain", "crosstalk", "mass", "force gain")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
+_ROUNDING = 1e-9  # of a force
 _LINKS = 40  # that are tested, in the structure's order
 _CHANCE = 25.0  # square of the standard errors that one cause reaches by chance once in 1.7 million
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
@@ -61,7 +64,10 @@ class _Hypothesis:
 def diagnose(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
 ) -> tuple[Cause, ...]:
-    """The causes that are significant, that with the largest gain first; missing terms only where `terms` is true."""
+    """The causes that are significant, that with the largest gain first; missing terms only where `terms` is true.
+
+    `channels` are those of the record.
+    """
     try:
         with one_blas_thread():
             tested = _diagnosed(fit.optimum, identified, channels, terms)
@@ -98,20 +104,30 @@ def _diagnosed(
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
-    curvature, slope = augmented_quadratic(optimum, misfit, candidates, errors)
+    shown = [name for name in channels if not Channel.parse(name).is_input]
     hypotheses += [
         _Hypothesis(
             kind,
-            channels[channel],
-            _UNITS.get(kind) or Channel.parse(channels[channel]).unit,
-            source="" if other < 0 else channels[other],
+            shown[channel],
+            _UNITS.get(kind) or Channel.parse(shown[channel]).unit,
+            source="" if other < 0 else shown[other],
         )
         for kind, channel, other in zip(
             errors.kind, errors.channel.tolist(), errors.other.tolist(), strict=True
         )
     ]
-    units = np.concatenate([units, np.ones(len(errors.kind))])
-    gains, sizes, deviations = _single_tests(curvature, slope, optimum.segments.system.parameters.size)
+    columns = _Columns(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]), None)
+    of_base = BaseErrors.of(optimum, misfit)
+    if of_base is not None:
+        base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
+        hypotheses += [_Hypothesis(kind, base, _UNITS[kind]) for kind in BASE_ERRORS]
+        columns = columns.with_base(of_base)
+    parameters = optimum.segments.system.parameters.size
+    curvature, slope = columns.joined(
+        *augmented_quadratic(optimum, misfit, columns.pushes, columns.errors), parameters
+    )
+    units = columns.units
+    gains, sizes, deviations = _single_tests(curvature, slope, parameters)
     gains, deviations = gains / optimum.noise**2, deviations * optimum.noise
     sizes, deviations = sizes * units, deviations * units
     small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
@@ -122,6 +138,58 @@ def _diagnosed(
         _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces)
         for number in order
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Columns of the linearised equations: forces `pushes`, then sensor `errors`, with `units` (h,) of h hypotheses.
+
+    `weights` (c, h) is what each hypothesis has of them; None where each has one, in this order.
+    """
+
+    pushes: CandidateForces
+    errors: SensorErrors
+    units: Floats
+    weights: Floats | None
+
+    def with_base(self, base: BaseErrors) -> _Columns:
+        """These and the errors of the base, each of which acts on all masses and in all channels."""
+        n, count = base.starts.shape[1:3]
+        channels = base.values.shape[1]
+        power = np.mean(base.starts**2, axis=(0, 1, 3))
+        scale = np.sqrt(np.where(power > 0.0, power, 1.0))
+        starts, middles, values = (
+            (part / scale[:, None]).reshape(len(part), -1, part.shape[-1])
+            for part in (base.starts, base.middles, base.values)
+        )
+        before, after = len(self.pushes.first), len(self.errors.channel)
+        masses, sensors = np.repeat(np.arange(n), count), np.repeat(np.arange(channels), count)
+        pushes = CandidateForces(
+            np.append(self.pushes.first, np.full(len(masses), -1)),
+            np.append(self.pushes.second, masses),
+            np.concatenate([self.pushes.starts, starts], axis=1),
+            np.concatenate([self.pushes.middles, middles], axis=1),
+        )
+        errors = SensorErrors(
+            np.append(self.errors.channel, sensors),
+            (*self.errors.kind, *BASE_ERRORS * channels),
+            np.append(self.errors.other, np.full(len(sensors), -1)),
+            np.concatenate([self.errors.values, values], axis=1),
+        )
+        every = np.eye(count)
+        own, of_base = np.eye(before + after), np.zeros((before + after, count))
+        weights = np.block([[own, of_base]])
+        on_masses = np.hstack([np.zeros((len(masses), before + after)), np.tile(every, (n, 1))])
+        in_channels = np.hstack([np.zeros((len(sensors), before + after)), np.tile(every, (channels, 1))])
+        weights = np.concatenate([weights[:before], on_masses, weights[before:], in_channels])
+        return _Columns(pushes, errors, np.append(self.units, 1.0 / scale), weights)
+
+    def joined(self, curvature: Floats, slope: Floats, parameters: int) -> tuple[Floats, Floats]:
+        """Curvature and slope in the parameters and the sizes of the hypotheses."""
+        if self.weights is None:
+            return curvature, slope
+        weights = scipy.linalg.block_diag(np.eye(parameters), self.weights)
+        return weights.T @ curvature @ weights, weights.T @ slope
 
 
 def _cause(
@@ -198,13 +266,22 @@ def _inertia_and_inputs(
     for i, name in enumerate(names):
         inertia = -float(identified.mass_values[i])
         ends, middles = orbit.accelerations[:, i] * inertia, orbit.middle_accelerations[:, i] * inertia
+        if segments.inputs.frame is not None:
+            at_ends, between = at_ends_and_middles(segments.inputs.frame, stride)
+            ends, middles = ends + inertia * at_ends, middles + inertia * between
         yield _Hypothesis("mass", name, _UNITS["mass"]), i, ends, middles
     if segments.inputs.force is None:
         return
     step = segments.step * stride
     for i, name in enumerate(names):
-        ends, middles = at_ends_and_middles(segments.inputs.force[:, :, i], stride)
-        if not ends.any():
+        applied = segments.inputs.force[:, :, i]
+        smallest = 0.0
+        if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
+            of_frame = float(identified.mass_values[i]) * segments.inputs.frame
+            smallest = _ROUNDING * float(np.max(np.abs(of_frame)))
+            applied = applied + of_frame
+        ends, middles = at_ends_and_middles(applied, stride)
+        if not np.max(np.abs(ends)) > smallest:
             continue
         yield _Hypothesis("force gain", f"force:{name}", _UNITS["force gain"]), i, ends, middles
         both = np.empty((len(ends) + len(middles), ends.shape[-1]))

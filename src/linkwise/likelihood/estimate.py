@@ -28,6 +28,7 @@ from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import framed, framed_records
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.residual import weak_residual
@@ -137,7 +138,7 @@ class MaximumLikelihood(Estimator):
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
         theta, spread = starting_values(records, structure, self.starts)
-        if needs_integration(records[0], structure):
+        if needs_integration(framed(records[0], structure).record, structure):
             return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
         fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
         return lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
@@ -152,7 +153,7 @@ def estimate_of(
     """The estimate that a fit of `structure` to `records` gives, with its verdicts; `delays` in s were found by channel."""
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
-    judgement = assess(fit, identified, records[0].responses)
+    judgement = assess(fit, identified, records[0].channels)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),
@@ -177,6 +178,7 @@ def estimate_of(
 
 def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
     """The links along the fitted orbit, at the samples of all records; residuals are those of the weak form."""
+    records = framed_records(records, identified)
     segments, samples = fit.segments, len(fit.segments.samples)
     states = fit.misfit.trajectories.states[: segments.steps : segments.refine]
     x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)

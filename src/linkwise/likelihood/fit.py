@@ -30,6 +30,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
+from linkwise.signals.base_frame import FramedRecord, framed
 
 _NEAR = AnnealingSchedule(
     initial_q=0.1, smallest_factor=0.01, trust_per_sample=10.0
@@ -202,12 +203,32 @@ def likelihood_fit(
         If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
-    sensing = SensorModel.of(records, options.offsets, options.gains, options.calibration, options.delays)
+    frames = tuple(framed(record, structure) for record in records)
+    sensing = sensor_model(frames, options)
+    records = [frame.record for frame in frames]
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(records, structure, theta, spread, sensing)
         return _fitted(problem, records, spread, sensing, options, annealer)
+
+
+def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> SensorModel:
+    """The sensors of records in the coordinates of the equations."""
+    names = frames[0].names
+    offsets, gains, delays = (
+        [names.get(name, name) for name in named]
+        for named in (options.offsets, options.gains, options.delays)
+    )
+    calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
+    sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
+    return replace(sensing, frames=tuple(frames))
+
+
+def _given(names: Sequence[str], frame: FramedRecord) -> list[str]:
+    """The channels as the record names them."""
+    given = {plain: name for name, plain in frame.names.items()}
+    return [given.get(name, name) for name in names]
 
 
 def _fitted(
@@ -241,11 +262,15 @@ def _fitted(
         values=fit.point.theta,
         covariance=fit.covariance[:p, :p] * np.outer(widened, widened),
         free=~fit.at_bound[:p],
-        offsets=dict(zip(sensing.offsets, map(float, fit.point.offsets), strict=True)),
-        gains=dict(zip(sensing.gains, map(float, fit.point.gains), strict=True)),
-        delays=dict(zip(sensing.delays, map(float, fit.point.delays), strict=True)),
+        offsets=dict(
+            zip(_given(sensing.offsets, sensing.frames[0]), map(float, fit.point.offsets), strict=True)
+        ),
+        gains=dict(zip(_given(sensing.gains, sensing.frames[0]), map(float, fit.point.gains), strict=True)),
+        delays=dict(
+            zip(_given(sensing.delays, sensing.frames[0]), map(float, fit.point.delays), strict=True)
+        ),
         sensor_deviations=factor * np.sqrt(np.maximum(fit.covariance.diagonal()[p:], 0.0)),
-        noise=_found_noise(fit, records[0].responses),
+        noise=_found_noise(fit, tuple(sensing.frames[0].names)),
         chi_square=chi_square,
         chi_square_off=off,
         model_error=model_error,

@@ -39,14 +39,17 @@ class Inputs:
         Forces on the masses in N.
     base : array of shape (J, 5, 2, K) or None
         Displacement in m and velocity in m/s of the base.
+    frame : array of shape (J, 5, K) or None
+        Acceleration in m/s^2 of the coordinates, of which `force` has the forces of inertia.
     """
 
     force: Floats | None = None
     base: Floats | None = None
+    frame: Floats | None = None
 
     def part(self, segments: slice | Indices) -> Inputs:
         """The inputs of some segments."""
-        return Inputs(*(None if a is None else a[..., segments] for a in (self.force, self.base)))
+        return Inputs(*(None if a is None else a[..., segments] for a in (self.force, self.base, self.frame)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ class Judgement:
 
 
 def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Judgement:
-    """Assess a fit to the response `channels` of a record."""
+    """Assess a fit to a record of these `channels`."""
     if fit.status is not AnnealingStatus.CONVERGED:
         reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
         return Judgement(Verdict.NOT_CONVERGED, reason)

@@ -231,6 +231,8 @@ def _add_delays(
             kind=int(sensors.kind[channel]),
             delay=float(point.delays[number]),
         )
+        if segments.carried is not None:
+            rate = rate + segments.carried[1, :, channel, part]
         column = -whiten[:, channel] * rate * (units[number] * factors[channel])
         jacobian[:, :, channel, first + number] = column.T
 
@@ -257,6 +259,8 @@ def _calibrate_gains(
         relative = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
         sigma = scales.sigma[channel] * relative
         predicted = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
+        if segments.carried is not None:
+            predicted = predicted + segments.carried[0, :, channel, part] / sigma
         if sensors.offset[channel] >= 0:
             predicted = predicted - point.offsets[sensors.offset[channel]] / sigma
         jacobian[:, :, channel, :motion_columns] *= np.float32(factors[channel])

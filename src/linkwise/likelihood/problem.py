@@ -137,6 +137,7 @@ class _TestedFlow:
             linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
             inputs=segments.inputs.part(which),
             relative_noise=None if segments.relative_noise is None else segments.relative_noise[:, which],
+            carried=None if segments.carried is None else segments.carried[..., which],
         )
         misfit = evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian())
         return cls(some, scales, misfit)

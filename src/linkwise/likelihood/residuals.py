@@ -99,10 +99,15 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
             delay=float(point.delays[sensors.delay[channel]]),
         )
         residuals[:, channel] = segments.samples[:, channel] - shown
+        if segments.carried is not None:
+            delay = point.delays[sensors.delay[channel]]
+            residuals[:, channel] += delay * segments.carried[1, :, channel]
     factors = sensors.factors(point.gains)
     for channel in sensors.scaled:
-        motion = segments.samples[:, channel] - residuals[:, channel]
-        residuals[:, channel] -= (factors[channel] - 1.0) * motion
+        shown = segments.samples[:, channel] - residuals[:, channel]
+        if segments.carried is not None:
+            shown = shown + segments.carried[0, :, channel]
+        residuals[:, channel] -= (factors[channel] - 1.0) * shown
     for channel in np.flatnonzero(sensors.offset >= 0):
         residuals[:, channel] -= point.offsets[sensors.offset[channel]]
     residuals *= segments.observed

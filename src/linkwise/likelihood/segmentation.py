@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.flow import Inputs
 from linkwise.likelihood.segments import A, Segments, Sensors, V, X
@@ -16,6 +17,7 @@ from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import FramedRecord
 
 COMMON = "common"
 """Name of an unknown factor that all sensors share."""
@@ -68,24 +70,73 @@ def cut_segments(
     counts = [part.shape[2] for part in parts]
     data = np.concatenate(parts, axis=2)
     observed = np.isfinite(data)
-    linked = np.ones(data.shape[2] - 1, dtype=bool)
-    linked[np.cumsum(counts)[:-1] - 1] = False
-    step = np.concatenate(
-        [np.full(k, record.step / refine) for record, k in zip(records, counts, strict=True)]
-    )
+    step = np.repeat([record.step / refine for record in records], counts)
     return Segments(
         system=system,
         sensors=sensor_arrays(channels, structure, offsets, gains),
         samples=np.where(observed, data, 0.0),
         observed=observed,
         step=step,
-        linked=linked,
+        linked=_linked(counts),
         inputs=flow_inputs(records, structure, counts, samples=samples, refine=refine),
         refine=refine,
         relative_noise=None
         if relative_noise is None
         else np.repeat(np.stack(relative_noise, axis=1), counts, axis=1),
     )
+
+
+def in_moving_coordinates(segments: Segments, frames: Sequence[FramedRecord]) -> Segments:
+    """Add to segments of records in coordinates that move what their sensors show of that, and its acceleration.
+
+    Parameters
+    ----------
+    segments : Segments
+        The segments of all records.
+    frames : sequence of FramedRecord
+        The records.
+
+    Returns
+    -------
+    Segments
+        The segments; the same where no coordinates move.
+    """
+    samples, refine = len(segments.samples), segments.refine
+    inputs = replace(segments.inputs, frame=_frame_acceleration(frames, samples, refine))
+    return replace(segments, inputs=inputs, carried=_carried(frames, samples))
+
+
+def _linked(counts: Sequence[int]) -> Bools:
+    """(K - 1,) False between the last segment of a record and the first of the next."""
+    linked = np.ones(sum(counts) - 1, dtype=bool)
+    linked[np.cumsum(counts)[:-1] - 1] = False
+    return linked
+
+
+def _carried(frames: Sequence[FramedRecord], samples: int) -> Floats | None:
+    """(2, M, C, K) what the sensors show of moving coordinates, and its rate; 0 behind the end of a record."""
+    if not any(frame.carried for frame in frames):
+        return None
+    parts = []
+    for frame in frames:
+        nothing = np.zeros((2, len(frame.record)))
+        shown = np.stack([frame.carried.get(name, nothing) for name in frame.names.values()], axis=2)
+        parts.append(np.stack([_pieces(values, samples) for values in shown]))
+    return np.nan_to_num(np.concatenate(parts, axis=3))
+
+
+def _frame_acceleration(frames: Sequence[FramedRecord], samples: int, refine: int) -> Floats | None:
+    """(J, 5, K) acceleration of the coordinates at the points of every step."""
+    if not any(frame.acceleration is not None for frame in frames):
+        return None
+    pieces = [
+        _signal_at_points(
+            frame.record, frame.acceleration, -(-len(frame.record) // samples), samples, refine
+        )[0]
+        for frame in frames
+        if frame.acceleration is not None
+    ]
+    return np.concatenate(pieces, axis=2)
 
 
 def sensor_arrays(
@@ -149,11 +200,15 @@ def _require_same_channels(
 
 def _piece(record: Record, channels: tuple[str, ...], samples: int) -> Floats:
     """(samples, C, K) of one record, NaN behind its end."""
-    values = record.select(channels).values
-    count = -(-len(record) // samples)
-    padded = np.full((count * samples, len(channels)), np.nan)
-    padded[: len(record)] = values
-    return np.ascontiguousarray(padded.reshape(count, samples, len(channels)).transpose(1, 2, 0))
+    return _pieces(record.select(channels).values, samples)
+
+
+def _pieces(values: Floats, samples: int) -> Floats:
+    """(samples, C, K) of values (N, C), NaN behind their end."""
+    count = -(-len(values) // samples)
+    padded = np.full((count * samples, values.shape[1]), np.nan)
+    padded[: len(values)] = values
+    return np.ascontiguousarray(padded.reshape(count, samples, values.shape[1]).transpose(1, 2, 0))
 
 
 def flow_inputs(
@@ -214,7 +269,7 @@ def flow_inputs(
             np.stack(_at_points(record, "x:base", count, samples, refine), axis=2)
             for record, count in zip(records, counts, strict=True)
         ]
-        base = np.concatenate(pieces, axis=3)
+        base = np.concatenate(pieces, axis=3) if any(piece.any() for piece in pieces) else None
     return Inputs(force, base)
 
 
@@ -223,6 +278,12 @@ def _at_points(record: Record, name: str, count: int, samples: int, refine: int)
     values = record.channel(name)
     if not np.isfinite(values).all():
         raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
+    return _signal_at_points(record, values, count, samples, refine)
+
+
+def _signal_at_points(
+    record: Record, values: Floats, count: int, samples: int, refine: int
+) -> tuple[Floats, Floats]:
     signal = Sampled(record.start, record.rate, values, band_limited=len(values) > _BAND_LIMITED)
     step = record.step / refine
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)

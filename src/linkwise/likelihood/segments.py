@@ -74,7 +74,8 @@ class Segments:
 
     `samples` (M, C, K) are 0 where missing, `observed` (M, C, K) says where they are not; `step` (K,) in s; `linked` (K - 1,)
     says which neighbouring segments are continuous; `relative_noise` (C, K) is the noise of a channel over `Scales.sigma`,
-    None where it is the same in all records; `prior` holds the priors of the unknowns.
+    None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
+    sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any.
     """
 
     system: System
@@ -88,6 +89,7 @@ class Segments:
     tangent_refine: int = 1
     relative_noise: Floats | None = None
     prior: Prior | None = None
+    carried: Floats | None = None
 
     @property
     def count(self) -> int:

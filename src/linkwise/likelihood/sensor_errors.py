@@ -34,8 +34,8 @@ class SensorErrors:
         ramp = _ramp(segments)
         sensors = segments.sensors
         motions = [
-            _motion(segments, misfit, int(kind), int(mass))
-            for kind, mass in zip(sensors.kind, sensors.mass, strict=True)
+            _shown(segments, misfit, channel, int(kind), int(mass))
+            for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True))
         ]
         rows = [
             (channel, kind, -1, value)
@@ -51,6 +51,14 @@ class SensorErrors:
             ]
         channel, kind, other, values = zip(*rows, strict=True)
         return cls(np.array(channel), kind, np.array(other), np.stack(values, axis=1))
+
+
+def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
+    """(M, K) what a sensor shows of a mass and of moving coordinates, and its rate."""
+    value, rate = _motion(segments, misfit, kind, mass)
+    if segments.carried is None:
+        return value, rate
+    return value + segments.carried[0, :, channel], rate + segments.carried[1, :, channel]
 
 
 def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:

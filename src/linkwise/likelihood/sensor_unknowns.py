@@ -70,6 +70,8 @@ def estimate_with_sensors(
         instruments = [cause for cause in estimate.diagnosis if cause.is_instrument]
         if not instruments or instruments[0].kind not in admitted:
             return estimate
+        if instruments[0].where in records[0].inputs:
+            return estimate
         kind, channel = instruments[0].kind, instruments[0].where
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
         if channel in present:

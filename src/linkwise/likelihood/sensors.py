@@ -10,12 +10,13 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.prior import Prior
-from linkwise.likelihood.segmentation import cut_segments
+from linkwise.likelihood.segmentation import cut_segments, in_moving_coordinates
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.system import System
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import FramedRecord
 from linkwise.signals.channel_noise import channel_noise
 
 SAMPLES = (
@@ -35,6 +36,8 @@ class SensorModel:
         For each record the standard deviations of the noise by channel, in SI units.
     calibration : mapping of str to float
         Standard deviations to which gains are known beforehand, relative, by channel.
+    frames : tuple of FramedRecord
+        Where the records are in coordinates that move, what these are.
     """
 
     offsets: tuple[str, ...]
@@ -42,6 +45,7 @@ class SensorModel:
     noise: tuple[dict[str, float], ...]
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: tuple[str, ...] = ()
+    frames: tuple[FramedRecord, ...] = ()
 
     @classmethod
     def of(
@@ -138,11 +142,12 @@ class SensorModel:
             gains=self.gains,
             relative_noise=relative_noise,
         )
-        return replace(
+        segments = replace(
             segments,
             sensors=replace(segments.sensors, delay=self._delays(records[0].responses)),
             prior=self.prior(structure.parameters),
         )
+        return in_moving_coordinates(segments, self.frames)
 
     def _delays(self, channels: Sequence[str]) -> Indices:
         """(C,) index of the unknown delay of each channel, -1 for none."""

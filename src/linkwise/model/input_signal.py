@@ -77,20 +77,25 @@ class TimeFunction:
         """
         return _program(self.expression)(time)[0]
 
-    def derivative(self, time: ArrayLike) -> Floats:
+    def derivative(self, time: ArrayLike, order: int = 1) -> Floats:
         """Time derivative of the input.
 
         Parameters
         ----------
         time : array
             Times in s.
+        order : int, optional
+            Order of the derivative.
 
         Returns
         -------
         array
-            Derivative in N/s or m/s, in the shape of `time`.
+            Derivative in the unit of the input over s^order, in the shape of `time`.
         """
-        return _program(differentiate(self.expression, "t"))(time)[0]
+        expression = self.expression
+        for _ in range(order):
+            expression = differentiate(expression, "t")
+        return _program(expression)(time)[0]
 
 
 @lru_cache(maxsize=256)
@@ -236,25 +241,27 @@ class Sampled:
         """
         return self._evaluated(self._spline, time)
 
-    def derivative(self, time: ArrayLike) -> Floats:
+    def derivative(self, time: ArrayLike, order: int = 1) -> Floats:
         """Time derivative of the interpolant.
 
         Parameters
         ----------
         time : array
             Times in s.
+        order : int, optional
+            Order of the derivative.
 
         Returns
         -------
         array
-            Derivative in N/s or m/s, in the shape of `time`.
+            Derivative in the unit of the input over s^order, in the shape of `time`.
 
         Raises
         ------
         SimulationError
             If a time is outside the samples.
         """
-        return self._evaluated(self._spline.derivative(), time)
+        return self._evaluated(self._spline.derivative(order), time)
 
     def integral(self, time: ArrayLike) -> Floats:
         """Integral of the interpolant from the first sample.

@@ -13,6 +13,7 @@ QUANTITIES = {
 }  # fmt: skip
 OF_MASSES = ("x", "v", "a", "force")
 BASE = "base"
+_RELATIVE = "rel:"
 _RESERVED = frozenset(":[]()\"',;\t\n")
 
 
@@ -26,6 +27,8 @@ class Channel:
         Displacement (m), velocity (m/s), acceleration (m/s^2), applied force (N), force in a link (N) or state of a link.
     mass : str
         Name of the mass, or "base" for the moving base; of a link its name, of a state "LINK.NAME".
+    relative : bool, optional
+        Whether a sensor shows the motion of the mass relative to the base, as "rel:x:m1" does.
 
     Examples
     --------
@@ -37,6 +40,7 @@ class Channel:
 
     kind: str
     mass: str
+    relative: bool = False
 
     @classmethod
     def parse(cls, name: str) -> Channel:
@@ -57,7 +61,8 @@ class Channel:
         RecordError
             If it is not the name of a channel.
         """
-        kind, colon, mass = name.partition(":")
+        relative = name.startswith(_RELATIVE)
+        kind, colon, mass = name.removeprefix(_RELATIVE).partition(":")
         if not colon or not mass or not kind:
             raise RecordError(
                 f"{name!r} is not a channel: expected KIND:MASS, such as x:m1, with KIND one of {', '.join(UNITS)}"
@@ -73,7 +78,11 @@ class Channel:
             )
         if kind == "state" and not all(mass.rpartition(".")[::2]):
             raise RecordError(f"{name!r} is not a channel: a state is written state:LINK.NAME")
-        return cls(kind, mass)
+        if relative and (kind not in "xva" or mass == BASE):
+            raise RecordError(
+                f"{name!r} is not a channel: only the motion of a mass is relative to the base, as in rel:x:m1"
+            )
+        return cls(kind, mass, relative)
 
     @property
     def of_link(self) -> bool:
@@ -86,7 +95,7 @@ class Channel:
         return self.mass.rpartition(".")[0] if self.kind == "state" else self.mass
 
     def __str__(self) -> str:
-        return f"{self.kind}:{self.mass}"
+        return f"{_RELATIVE if self.relative else ''}{self.kind}:{self.mass}"
 
     @property
     def unit(self) -> str:

@@ -23,6 +23,8 @@ from linkwise.simulation.link_forces import LinkForces
 from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
 
+_KINDS = ("x", "v", "a")  # each the derivative of the one before
+
 
 class ExcitationKeywords(TypedDict, total=False):
     """The keywords of `Excitation.of`."""
@@ -58,9 +60,10 @@ def simulate(
     times : array of shape (N,), optional
         Output times in s instead of duration and rate, evenly spaced and not negative.
     sensors : iterable of str, optional
-        Kinds of sensors on every mass (``"x"``, ``"v"``, ``"a"``), on every link (``"f"``, its force) or in every state of a
-        link (``"state"``), or channels (``"a:m2"``, ``"f:spring"``, ``"state:piezo.V"``). Forces and base motion are always
-        recorded.
+        Kinds of sensors on every mass (``"x"``, ``"v"``, ``"a"``; ``"rel:x"`` relative to the base), on every link (``"f"``,
+        its force) or in every state of a link (``"state"``), or channels (``"a:m2"``, ``"f:spring"``, ``"state:piezo.V"``).
+        Forces are always recorded, and the displacement of the base, unless its velocity or acceleration is named
+        (``"a:base"``).
     progress : Progress, optional
         Called with a `ProgressReport` while the simulation runs.
     **excitation
@@ -98,14 +101,19 @@ def simulate(
     }
     arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(structure, drive, motion, channels)}
     for column, channel in enumerate(channels):
+        order = _KINDS.index(channel.kind) if channel.kind in _KINDS else 0
         if channel.is_input:
-            values[:, column] = drive.drives[channel.mass].value(grid)
+            signal = drive.drives[channel.mass]
+            values[:, column] = signal.derivative(grid, order) if order else signal.value(grid)
         elif channel.kind == "state":
             values[:, column] = states[channel.mass]
         elif channel.kind == "f":
             values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.mass))]
         else:
             values[:, column] = arrays[channel.kind][:, structure.topology.index[channel.mass]]
+        if channel.relative:
+            signal = drive.drives[BASE]
+            values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
     base = None if drive.base is None else drive.base.value(grid)
     return Record(
         start=float(grid[0]),
@@ -145,9 +153,13 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
     if repeated is not None:
         raise SimulationError(f"the sensor {repeated} is listed twice", arguments=("sensors",))
     responses: dict[Channel, None] = {}
+    of_base: dict[Channel, None] = {}
     for name in wanted:
-        if name in ("x", "v", "a"):
-            responses.update(dict.fromkeys(Channel(name, mass) for mass in structure.mass_names))
+        kind = name.removeprefix("rel:")
+        if kind in _KINDS:
+            relative = kind != name
+            _require_moving_base(excitation, name, relative)
+            responses.update(dict.fromkeys(Channel(kind, mass, relative) for mass in structure.mass_names))
             continue
         if name == "f":
             responses.update(dict.fromkeys(Channel(name, link.name) for link in structure.links))
@@ -160,6 +172,10 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
             channel = Channel.parse(name)
         except RecordError as error:
             raise SimulationError(f"invalid sensor: {error}") from None
+        _require_moving_base(excitation, name, channel.relative or channel.mass == BASE)
+        if channel.mass == BASE:
+            of_base[channel] = None
+            continue
         if channel.is_input:
             raise SimulationError(f"{name} is an input, which is recorded whenever it drives the structure")
         if channel.kind == "f":
@@ -169,5 +185,12 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
         else:
             check_mass(channel.mass, structure.mass_names, "a sensor")
         responses[channel] = None
-    inputs = [Channel("x", BASE) if name == BASE else Channel("force", name) for name in excitation.drives]
+    inputs: list[Channel] = []
+    for name in excitation.drives:
+        inputs += (of_base or (Channel("x", BASE),)) if name == BASE else (Channel("force", name),)
     return [*responses, *inputs]
+
+
+def _require_moving_base(excitation: Excitation, sensor: str, needed: bool) -> None:
+    if needed and excitation.base is None:
+        raise SimulationError(f"sensor {sensor} needs a base that moves: give its displacement (`base`)")

@@ -21,6 +21,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
+from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.signals.outliers import has_outliers
 from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, differences, read_displacements
@@ -87,7 +88,9 @@ class WeakForm(Estimator):
             If there are several records, no displacements, or a parameter that the record does not determine.
         """
         refuse_memory(structure.links, 'method "weak"')
-        record = self.only_record(records)
+        given = self.only_record(records)
+        frame = framed(given, structure)
+        record = frame.record
         with one_blas_thread():
             motion = read_displacements(record, structure)
             equations, fit, converged = weak_search(record, structure, motion)
@@ -109,11 +112,11 @@ class WeakForm(Estimator):
             values=fit.values,
             covariance=fit.covariance,
             free=fit.free,
-            noise=_noise(structure, motion),
+            noise=_noise(structure, motion, frame),
             chi_square_per_sample=fit.excess,
             samples=motion.samples,
             compute_motion=partial(_link_motion, structure, equations, fit.values),
-            record=record,
+            record=given,
             remarks=tuple(_remarks(record, structure, fit.excess)),
         )
 
@@ -299,11 +302,15 @@ def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) 
     return np.concatenate(ranges)
 
 
-def _noise(structure: Structure, motion: MeasuredDisplacements) -> dict[str, NoiseEstimate]:
+def _noise(
+    structure: Structure, motion: MeasuredDisplacements, frame: FramedRecord
+) -> dict[str, NoiseEstimate]:
+    given = {plain: name for name, plain in frame.names.items()}
     names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
-    measured = np.flatnonzero([*motion.measured, motion.base is not None]).tolist()
+    moving = motion.base is not None and frame.acceleration is None
+    measured = np.flatnonzero([*motion.measured, moving]).tolist()
     return {
-        names[i]: NoiseEstimate.from_power(
+        given.get(names[i], names[i]): NoiseEstimate.from_power(
             float(motion.power[i]), names[i], float(np.sqrt(motion.noise_variance[i]))
         )
         for i in measured

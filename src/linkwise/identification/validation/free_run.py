@@ -15,6 +15,7 @@ from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import framed
 from linkwise.simulation.simulate import simulate
 
 _STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
@@ -85,8 +86,9 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     Raises
     ------
     RecordError
-        If the record has no response of the structure, has inputs with gaps or a base without displacement, or is not longer
-        than the settling.
+        If the record has no response of the structure, has inputs with gaps, or is not longer than the settling.
+    IdentificationError
+        If the motion of the base is not known well enough for a link or a channel.
     SimulationError
         If the structure diverges.
 
@@ -101,7 +103,9 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     ['x:m1', 'x:m2']
     """
     refuse_memory(structure.links, "validation")
-    channels = _responses(structure, record)
+    given = record.select([*record.inputs, *_responses(structure, record)])
+    frame = framed(given, structure)
+    record, channels = frame.record, frame.record.responses
     if not 2 <= settling < len(record):
         raise RecordError(
             f"a run cannot settle on {settling} samples: the record has {len(record)}, and some must be left to compare"
@@ -117,6 +121,8 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     run = _run(structure, channels, state, _inputs(record, len(record)), record.rate, len(record))
     motion = replace(run, start=record.start).select(channels)
     residual = record.select(channels).values - motion.values
+    channels = given.responses
+    motion = replace(motion, channels=channels, values=motion.values + frame.shown)
     rmse = np.sqrt(np.nanmean(residual[settling:] ** 2, axis=0))
     return FreeRun(
         motion=motion,
@@ -144,8 +150,6 @@ def _inputs(record: Record, samples: int) -> dict[str, Sampled]:
     for name in record.inputs:
         kind, _, where = name.partition(":")
         if where == BASE and kind != "x":
-            if f"x:{BASE}" not in record.channels:
-                raise RecordError("a run needs the displacement of the base, x:base", channel=name)
             continue
         values = record.channel(name)
         if np.isnan(values).any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,11 @@ from linkwise.identification.validation.scores import channel_scores
 from linkwise.identification.validation.sensor_noise import sensor_noise
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.memory_support import refuse_memory
-from linkwise.model.structure import Structure
+from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, part, silent
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import framed
 
 _BURN = 0.05  # of the record
 _FEWEST, _MOST = 50, 300  # samples of the burn, unless it is given
@@ -70,8 +72,10 @@ def validate(
     Raises
     ------
     RecordError
-        If the record has no response of the structure, a force on another mass, an input with gaps or a base without
-        displacement, or is too short for the burn.
+        If the record has no response of the structure, a force on another mass, an input with gaps or no motion
+        of a base, or is too short for the burn.
+    IdentificationError
+        If the motion of the base is not known well enough for a link or a channel.
     StructureError
         If a coefficient has no value.
     SimulationError
@@ -92,7 +96,13 @@ def validate(
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     refuse_memory(structure.links, "validation")
     law_error = _law_error(given.model_error if model_error is None else model_error)
-    used = _usable(record, structure)
+    seen = _usable(record, structure)
+    frame = framed(seen, structure)
+    used = frame.record
+    if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
+        raise RecordError(
+            "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
+        )
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
@@ -102,7 +112,7 @@ def validate(
     agreed: tuple[CoefficientAgreement, ...] = ()
     if posterior is not None and posterior.names:
         try:
-            again = estimated_again(used, posterior, part(progress, 0.7, 1.0))
+            again = estimated_again(seen, posterior, part(progress, 0.7, 1.0))
             agreed = agreements(again, posterior)
             if not again.trusted:
                 remarks = (
@@ -113,18 +123,21 @@ def validate(
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
     deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
     deviation[np.isnan(prediction.predicted)] = np.nan
+    shown = frame.shown
+    prediction = replace(prediction, predicted=prediction.predicted + shown)
+    noise = dict(zip(seen.responses, noise.values(), strict=True))
     return Validation(
         structure=structure,
-        record=used,
-        predicted=_like(used, prediction.predicted, "predicted"),
-        deviation=_like(used, deviation, "expected deviation"),
-        channels=channel_scores(used, prediction, steps, noise),
+        record=seen,
+        predicted=_like(seen, prediction.predicted, "predicted"),
+        deviation=_like(seen, deviation, "expected deviation"),
+        channels=channel_scores(seen, prediction, (steps[0] + shown, steps[1]), noise),
         burn=samples * used.step,
         window=prediction.window,
         windows=prediction.starts,
         horizon=prediction.horizon,
-        profiles=error_profiles(used, structure, prediction),
-        spectra=error_spectra(used, prediction.predicted),
+        profiles=error_profiles(seen, structure, prediction),
+        spectra=error_spectra(seen, prediction.predicted),
         coefficients=agreed,
         model_error=law_error,
         remarks=remarks,
@@ -150,8 +163,6 @@ def _usable(record: Record, structure: Structure) -> Record:
             raise RecordError(
                 "samples are missing, and an input drives the motion: fill them first", channel=name
             )
-    if np.any(structure.base_incidence) and "x:base" not in record.channels:
-        raise RecordError("a link ends at the base, whose displacement the record lacks: give x:base")
     return record.select([*record.inputs, *responses])
 
 

@@ -16,6 +16,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.integrate import DRIFT_FREQUENCY, channel_motion, highpass
 
+_OFFSET = 1e-4  # of the power of a parabola: noise, integrated twice, leaves more beside it
 _SHORTEST = (
     6  # samples on each side of a window's centre: fewer do not separate an offset and a slope from noise
 )
@@ -124,14 +125,29 @@ def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) 
     connected = incidence.T != 0.0
     order = np.where(connected, orders, 0).max(axis=1)
     driven = connected & (np.asarray(orders) == order[:, None])
+    d = structure.elongations(x.T, base).T
+    rate = structure.elongations(v.T, None if base is None else np.gradient(base, record.step)).T
+    for number in np.flatnonzero(order == 2).tolist():
+        d[number], rate[number] = _without_offset(d[number], rate[number])
     return LinkSignals(
-        d=structure.elongations(x.T, base).T,
-        v=structure.elongations(v.T, None if base is None else np.gradient(base, record.step)).T,
+        d=d,
+        v=rate,
         force=np.linalg.solve(incidence, applied - structure.mass_values[:, None] * a),
         integration_order=order,
         random_walk_intensity=np.sqrt((driven * np.square(noise)).sum(axis=1)),
         step=record.step,
     )
+
+
+def _without_offset(d: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Elongation and rate without the curvature that the offset of an accelerometer leaves, where it dwarfs the motion."""
+    time = np.linspace(-1.0, 1.0, len(d))
+    legendre = np.polynomial.legendre
+    parabola, line = legendre.legfit(time, d, 2), legendre.legfit(time, v, 1)
+    motion = np.mean((d - legendre.legval(time, parabola)) ** 2)
+    parabola[:2], line[0] = 0.0, 0.0  # a line is an unknown of every window
+    bend = legendre.legval(time, parabola)
+    return (d, v) if motion > _OFFSET * np.mean(bend**2) else (d - bend, v - legendre.legval(time, line))
 
 
 def masses_from_links(record: Record, structure: Structure, d: Floats, v: Floats) -> tuple[Floats, Floats]:

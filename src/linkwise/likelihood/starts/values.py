@@ -16,6 +16,7 @@ from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
+from linkwise.signals.base_frame import framed_records
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.estimate import weak_search
@@ -63,6 +64,7 @@ def starting_values(
     IdentificationError
         If a parameter has no starting value.
     """
+    records = framed_records(records, structure)
     given = dict(given or {})
     priors = {p.name: p for p in structure.parameters if p.sigma < np.inf and p.name not in given}
     firm = [name for name, p in priors.items() if p.sigma <= _FIRM * abs(_start(p))]

@@ -1,0 +1,222 @@
+"""Records of a structure on a moving base, in coordinates that the estimators can use.
+
+Where a velocity or an acceleration is all that is known of the base, its displacement is known up to a line or a constant
+only. If no link ends at the ground, the equations in coordinates relative to the base need none of it:
+
+    M z'' = -B f(B'z, B'z') + w - M 1 x_base''
+
+so that the base rests and every mass carries a force of inertia (Chopra, Dynamics of Structures, section 1.7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.model.input_signal import Sampled
+from linkwise.model.structure import BASE, GROUND, Structure
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+_KINDS = "xva"
+_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
+
+
+@dataclass(frozen=True, eq=False)
+class FramedRecord:
+    """A record with responses in the coordinates of the equations.
+
+    Attributes
+    ----------
+    record : Record
+        Responses in these coordinates, named as those of masses, in the order of the original; with forces of inertia where
+        the coordinates are relative to the base.
+    names : mapping of str to str
+        For each response of the original its name in `record`.
+    carried : mapping of str to array of shape (2, N)
+        By name in `record` what the sensor shows beside the motion in these coordinates, and its rate; without an entry
+        where that is nothing.
+    acceleration : array of shape (N,) or None
+        Acceleration in m/s^2 of the coordinates; None for those at rest.
+    """
+
+    record: Record
+    names: Mapping[str, str]
+    carried: Mapping[str, Floats] = field(default_factory=dict)
+    acceleration: Floats | None = None
+
+    @property
+    def shown(self) -> Floats:
+        """(N, C) what the sensors show beside the motion in these coordinates."""
+        nothing = np.zeros((2, len(self.record)))
+        return np.stack([self.carried.get(name, nothing)[0] for name in self.names.values()], axis=1)
+
+
+def framed(record: Record, structure: Structure) -> FramedRecord:
+    """A record in coordinates at rest, or relative to a base of which only a velocity or an acceleration is known.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    FramedRecord
+        The record itself where no channel is relative to the base and its displacement is known or not needed.
+
+    Raises
+    ------
+    IdentificationError
+        If the motion of the base is not known well enough for a channel or a link.
+    """
+    channels = {name: Channel.parse(name) for name in record.responses}
+    relative = [name for name, channel in channels.items() if channel.relative]
+    displaced = f"x:{BASE}" in record.channels
+    known = any(f"{kind}:{BASE}" in record.channels for kind in _KINDS)
+    on_base = any(BASE in link.between for link in structure.links)
+    grounded = any(GROUND in link.between for link in structure.links)
+    moves = known and not displaced and (on_base or bool(relative and not grounded))
+    if not relative and not moves:
+        return FramedRecord(record, {name: name for name in channels})
+    if not known:
+        raise IdentificationError(
+            f"{relative[0]} is relative to the base, whose motion the record lacks: give a channel x:{BASE}, v:{BASE} or "
+            f"a:{BASE}"
+        )
+    if moves:
+        _require_links_to_base(record, structure)
+    elif not displaced:
+        raise IdentificationError(
+            f"{relative[0]} is relative to the base, whose displacement the record lacks: with links to the ground alone, "
+            f"give a channel x:{BASE}"
+        )
+    names = {name: f"{channel.kind}:{channel.mass}" for name, channel in channels.items()}
+    _require_distinct(names)
+    motion = _BaseMotion(record)
+    carried = {}
+    for name, channel in channels.items():
+        if channel.relative != moves:  # shown in the one frame, needed in the other
+            sign = 1.0 if moves else -1.0
+            carried[names[name]] = sign * motion.value_and_rate(channel.kind, name)
+    acceleration = motion.value_and_rate("a", f"a:{BASE}")[0] if moves else None
+    return FramedRecord(
+        _changed(record, names, carried, structure, acceleration), names, carried, acceleration
+    )
+
+
+def _require_links_to_base(record: Record, structure: Structure) -> None:
+    """IdentificationError where the displacement of the base counts, or a force of inertia has no mass."""
+    has = next(f"{kind}:{BASE}" for kind in "va" if f"{kind}:{BASE}" in record.channels)
+    grounded = [link.name for link in structure.links if GROUND in link.between]
+    if grounded:
+        raise IdentificationError(
+            f'link "{grounded[0]}" ends at the ground and another at the base, whose displacement then counts; {has} '
+            f"determines it only up to drift: give a channel x:{BASE}, or let every link end at the base"
+        )
+    unknown = [mass.name for mass in structure.masses if mass.mass.value is None or not mass.mass.known]
+    if unknown:
+        raise IdentificationError(
+            f'mass "{unknown[0]}" is unknown, and with {has} alone the masses carry the excitation: weigh it, or give a '
+            f"channel x:{BASE}"
+        )
+
+
+def _require_distinct(names: Mapping[str, str]) -> None:
+    seen: dict[str, str] = {}
+    for name, plain in names.items():
+        if plain in seen:
+            raise IdentificationError(
+                f"{seen[plain]} and {name} show the same motion, relative to the base or not: select one of them"
+            )
+        seen[plain] = name
+
+
+def _changed(
+    record: Record,
+    names: Mapping[str, str],
+    carried: Mapping[str, Floats],
+    structure: Structure,
+    acceleration: Floats | None,
+) -> Record:
+    """The record with responses less what they carry, and the forces of inertia of all masses."""
+    columns, noise = {}, {}
+    for name, plain in names.items():
+        columns[plain] = record.channel(name) - (carried[plain][0] if plain in carried else 0.0)
+        if name in record.noise:
+            noise[plain] = record.noise[name]
+    for name in record.inputs:
+        if acceleration is None or Channel.parse(name).mass != BASE:
+            columns[name] = record.channel(name)
+            if name in record.noise:
+                noise[name] = record.noise[name]
+    if acceleration is not None:
+        for name, mass in zip(structure.mass_names, structure.mass_values, strict=True):
+            channel = f"force:{name}"
+            columns[channel] = columns.get(channel, 0.0) - mass * acceleration
+        columns[f"x:{BASE}"] = np.zeros(len(record))
+        noise[f"x:{BASE}"] = 0.0
+    return replace(
+        record,
+        channels=tuple(columns),
+        values=np.stack(list(columns.values()), axis=1),
+        noise=noise,
+        simulated=None,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _BaseMotion:
+    """The motion of the base in a record, with derivatives of band-limited signals."""
+
+    record: Record
+
+    def value_and_rate(self, kind: str, wanted_by: str) -> Floats:
+        """(2, N) the motion of one kind and its rate; IdentificationError where only an integral would give it."""
+        order = _KINDS.index(kind)
+        return np.stack([self._derivative(order, wanted_by), self._derivative(order + 1, wanted_by)])
+
+    def _derivative(self, order: int, wanted_by: str) -> Floats:
+        known = [
+            number
+            for number, kind in enumerate(_KINDS)
+            if f"{kind}:{BASE}" in self.record.channels and number <= order
+        ]
+        if not known:
+            has = next(f"{kind}:{BASE}" for kind in "va" if f"{kind}:{BASE}" in self.record.channels)
+            raise IdentificationError(
+                f"{wanted_by} is not relative to the base, and {has} gives the {'displacement' if order == 0 else 'velocity'} "
+                f"of the base only up to drift: measure the motion relative to the base (rel:{wanted_by}), or the acceleration"
+            )
+        name = f"{_KINDS[known[-1]]}:{BASE}"
+        values = self.record.channel(name)
+        if not np.isfinite(values).all():
+            raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
+        for _ in range(order - known[-1]):
+            signal = Sampled(0.0, self.record.rate, values, band_limited=len(values) > _BAND_LIMITED)
+            values = signal.derivative(np.arange(len(values)) / self.record.rate)
+        return values
+
+
+def framed_records(records: Sequence[Record], structure: Structure) -> list[Record]:
+    """The records in the coordinates of `framed`.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    list of Record
+        The records, in their order.
+    """
+    return [framed(record, structure).record for record in records]

@@ -1,0 +1,105 @@
+"""Records of structures on a base of which a velocity or an acceleration is all that is known."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.signals.base_frame import framed
+
+BASE = "0.004*sin(31*t) + 0.003*sin(47*t + 1) + 0.01*sin(9*t)"
+
+
+def storey(below: str = "base", mass: lw.Coefficient | None = None) -> lw.Structure:
+    law = lw.Law.parse("k*d + c*v")
+    values = {"k": lw.Coefficient.number(2000.0), "c": lw.Coefficient.number(1.0)}
+    return lw.Structure(
+        "storey",
+        (lw.Mass("m1", mass or lw.Coefficient.number(2.0)),),
+        (lw.Link("frame", ("m1", below), law, values),),
+    )
+
+
+@cache
+def measured(*sensors: str) -> lw.Record:
+    return lw.simulate(storey(), duration=2.0, rate=500.0, base=BASE, sensors=sensors)
+
+
+def test_a_record_at_rest_stays_what_it_is() -> None:
+    record = measured("x")
+    assert framed(record, storey()).record is record
+    assert framed(measured("a:m1", "a:base"), storey("ground")).record.channels == ("a:m1", "a:base")
+
+
+def test_relative_displacements_need_forces_of_inertia() -> None:
+    record = measured("rel:x:m1", "a:m1", "a:base")
+    frame = framed(record.select(["rel:x:m1", "a:base"]), storey())
+    assert frame.record.channels == ("x:m1", "force:m1", "x:base")
+    assert (frame.record.channel("force:m1") == -2.0 * record.channel("a:base")).all()
+    assert not frame.record.channel("x:base").any()
+    assert not frame.shown.any()
+
+
+def test_an_absolute_accelerometer_carries_the_acceleration_of_the_base() -> None:
+    record = measured("a:m1", "a:base")
+    frame = framed(record, storey())
+    relative = record.channel("a:m1") - record.channel("a:base")
+    assert (frame.record.channel("a:m1") == relative).all()
+    assert frame.shown[:, 0] == pytest.approx(record.channel("a:base"), rel=1e-12)
+
+
+def test_known_displacements_of_the_base_make_relative_ones_absolute() -> None:
+    """Derivatives of the base come from interpolation; those of the expression are exact: 1e-4 in the middle of the record."""
+    record = measured("rel:x:m1", "rel:v:m1", "x:m1", "v:m1", "x:base")
+    plain = framed(record.select(["rel:x:m1", "rel:v:m1", "x:base"]), storey()).record
+    size = np.abs(record.channel("v:m1")).max()
+    middle = slice(100, -100)
+    assert plain.channel("x:m1") == pytest.approx(record.channel("x:m1"), abs=1e-12)
+    assert plain.channel("v:m1")[middle] == pytest.approx(record.channel("v:m1")[middle], abs=1e-4 * size)
+
+
+def test_velocity_of_the_base_gives_its_acceleration() -> None:
+    """To the pass band of the interpolating sinc, 5e-4 at a sixth of the sampling rate."""
+    record = measured("rel:x:m1", "v:base")
+    exact = lw.TimeFunction(BASE).derivative(record.time, 2)
+    found = framed(record, storey()).acceleration
+    assert found is not None
+    assert found[100:-100] == pytest.approx(exact[100:-100], abs=5e-4 * np.abs(exact).max())
+
+
+REFUSED = {
+    "no base": (["rel:x:m1"], storey(), "is relative to the base, whose motion the record lacks"),
+    "ground": (["rel:x:m1", "a:base"], storey("ground"), "with links to the ground alone"),
+    "absolute": (["x:m1", "a:base"], storey(), r"the displacement of the base only up to drift: .*rel:x:m1"),
+    "absolute rate": (["v:m1", "a:base"], storey(), "the velocity of the base only up to drift"),
+    "unknown mass": (
+        ["rel:x:m1", "a:base"],
+        storey(mass=lw.Coefficient.unknown()),
+        'mass "m1" is unknown, and with a:base alone',
+    ),
+    "twice": (["rel:x:m1", "x:m1", "x:base"], storey(), "show the same motion"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_does_not_suffice_is_refused(case: str) -> None:
+    channels, structure, message = REFUSED[case]
+    record = measured("x", "v", "rel:x", "a:base", "x:base").select(channels)
+    with pytest.raises(lw.IdentificationError, match=message):
+        framed(record, structure)
+
+
+def test_both_supports_need_the_displacement() -> None:
+    values = {"k": lw.Coefficient.number(10.0)}
+    structure = lw.Structure(
+        "both",
+        storey().masses,
+        (*storey().links, lw.Link("stop", ("m1", "ground"), lw.Law.parse("k*d"), values)),
+    )
+    with pytest.raises(
+        lw.IdentificationError, match='link "stop" ends at the ground and another at the base'
+    ):
+        framed(measured("rel:x:m1", "a:base"), structure)
