@@ -37,7 +37,14 @@ def record() -> Record:
     values[50:60] = np.nan
     names = ("x:m1", "a:left arm-2", "force:m1", "v:base")
     return Record(
-        0.3, 100.0 * np.pi, names, values, noise={"a:left arm-2": 0.25}, source="rig", notes=("As built.",)
+        0.3,
+        100.0 * np.pi,
+        names,
+        values,
+        noise={"a:left arm-2": 0.25},
+        source="rig",
+        notes=("As built.",),
+        interpolation={"force:m1": "held"},
     )
 
 
@@ -67,6 +74,7 @@ def test_noise_source_and_notes_are_kept(record: Record, tmp_path: Path, suffix:
     again = read_record(path)
     assert again.noise == {"a:left arm-2": 0.25}
     assert again.source == "rig"
+    assert again.interpolation == {"force:m1": "held"}
     assert again.notes[0] == "As built."
     assert not any("ignored" in note for note in again.notes)
 

@@ -146,6 +146,7 @@ class ReadingOptions:
     start: float | None
     stop: float | None
     late: tuple[str, ...]
+    interpolation: tuple[str, ...]
     noise_of: tuple[str, ...]
 
     def read_file(self, path: Path, masses: tuple[str, ...] | None, *, informative: bool = True) -> lw.Record:
@@ -171,6 +172,8 @@ class ReadingOptions:
         delays = pairs(self.late, "--late", "a:base=0.002")
         late = {name: number(value, "--late", "a:base=0.002") for name, value in delays.items()}
         record = lw.without_delays(record, late)
+        runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
+        record = replace(record, interpolation={**record.interpolation, **runs})
         sigmas = pairs(self.noise_of, "--noise-of", "x:m1=1e-4")
         if sigmas:
             known = {name: number(value, "--noise-of", "x:m1=1e-4") for name, value in sigmas.items()}
@@ -232,6 +235,12 @@ READING = (
         metavar="CHANNEL=S",
         multiple=True,
         help="Time in s by which a channel is late, to be taken out. Repeatable.",
+    ),
+    click.option(
+        "--interpolation",
+        metavar="CHANNEL=KIND",
+        multiple=True,
+        help="How an input runs between its samples: held, linear or band-limited (default). Repeatable.",
     ),
     click.option(
         "--noise-of",

@@ -31,6 +31,8 @@ class Cause:
         The channel that crosstalk comes from, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares.
+    remark : str
+        What else looks like it, else empty.
 
     Examples
     --------
@@ -55,6 +57,7 @@ class Cause:
     term: str = ""
     source: str = ""
     share: float = 0.0
+    remark: str = ""
 
     @property
     def is_instrument(self) -> bool:
@@ -83,7 +86,7 @@ class Cause:
                     f"{place} {size:.3g} {self.unit} {side} the value that is stated with a sigma of {sigma}"
                 )
             case "delay" | "force delay":
-                return f"a delay of {1e3 * self.size:.3g} ms in {place}"
+                return f"a delay of {1e3 * self.size:.3g} ms in {place}{self.remark and f' ({self.remark})'}"
             case "drift":
                 return f"a drift of {self.size:.3g} {self.unit} in {place}"
         return f"an offset of {self.size:.3g} {self.unit} in {place}"

@@ -75,6 +75,7 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
         noise={name: sigma for name, sigma in table.noise.items() if name in columns},
         source=table.source or file,
         notes=(*notes, *remarks),
+        interpolation={name: kind for name, kind in table.interpolation.items() if name in columns},
     )
 
 

@@ -37,6 +37,7 @@ def read_table(path: Path) -> Table:
             )
         tree: dict[str, Any] = {}
         noise: dict[str, float] = {}
+        interpolation: dict[str, str] = {}
 
         for name, item in _items(file):
             if isinstance(item, Unread):
@@ -45,6 +46,8 @@ def read_table(path: Path) -> Table:
             tree[f"{name}{_unit(item)}"] = None if item.shape is None else np.asarray(item[()])
             if "noise" in item.attrs:
                 noise[name] = float(item.attrs["noise"])
+            if "interpolation" in item.attrs:
+                interpolation[name] = str(item.attrs["interpolation"])
         rate = file.attrs.get("rate")
         stated = {name: file.get(name) for name in file.attrs.get("channels", ())}
         order = [name if item is None else f"{name}{_unit(item)}" for name, item in stated.items()]
@@ -55,6 +58,7 @@ def read_table(path: Path) -> Table:
             noise=noise,
             notes=tuple(str(note) for note in np.atleast_1d(file.attrs.get("notes", ()))),
             source=str(file.attrs.get("source", "")),
+            interpolation=interpolation,
         )
 
 
@@ -109,3 +113,5 @@ def write(record: Record, path: Path) -> None:
             item.attrs["unit"] = record.unit(name)
             if name in record.noise:
                 item.attrs["noise"] = record.noise[name]
+            if name in record.interpolation:
+                item.attrs["interpolation"] = record.interpolation[name]

@@ -20,12 +20,13 @@ from scipy.sparse import csc_array, issparse
 
 from linkwise.files.arrays import Unread, columns_of, spelled_as_channel
 from linkwise.files.table import Column, Table
+from linkwise.records.interpolation import BAND_LIMITED
 from linkwise.records.record import Record
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable
 _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
 _RATES = ("rate", "fs", "Fs")
-_OWN = frozenset({"channels", "variables", "noise", "notes", "start", "rate", "source"})
+_OWN = frozenset({"channels", "variables", "noise", "interpolation", "notes", "start", "rate", "source"})
 
 
 def read_table(path: Path) -> Table:
@@ -37,6 +38,7 @@ def read_table(path: Path) -> Table:
     columns = tuple(_named(column, names) for column in columns_of(samples))
     noise = np.atleast_1d(tree.get("noise", ()))
     known = zip(names.values(), noise, strict=False)
+    runs = zip(names.values(), _texts(tree.get("interpolation")), strict=False)
     rate = next((_scalar(tree[name]) for name in _RATES if _scalar(tree.get(name)) is not None), None)
     return Table(
         columns,
@@ -45,6 +47,7 @@ def read_table(path: Path) -> Table:
         noise={name: float(sigma) for name, sigma in known if np.isfinite(sigma)},
         notes=_texts(tree.get("notes")),
         source=next(iter(_texts(tree.get("source"))), ""),
+        interpolation={name: kind for name, kind in runs if kind != BAND_LIMITED},
     )
 
 
@@ -124,6 +127,9 @@ def write(record: Record, path: Path) -> None:
         "channels": np.array(record.channels, dtype=object),
         "variables": np.array(variables, dtype=object),
         "noise": np.array([record.noise.get(name, np.nan) for name in record.channels]),
+        "interpolation": np.array(
+            [record.interpolation.get(name, BAND_LIMITED) for name in record.channels], dtype=object
+        ),
         "notes": np.array(record.notes, dtype=object),
         "source": record.source,
     }

@@ -35,6 +35,7 @@ def read_table(path: Path) -> Table:
         noise=stated.noise,
         notes=stated.notes,
         source=stated.source,
+        interpolation=stated.interpolation,
     )
 
 
@@ -46,6 +47,7 @@ class _Stated(msgspec.Struct):
     noise: dict[str, float] = {}
     notes: tuple[str, ...] = ()
     source: str = ""
+    interpolation: dict[str, str] = {}
 
 
 def _values(column: pyarrow.ChunkedArray) -> NDArray[Any]:
@@ -64,6 +66,7 @@ def write(record: Record, path: Path) -> None:
         "noise": dict(record.noise),
         "notes": record.notes,
         "source": record.source,
+        "interpolation": dict(record.interpolation),
     }
     names = ("time", *record.channels)
     arrays = [pyarrow.array(record.time), *(pyarrow.array(record.channel(name)) for name in record.channels)]

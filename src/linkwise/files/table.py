@@ -68,6 +68,7 @@ class Table:
     noise: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     source: str = ""
+    interpolation: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def headers(self) -> tuple[str, ...]:

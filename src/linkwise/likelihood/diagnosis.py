@@ -8,7 +8,7 @@ freedom where the cause is not there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -37,6 +37,7 @@ _TERMS = tuple(
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a cause beside the coefficients of the laws
 _RELATIVE = ("gain", "crosstalk", "mass", "force gain")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
+_HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _ROUNDING = 1e-9  # of a force
 _LINKS = 40  # that are tested, in the structure's order
 _CHANCE = 25.0  # square of the standard errors that one cause reaches by chance once in 1.7 million
@@ -135,9 +136,19 @@ def _diagnosed(
     order = [number for number in np.argsort(-gains).tolist() if significant[number]]
     forces = dict(zip((link.name for link in identified.links), link_forces(optimum, misfit), strict=True))
     return tuple(
-        _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces)
+        replace(
+            _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces),
+            remark=_remark(hypotheses[number], sizes[number], optimum),
+        )
         for number in order
     )
+
+
+def _remark(hypothesis: _Hypothesis, size: float, optimum: Optimum) -> str:
+    sample = float(optimum.segments.step[0]) * optimum.segments.refine
+    if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
+        return "half a sample, as of a force that is held between its samples"
+    return ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ from linkwise.likelihood.flow import Inputs
 from linkwise.likelihood.segments import A, Segments, Sensors, V, X
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import POINTS
-from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
+from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord
 
@@ -131,7 +131,7 @@ def _frame_acceleration(frames: Sequence[FramedRecord], samples: int, refine: in
         return None
     pieces = [
         _signal_at_points(
-            frame.record, frame.acceleration, -(-len(frame.record) // samples), samples, refine
+            frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine)
         )[0]
         for frame in frames
         if frame.acceleration is not None
@@ -214,7 +214,7 @@ def _pieces(values: Floats, samples: int) -> Floats:
 def flow_inputs(
     records: Sequence[Record], structure: Structure, counts: Sequence[int], *, samples: int, refine: int
 ) -> Inputs:
-    """Applied forces and motion of the base at the points of every step, by band-limited interpolation.
+    """Applied forces and motion of the base at the points of every step, interpolated as the records state.
 
     Parameters
     ----------
@@ -278,18 +278,22 @@ def _at_points(record: Record, name: str, count: int, samples: int, refine: int)
     values = record.channel(name)
     if not np.isfinite(values).all():
         raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
-    return _signal_at_points(record, values, count, samples, refine)
+    kind = record.interpolation.get(name, BAND_LIMITED)
+    return _signal_at_points(record, values, count, (samples, refine), kind)
 
 
 def _signal_at_points(
-    record: Record, values: Floats, count: int, samples: int, refine: int
+    record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
 ) -> tuple[Floats, Floats]:
-    signal = Sampled(record.start, record.rate, values, band_limited=len(values) > _BAND_LIMITED)
-    step = record.step / refine
+    """Value and rate at the points of steps, `grid` the samples in a segment and the steps in a sample."""
+    samples, refine = grid
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)
+    if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
+        held = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]
+        shape = (len(held), len(POINTS), count)
+        return np.broadcast_to(held, shape).copy(), np.zeros(shape)
+    signal = interpolated(record.start, record.rate, values, kind)
+    step = record.step / refine
     time = record.start + step * (steps.T[:, None, :] + POINTS[None, :, None])
     inside = np.minimum(time, signal.end)
     return signal.value(inside), np.where(time <= signal.end, signal.derivative(inside), 0.0)
-
-
-_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately

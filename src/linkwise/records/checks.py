@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
+from linkwise.records.interpolation import check_interpolation
 
 FASTEST = 1e30  # Hz, and its inverse the slowest rate: accelerations of such records stay finite
 LARGEST = 1e100  # in any unit: products of four larger values are not finite
 
 
-def check_names(channels: Sequence[str], noise: Mapping[str, float]) -> None:
-    """Raise RecordError for a name that is not a channel or is listed twice, and for invalid noise."""
+def check_names(
+    channels: Sequence[str], noise: Mapping[str, float], interpolation: Mapping[str, str]
+) -> None:
+    """Raise RecordError for a name that is not a channel or is listed twice, and for invalid noise or interpolation."""
     for name in channels:
         Channel.parse(name)
     repeated = [name for i, name in enumerate(channels) if name in channels[:i]]
@@ -30,6 +33,8 @@ def check_names(channels: Sequence[str], noise: Mapping[str, float]) -> None:
             )
         if not (np.isfinite(sigma) and sigma >= 0.0):
             raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)
+
+    check_interpolation([name for name in channels if Channel.parse(name).is_input], interpolation)
 
 
 def check_rate(rate: float, file: str | None = None) -> None:

@@ -55,6 +55,7 @@ def beside(record: Record, other: Record) -> Record:
         channels=(*record.channels, *other.channels),
         values=np.hstack([record.values[:length], other.values[:length]]),
         noise={**record.noise, **other.noise},
+        interpolation={**record.interpolation, **other.interpolation},
         simulated=None,
         notes=tuple(dict.fromkeys((*record.notes, *other.notes))),
     )

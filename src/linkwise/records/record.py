@@ -17,6 +17,7 @@ from linkwise.html import NotebookView
 from linkwise.records.channel import Channel
 from linkwise.records.checks import check_names, check_values
 from linkwise.records.decimation import check_factor, lowpass_for
+from linkwise.records.immutable import read_only
 from linkwise.records.measured import sampled_columns
 from linkwise.records.synthetic_noise import LARGEST_RATIO, with_white_noise
 from linkwise.records.timeline import rows_between
@@ -48,6 +49,8 @@ class Record(NotebookView):
         Where the record comes from.
     notes : tuple of str, optional
         What was assumed or done, one sentence each.
+    interpolation : mapping of str to str, optional
+        How inputs run between their samples: ``"held"``, ``"linear"``, or, by default, ``"band-limited"``.
 
     Raises
     ------
@@ -74,15 +77,17 @@ class Record(NotebookView):
     simulated: SimulationTruth | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
+    interpolation: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", float(self.start))
         object.__setattr__(self, "rate", float(self.rate))
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "notes", tuple(self.notes))
-        object.__setattr__(self, "values", _read_only(self.values))
+        object.__setattr__(self, "values", read_only(self.values))
         object.__setattr__(self, "noise", MappingProxyType(dict(self.noise)))
-        check_names(self.channels, self.noise)
+        object.__setattr__(self, "interpolation", MappingProxyType(dict(self.interpolation)))
+        check_names(self.channels, self.noise, self.interpolation)
         check_values(self.start, self.rate, self.channels, self.values)
 
     @classmethod
@@ -145,8 +150,10 @@ class Record(NotebookView):
         )
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return type(self), (*(values | {"noise": dict(self.noise)}).values(),)
+        values = (getattr(self, each.name) for each in fields(self))
+        return type(self), tuple(
+            dict(each) if isinstance(each, MappingProxyType) else each for each in values
+        )
 
     def __len__(self) -> int:
         return len(self.values)
@@ -161,7 +168,7 @@ class Record(NotebookView):
     @cached_property
     def time(self) -> Floats:
         """Sampling times in s, shape (N,), read-only."""
-        return _read_only(self.start + np.arange(len(self)) / self.rate)
+        return read_only(self.start + np.arange(len(self)) / self.rate)
 
     @property
     def step(self) -> float:
@@ -262,7 +269,8 @@ class Record(NotebookView):
         names = tuple(names)
         columns = [self._column(name) for name in names]
         noise = {name: self.noise[name] for name in names if name in self.noise}
-        return replace(self, channels=names, values=self.values[:, columns], noise=noise)
+        runs = {name: kind for name, kind in self.interpolation.items() if name in names}
+        return replace(self, channels=names, values=self.values[:, columns], noise=noise, interpolation=runs)
 
     def __getitem__(self, which: slice) -> Record:
         if not isinstance(which, slice) or which.step not in (None, 1):
@@ -356,8 +364,8 @@ class Record(NotebookView):
     def with_noise(self, decibel: float, *, seed: int) -> Record:
         """Add white Gaussian noise to every response.
 
-        The variance is ``mean(x**2) * 10**(-decibel/10)`` of each channel x. Each has its own generator, seeded by `seed` and
-        its name. The standard deviations are stored in `simulated.noise`, not in `noise`, since a user would not know them.
+        The variance is ``mean(x**2) * 10**(-decibel/10)`` of each channel x, whose generator is seeded by `seed` and its
+        name. Standard deviations are stored in `simulated.noise`, not in `noise`, since a user would not know them.
 
         Parameters
         ----------
@@ -389,12 +397,3 @@ class Record(NotebookView):
             simulated=self.simulated and replace(self.simulated, noise=added),
             notes=(*self.notes, f"Noise of {decibel:g} dB per channel was added (seed {seed})."),
         )
-
-
-def _read_only(values: ArrayLike) -> Floats:
-    """`values` as a read-only float64 array in C order, copied unless it is one already."""
-    array = np.asarray(values)
-    if array.flags.writeable or array.dtype != np.float64 or not array.flags.c_contiguous:
-        array = np.array(array, dtype=np.float64, order="C")
-        array.setflags(write=False)
-    return array

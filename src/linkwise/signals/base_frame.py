@@ -168,6 +168,7 @@ def _changed(
         values=np.stack(list(columns.values()), axis=1),
         noise=noise,
         simulated=None,
+        interpolation={name: kind for name, kind in record.interpolation.items() if name in columns},
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
+from linkwise.records.interpolation import BAND_LIMITED, at_samples
 from linkwise.records.record import Record
 from linkwise.weak.displacements import MeasuredDisplacements, differences
 from linkwise.weak.layout import StructureLayout, structure_layout
@@ -137,7 +138,9 @@ def weak_equations(
         )
     thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING)
     applied = {
-        mass: record.channel(f"force:{name}")
+        mass: at_samples(
+            record.channel(f"force:{name}"), record.interpolation.get(f"force:{name}", BAND_LIMITED)
+        )
         for mass, name in enumerate(structure.mass_names)
         if f"force:{name}" in record.channels
     }

@@ -14,6 +14,7 @@ from linkwise.model.input_signal import Sampled
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
+from linkwise.records.interpolation import BAND_LIMITED, ORDER_OF
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
 from linkwise.simulation.simulate import simulate
@@ -156,7 +157,8 @@ def _inputs(record: Record, samples: int) -> dict[str, Sampled]:
             raise RecordError(
                 "samples are missing, and an input drives the motion: fill them first", channel=name
             )
-        inputs[name] = Sampled(0.0, record.rate, values[:samples])
+        order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
+        inputs[name] = Sampled(0.0, record.rate, values[:samples], order=order)
     return inputs
 
 
@@ -197,7 +199,9 @@ def run_from(
     inputs = _inputs(record, len(record))
     for name, force in (extra or {}).items():
         given = record.channel(name) if name in inputs else 0.0
-        inputs[name] = Sampled(0.0, record.rate, given + force)
+        inputs[name] = Sampled(
+            0.0, record.rate, given + force, order=inputs[name].order if name in inputs else 5
+        )
     run = _run(structure, channels, state, inputs, record.rate, len(record))
     return replace(run, start=record.start)
 

@@ -17,8 +17,8 @@ from linkwise.likelihood.segments import A, Sensors, V, X
 from linkwise.likelihood.starts.states import start_states
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import POINTS
-from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import BASE, Structure
+from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
 
 _PRIOR = 3.0  # deviation of the prior over the RMS of the motion: held only where samples say nothing
@@ -28,7 +28,6 @@ _ITERATIONS, _ROUGH_ITERATIONS = 12, 4  # at most, for all samples and before
 _SETTLED = 0.01  # squared steps smaller than this part of a variance end a fit
 _FLOW_ERROR = 0.01  # of the noise: by how much steps half as long may change a prediction
 _MAX_REFINEMENT = 8  # steps per sample
-_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 _TESTED = 50  # windows whose predictions decide how fine the steps must be
 _NUMBERS = 8_000_000  # in the sensitivities of one batch of windows
 
@@ -218,9 +217,12 @@ def theta_unit(theta: Floats) -> Floats:
 
 
 def _at(record: Record, name: str, index: Floats) -> tuple[Floats, Floats]:
-    """Value and rate of an input at fractional samples; held behind the last one."""
-    values = record.channel(name)
-    signal = Sampled(0.0, record.rate, values, band_limited=len(values) > _BAND_LIMITED)
+    """Value and rate of an input at fractional samples (J, 5, K), the points of steps; held behind the last one."""
+    values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
+    if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
+        sample = np.minimum(np.floor(index[:, len(POINTS) // 2]).astype(int), len(values) - 1)
+        return np.broadcast_to(values[sample][:, None], index.shape).copy(), np.zeros(index.shape)
+    signal = interpolated(0.0, record.rate, values, kind)
     time = index / record.rate
     inside = np.minimum(time, signal.end)
     return signal.value(inside), np.where(time <= signal.end, signal.derivative(inside), 0.0)
