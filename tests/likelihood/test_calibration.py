@@ -57,7 +57,7 @@ def test_the_column_of_a_gain_is_its_difference_quotient(quiet: lw.Record, loss:
     theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
     states = quiet.simulated
     assert states is not None
-    nodes = np.stack([states.displacement[:60:5].T, states.velocity[:60:5].T])
+    nodes = np.concatenate([states.displacement[:60:5].T, states.velocity[:60:5].T])
     scales = Scales(np.array([1e-3, 2e-3]), np.ones(4), np.append(np.abs(theta), [1e-3, 1.0]))
 
     def data(gain: float) -> float:

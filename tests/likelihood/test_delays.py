@@ -110,7 +110,7 @@ def test_the_motion_between_samples_is_of_fifth_order(kind: int, exact: np.ufunc
         time = step * np.arange(6)[:, None]
         states = np.stack([np.sin(time), step * np.cos(time)], axis=1)[:, :, None]
         empty = np.empty((0, 0))
-        orbit = Trajectories(states, empty, -np.sin(time)[:, None], empty, empty)
+        orbit = Trajectories(states, empty, -np.sin(time)[:, None], empty, empty, empty, empty)
         shown, _ = late_motion(orbit, np.array([step]), 1, mass=0, kind=kind, delay=0.5 * step)
         errors.append(np.abs(shown[1:, 0] - exact(time[1:-1, 0] - 0.5 * step)).max())
     assert errors[0] / errors[1] > 0.7 * 2.0 ** (6 - kind)

@@ -10,10 +10,11 @@ from present import present
 from problems import THREE, truth
 
 import linkwise as lw
-from linkwise.likelihood.flow import Inputs, flow, tangents
+from linkwise.likelihood.flow import Inputs, flow
 from linkwise.likelihood.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
+from linkwise.likelihood.tangents import tangents
 from linkwise.model.input_signal import TimeFunction
 
 RATE = 1000.0
@@ -165,8 +166,8 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, asked: lw.Struc
         return orbit.states[-1], orbit.accelerations[-1 - refine] * step**2
 
     found = [
-        (state.copy(), None if a is None else a.copy())
-        for state, a in tangents(
+        (tangent.state.copy(), None if tangent.acceleration is None else tangent.acceleration.copy())
+        for tangent in tangents(
             system.at(theta), flow(system.at(theta), start, h, steps, drive), h, scale, theta
         )
     ]
@@ -198,8 +199,8 @@ def test_tangents_have_their_declared_order(three: lw.Structure, asked: lw.Struc
         step = 1e-3 / refine
         h = np.full(len(time), step)
         orbit = flow(system.at(theta), start, h, 5 * refine, exact_inputs(time, step, 5 * refine))
-        *_, (state, _) = tangents(system.at(theta), orbit, h, scale, theta)
-        scaled: np.ndarray = state / np.array([1.0, step])[:, None, None, None]
+        *_, last = tangents(system.at(theta), orbit, h, scale, theta)
+        scaled: np.ndarray = last.state / np.array([1.0, step])[:, None, None, None]
         return scaled
 
     exact = end(16)

@@ -56,7 +56,7 @@ def found(problem: ShootingProblem) -> ShootingProblem:
 def disturbed(problem: ShootingProblem, size: float) -> ShootingProblem:
     """The same start with velocities multiplied by `size` in every tenth segment."""
     nodes = problem.start.nodes.copy()
-    nodes[1, :, ::10] *= size
+    nodes[len(nodes) // 2 :, ::10] *= size  # velocities
     return replace(problem, start=replace(problem.start, nodes=nodes))
 
 

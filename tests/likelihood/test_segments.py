@@ -76,6 +76,7 @@ def point(three: lw.Structure, asked: lw.Structure, segments: Segments, records:
     ]
     at = np.concatenate(true, axis=2)
     at = at + random.normal(size=at.shape) * np.array([3e-4, 0.1])[:, None, None]
+    at = at.reshape(-1, at.shape[-1])
     theta = truth(three, asked)
     return Iterate(at, theta * (1.0 + 0.05 * random.normal(size=len(theta))), np.array([0.05, -4.0]))
 
@@ -86,9 +87,9 @@ def gradient(equations: BorderedSystem) -> np.ndarray:
 
 def moved(point: Iterate, scales: Scales, step: np.ndarray) -> Iterate:
     """`step` in the units of the unknowns, node by node, then theta and offsets."""
-    _, n, K = point.nodes.shape
+    n, K = len(point.nodes) // 2, point.nodes.shape[1]
     size, p = 2 * n * K, len(point.theta)
-    shift = (step[:size].reshape(K, 2 * n) * scales.state).T.reshape(2, n, K)
+    shift = (step[:size].reshape(K, 2 * n) * scales.state).T
     border = step[size:] * scales.theta
     return Iterate(point.nodes + shift, point.theta + border[:p], point.offsets + border[p:])
 
@@ -218,11 +219,11 @@ def test_the_truth_leaves_nothing(
     three: lw.Structure, asked: lw.Structure, segments: Segments, scales: Scales, records: list[lw.Record]
 ) -> None:
     true = [
-        np.stack([present(each.simulated).displacement[::5].T, present(each.simulated).velocity[::5].T])
+        np.concatenate([present(each.simulated).displacement[::5].T, present(each.simulated).velocity[::5].T])
         for each in records
     ]
     misfit = evaluate(
-        segments, Iterate(np.concatenate(true, axis=2), truth(three, asked), np.zeros(2)), scales, Gaussian()
+        segments, Iterate(np.concatenate(true, axis=1), truth(three, asked), np.zeros(2)), scales, Gaussian()
     )
     # inputs between samples come from a spline, which stands on one side only at the ends of a record
     ends = [0, FIRST - 1, FIRST, FIRST + SECOND - 1]
@@ -253,7 +254,7 @@ def test_nodes_start_where_the_sensors_say(three: lw.Structure) -> None:
     sigma = dict(present(record.simulated).noise)
     found = start_states(record, lw.bnes_chain(2), sigma, 5)
     at = segment_nodes([found], 5)
-    assert at.shape == (2, 2, 401)
+    assert at.shape == (4, 401)
     true = present(record.simulated)
     for i, name in enumerate(("x:m1", "x:m2")):
         error = np.sqrt(np.mean((found.x[i] - true.displacement[:, i])[20:-20] ** 2))

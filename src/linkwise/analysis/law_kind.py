@@ -39,7 +39,8 @@ def law_kind(link: Link, reach: float) -> str:
         return BISTABLE if count == 2 else f"{count} wells"
     at_rest = float(link.stiffness(0.0))
     d = np.linspace(0.0, reach, _GRID)[1:]
-    right, left = link.force(d), -link.force(-d)
+    still = link.zero_states
+    right, left = link.force(d, 0.0, still), -link.force(-d, 0.0, still)
     sizes = float(np.abs(right).max()), float(np.abs(left).max())
     deviation = max(float(np.abs(side - at_rest * d).max()) for side in (right, left))
     if "d" not in symbols(slope) or deviation <= _NEGLIGIBLE * max(sizes):

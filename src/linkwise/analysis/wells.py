@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -168,7 +169,7 @@ def rest_points(
 def _of_link(link: Link, lo: float | None, hi: float | None) -> tuple[RestPoint, ...]:
     link.values  # noqa: B018  # raises StructureError for a coefficient without a value
     try:
-        return rest_points(link.force, link.stiffness, lo, hi)
+        return rest_points(partial(link.force, states=link.zero_states), link.stiffness, lo, hi)
     except StructureError as error:
         raise StructureError(error.message, f'link "{link.name}"') from None
 

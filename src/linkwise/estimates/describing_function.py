@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.model.memory_support import refuse_memory
 
 _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
 
@@ -94,6 +95,7 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     >>> lw.equivalent(estimate.link("nes1"), [0.005, 0.01], 5.0).stiffness.round()
     array([-81., -25.])
     """
+    refuse_memory([link.link], "equivalent springs and dampers")
     a = np.atleast_1d(np.asarray(amplitude, dtype=float))
     omega = 2.0 * np.pi * frequency
     phase = 2.0 * np.pi * np.arange(_POINTS) / _POINTS

@@ -31,7 +31,7 @@ def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[Co
     CoefficientEstimate
         The coefficient.
     """
-    law, values = link.link.law, link.link.values
+    law, values = link.link.law, {**link.link.values, **link.link.zero_states}
     moving, resting = (law.partials(d, rate, values).by_coefficient for rate in (v, np.zeros_like(v)))
     for coefficient in link.coefficients:
         name = coefficient.name.rpartition(".")[2]

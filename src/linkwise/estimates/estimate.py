@@ -141,7 +141,7 @@ class Estimate(JudgedView):
                 link, *self._free_coefficients(index), self.motion.d[:, index], self.motion.v[:, index]
             )
             for index, link in enumerate(self.structure.links)
-            if self._free_coefficients(index)[0]
+            if self._free_coefficients(index)[0] and not link.law.states
         }
         return {name: power for name, power in powers.items() if power is not None}
 

@@ -123,11 +123,16 @@ def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -
         upper=upper,
         visited=(low, high),
         wells=tuple(well.value for well in link.wells),
-        true=None if known_truth is None else known_truth.link(name).force(d),
+        true=None if known_truth is None else _elastic(known_truth.link(name), d),
         sample_d=sample_d,
         sample_force=sample_force,
         samples_are_true=simulated is not None,
     )
+
+
+def _elastic(link: Link, d: Floats) -> Floats:
+    """Force in N at rest; with memory, at states of 0."""
+    return link.force(d, 0.0, link.zero_states)
 
 
 def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
@@ -142,13 +147,16 @@ def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
         rate = None if base is None else np.gradient(base, 1.0 / estimate.record.rate)
         d = truth.elongations(simulated.displacement, base)[:, index]
         v = truth.elongations(simulated.velocity, rate)[:, index]
-        force = truth.link(name).force(d, v)
+        states = {
+            key.rpartition(".")[2]: s for key, s in simulated.states.items() if key.startswith(f"{name}.")
+        }
+        force = truth.link(name).force(d, v, states)
     elif motion.force is not None:
         d, v, force = motion.d[:, index], motion.v[:, index], motion.force[:, index]
     else:
         return np.empty(0), np.empty(0)
     link = estimate.link(name).link
-    elastic = force - (link.force(d, v) - link.force(d))
+    elastic = force - (link.force(d, v, link.zero_states) - _elastic(link, d))
     finite = np.isfinite(elastic) & np.isfinite(d)
     return d[finite], elastic[finite]
 

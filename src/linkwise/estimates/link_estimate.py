@@ -147,13 +147,13 @@ class LinkEstimate:
             unknown.
         """
         d = np.asarray(d, dtype=float)
-        force = self.link.force(d)
+        force = self.link.force(d, 0.0, self.link.zero_states)
         if not self.free:
             return force, force, force
         if self.covariance is None:
             undefined = np.full(force.shape, np.nan)
             return force, undefined, undefined
-        slopes = self.link.law.partials(d, 0.0, self.link.values).by_coefficient
+        slopes = self.link.law.partials(d, 0.0, {**self.link.values, **self.link.zero_states}).by_coefficient
         gradient = np.stack([np.broadcast_to(slopes[name], d.shape) for name in self.free])
         variance = np.einsum("i...,ij,j...->...", gradient, self.covariance, gradient)
         half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
@@ -225,7 +225,11 @@ class LinkEstimate:
 def _well_near(position: float, link: Link) -> float:
     """The well near `position` after a small change of the coefficients: one Newton step."""
     stiffness = float(link.stiffness(position))
-    return position - float(link.force(position)) / stiffness if stiffness > 0.0 else np.nan
+    return (
+        position - float(link.force(position, 0.0, link.zero_states)) / stiffness
+        if stiffness > 0.0
+        else np.nan
+    )
 
 
 def _frequency_near(position: float, mass: float, link: Link) -> float:

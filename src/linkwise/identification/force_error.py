@@ -7,6 +7,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import RecordError
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import BASE, GROUND, Link
 from linkwise.records.record import Record
 
@@ -51,6 +52,7 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
     True
     """
     d = _elongation(true, record)
+    refuse_memory([true, estimated], "errors of forces over d")
     force = true.force(d)
     variance = float(np.var(force))
     if variance == 0.0:

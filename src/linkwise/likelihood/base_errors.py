@@ -59,10 +59,9 @@ def _link_forces(optimum: Optimum, misfit: Misfit) -> tuple[Floats, Floats]:
     bases = at_ends_and_middles(segments.inputs.base, stride)
     accelerations = _rates(bases[0][:, 1], bases[1][:, 1], segments.step * stride)
     forces = []
-    for motion, base, acceleration in zip(
-        (orbit.links, orbit.middle_links), bases, accelerations, strict=True
-    ):
-        slopes = mechanics.partials(motion[:, 0], motion[:, 1])
+    links, memories = (orbit.links, orbit.middle_links), (orbit.memory, orbit.middle_memory)
+    for motion, memory, base, acceleration in zip(links, memories, bases, accelerations, strict=True):
+        slopes = mechanics.partials(motion[:, 0], motion[:, 1], memory)
         x, v, a = base[:, 0, None], base[:, 1, None], acceleration[:, None]
         on_base = segments.system.base[:, None]
         columns = [

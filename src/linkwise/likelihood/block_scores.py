@@ -17,11 +17,11 @@ from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.bordered_system import BorderedFactor
-from linkwise.likelihood.flow import CandidateForces
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.normal_equations import chunks, linearise, whitened_jacobian
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Scales, Segments
+from linkwise.likelihood.tangents import CandidateForces
 
 BLOCKS = (
     20,

@@ -65,8 +65,7 @@ def damped_step(
     if length == 1.0:
         new = np.where(free, new, ends)  # to the last digit
     new = np.clip(new, lower, upper)
-    n = segments.system.incidence.shape[0]
-    moved = (nodes * scales.state).T.reshape(2, n, -1)
+    moved = (nodes * scales.state).T
     point = misfit.point.moved(misfit.point.nodes + moved, new)
     predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * factor.excess(solved[1], free)
     return point, predicted
@@ -105,5 +104,5 @@ def freedom(segments: Segments) -> float:
         Their number.
     """
     known = 0 if segments.prior is None else segments.prior.count
-    states = segments.chains * 2 * segments.system.incidence.shape[0]
+    states = segments.chains * segments.system.dimension
     return float(int(segments.observed.sum()) + known - states - segments.parameters)

@@ -17,7 +17,6 @@ from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.flow import CandidateForces
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.score_test import (
     CandidateForce,
@@ -26,6 +25,7 @@ from linkwise.likelihood.score_test import (
     candidate_forces,
 )
 from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.tangents import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
@@ -224,8 +224,9 @@ def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
     """Root mean square of the force in each link along the fitted motion, in N."""
     mechanics, motion = optimum.segments.system.at(optimum.point.theta), misfit.trajectories.links
     force, power = np.empty(motion.shape[2:]), np.zeros(motion.shape[2])
-    for d, v in motion:
-        mechanics.force(d, v, force)
+    rates = np.empty(misfit.trajectories.memory.shape[1:])
+    for (d, v), memory in zip(motion, misfit.trajectories.memory, strict=True):
+        mechanics.force(d, v, memory, force, rates)
         power += np.mean(force**2, axis=1)
     return list(np.sqrt(power / len(motion)))
 

@@ -23,11 +23,13 @@ from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.sensor_unknowns import by_channel, estimate_with_sensors
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
+from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.model.memory_support import refuse_memory
+from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
@@ -120,7 +122,6 @@ class MaximumLikelihood(Estimator):
         IdentificationError
             If an unknown has no starting value, or the records lack channels or differ in them.
         """
-        refuse_memory(structure.links, 'method "ml"')
         options = LikelihoodOptions(
             self.offsets,
             self.gains,
@@ -137,11 +138,24 @@ class MaximumLikelihood(Estimator):
     def _search(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
+        valleys = self._valleys(records, structure)
+        if valleys:
+            return fit_from_valleys(partial(likelihood_fit, records, structure, options=options), valleys)
         theta, spread = starting_values(records, structure, self.starts)
         if needs_integration(framed(records[0], structure).record, structure):
             return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
         fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
         return lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
+
+    def _valleys(self, records: Sequence[Record], structure: Structure) -> tuple[Valley, ...]:
+        """Starts of a structure with memory; none without memory."""
+        given = dict(self.starts or {})
+        if not structure.topology.states:
+            return ()
+        if all(p.name in given for p in structure.parameters):
+            return (Valley(np.array([given[p.name] for p in structure.parameters]), 0.0),)
+        with one_blas_thread():
+            return memory_starts(framed_records(records, structure), structure, given)
 
 
 def estimate_of(
@@ -203,7 +217,12 @@ def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]
 
 
 def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None:
-    """(N, n) of the weak equations at the samples, where the records have the displacements that they need."""
+    """(N, n) of the weak equations at the samples, where the records have the displacements that they need.
+
+    None for links with memory, which the weak form does not take.
+    """
+    if any(link.law.states for link in identified.links):
+        return None
     columns = []
     for record in records:
         try:
@@ -218,7 +237,7 @@ def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None
 
 
 def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]:
-    """What was found of the sensors, with standard deviations."""
+    """What was found of the sensors, with standard deviations, and other values that are as likely."""
     told = [
         *(
             f"{name} is off by {value:.4g} throughout (estimated with the other unknowns"
@@ -235,7 +254,14 @@ def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]
     ]
     units = [""] * (len(fit.offsets) + len(fit.gains)) + [" ms"] * len(delays)
     deviations = fit.sensor_deviations * np.where([bool(unit) for unit in units], 1e3, 1.0)
-    return tuple(
+    of_sensors = [
         f"{text}, standard error {deviation:.2g}{unit})."
         for text, deviation, unit in zip(told, deviations, units, strict=True)
-    )
+    ]
+    names = fit.segments.system.parameters.names
+    tied = [
+        "Another set of values explains the records as well: "
+        f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
+        for values in fit.others
+    ]
+    return (*of_sensors, *tied)

@@ -14,8 +14,9 @@ import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.likelihood.flow import flow, tangents
-from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
+from linkwise.likelihood.flow import flow
+from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, V, X
+from linkwise.likelihood.tangents import tangents
 
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
 _SINGULAR = 1e-9  # eigenvalue, relative to the information with known states, that single precision cannot tell from 0
@@ -140,14 +141,12 @@ def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) ->
     mechanics, step = segments.system.at(point.theta), segments.step[part]
     orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, segments.inputs.part(part))
     observed, sensors = segments.observed[..., part], segments.sensors
-    rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2}
-    for sample, (state, acceleration) in enumerate(
-        tangents(mechanics, orbit, step, scales.state, scales.theta)
-    ):
-        if acceleration is None or not observed[sample].any():
+    rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2, F: 1.0 / step**2, S: np.ones_like(step)}
+    for sample, tangent in enumerate(tangents(mechanics, orbit, step, scales.state, scales.theta)):
+        if tangent.acceleration is None or not observed[sample].any():
             continue
-        motion = {X: state[0], V: state[1], A: acceleration}
-        rows = np.empty((len(step), len(sensors.kind), state.shape[2]))
+        motion = tangent.shown()
+        rows = np.empty((len(step), len(sensors.kind), tangent.state.shape[2]))
         for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
             weight = observed[sample, channel] * rates[kind] / scales.sigma[channel]
             rows[:, channel] = (motion[kind][mass] * weight).T

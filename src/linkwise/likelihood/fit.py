@@ -99,6 +99,8 @@ class LikelihoodFit:
         Number of samples, how the search ended, and its steps.
     segments, misfit, optimum
         The segments, the residuals and defects at the maximum, and what a later search starts from.
+    others : tuple of array of shape (p,)
+        Values at other maxima that are as likely.
     prior_conflicts : array of shape (P,)
         The reduction of -2 log likelihood without the prior of each parameter, offset or gain.
     """
@@ -123,6 +125,7 @@ class LikelihoodFit:
     misfit: Misfit
     optimum: Optimum
     prior_conflicts: Floats
+    others: tuple[Floats, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -143,7 +146,7 @@ class LikelihoodOptions:
         Relax the flow by the most likely model error where the residuals are not noise.
     progress : Progress, optional
         Called at every step.
-    nodes : array of shape (2, n, K), optional
+    nodes : array of shape (2n + S, K), optional
         States of another fit to the same records to start from; estimated from the channels by default.
     ceiling : float, optional
         Cost per sample above which the laws are wrong and the continuity is not tightened further.
@@ -375,7 +378,7 @@ def _found_noise(fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]
 
 def _force_error(fit: AnnealingFit, system: System, segments: Segments) -> Floats:
     """(n,) root mean square in N of the force that the velocity defects stand for."""
-    n = len(fit.scales.state) // 2
+    n = len(system.incidence)
     duration = np.mean(segments.step) * segments.steps
-    jumps = np.sqrt(np.mean(fit.misfit.defects[1] ** 2, axis=1)) * fit.scales.state[n:]
+    jumps = np.sqrt(np.mean(fit.misfit.defects[n : 2 * n] ** 2, axis=1)) * fit.scales.state[n : 2 * n]
     return np.asarray(system.at(fit.point.theta).masses * jumps / duration)

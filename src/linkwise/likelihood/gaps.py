@@ -37,8 +37,9 @@ def split_at_gaps(segments: Segments) -> Segments:
     linked = segments.linked.copy()
     for first, last in _gaps(segments.observed):
         linked[max(first - 1, 0) : last] = False
-    for mass in np.unique(segments.sensors.mass):
-        for _, last in _gaps(segments.observed[:, segments.sensors.mass == mass]):
+    sensors = segments.sensors
+    for mass in np.unique(sensors.mass[sensors.of_masses]):
+        for _, last in _gaps(segments.observed[:, sensors.of_masses & (sensors.mass == mass)]):
             linked[last - 1 : last] = False
     return replace(segments, linked=linked)
 
@@ -65,10 +66,11 @@ def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
     Iterate
         The start with new nodes in gaps.
     """
-    n = point.nodes.shape[1]
-    unobserved = np.zeros((n, segments.count), dtype=bool)
-    for mass in np.unique(segments.sensors.mass):
-        unobserved[mass] = ~segments.observed[:, segments.sensors.mass == mass].any(axis=(0, 1))
+    n, sensors = len(segments.system.incidence), segments.sensors
+    unobserved = np.zeros((len(point.nodes), segments.count), dtype=bool)
+    for mass in np.unique(sensors.mass[sensors.of_masses]):
+        shows = sensors.of_masses & (sensors.mass == mass)
+        unobserved[[mass, n + mass]] = ~segments.observed[:, shows].any(axis=(0, 1))
     unobserved[:, 0] = False
     unobserved[:, 1:] &= segments.linked
     depth = np.zeros(segments.count, dtype=int)
@@ -80,8 +82,7 @@ def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
         before, step = segment - 1, segments.step[segment - 1]
         with np.errstate(over="ignore", invalid="ignore"):
             orbit = flow(mechanics, nodes[..., before], step, segments.steps, segments.inputs.part(before))
-        end = orbit.states[-1]
-        end[1] /= step
+        end = orbit.ends(step)
         replaced = unobserved[:, segment] & np.isfinite(end).all(axis=0)
         nodes[..., segment] = np.where(replaced, end, nodes[..., segment])
     return replace(point, nodes=nodes)

@@ -95,4 +95,5 @@ def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
     with np.errstate(over="ignore", invalid="ignore"):
         residuals = np.sum(misfit.residuals**2, axis=(0, 1))
     finite = np.isfinite(misfit.trajectories.states).all(axis=(0, 1, 2))
+    finite &= np.isfinite(misfit.trajectories.memory).all(axis=(0, 1))
     return np.asarray(~(finite & (residuals <= _OPPOSITE * largest)))

@@ -78,8 +78,8 @@ def _evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tu
     factor = linear.equations(q).factor()
     if factor is None:
         return 1.0, np.inf
-    defects = 2 * segments.system.incidence.shape[0] * int(segments.linked.sum())
-    nodes = 2 * segments.system.incidence.shape[0] * int((~segments.unconstrained).sum())
+    defects = segments.system.dimension * int(segments.linked.sum())
+    nodes = segments.system.dimension * int((~segments.unconstrained).sum())
     free = ~fit.at_bound
     known = 0 if segments.prior is None else segments.prior.count
     freedom = fit.samples + known + defects - nodes - int(free.sum())

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.bordered_system import BorderedSystem, Damping
-from linkwise.likelihood.flow import CandidateForces, Single, tangents
 from linkwise.likelihood.late_sensors import late_motion
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import A, Iterate, Scales, Segments, Sensors, V, X
+from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, Sensors, V, X
 from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.tangents import CandidateForces, Single, tangents
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
@@ -24,7 +26,7 @@ CHUNK = 120_000
 
 def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
     """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
-    m, K = 2 * segments.system.incidence.shape[0], segments.count
+    m, K = segments.system.dimension, segments.count
     p = segments.parameters if parameters is None else parameters
     size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
@@ -102,7 +104,7 @@ def linearise(
 
     The amplitudes of `candidates` and the sizes of `errors` follow theta in the border.
     """
-    m, K = 2 * segments.system.incidence.shape[0], segments.count
+    m, K = segments.system.dimension, segments.count
     p = segments.parameters + _extra_columns(candidates, errors)
     parts = chunks(segments, p)
     data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
@@ -152,32 +154,33 @@ def whitened_jacobian(
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
 ) -> tuple[Floats, Floats]:
-    """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n, P)."""
+    """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
     sensors, step = segments.sensors, segments.step[part] * segments.flow_steps_per_tangent
     M, C, K = segments.samples[..., part].shape
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    P = 2 * n + segments.parameters + _extra_columns(candidates, errors)
-    moving = 2 * n + p + (0 if candidates is None else len(candidates.first))
+    m = segments.system.dimension
+    P = m + segments.parameters + _extra_columns(candidates, errors)
+    moving = m + p + (0 if candidates is None else len(candidates.first))
     width = moving + (0 if errors is None else len(errors.channel))
     mechanics = segments.system.at(misfit.point.theta)
     residuals = misfit.residuals[..., part]
     root = np.sqrt(loss.weight(residuals)) * segments.observed[..., part]
-    jacobian = np.zeros((K, M, C, P + 1), np.float32)
+    jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * residuals).transpose(2, 0, 1)
     whiten = (root / scales.sigma[:, None]).astype(np.float32)
     if segments.relative_noise is not None:
         whiten /= segments.relative_noise[:, part].astype(np.float32)
-    chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A)]
-    rates = (1.0, 1.0 / step, 1.0 / step**2)
+    chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A, F, S)]
+    rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
-    for number, (state, acceleration) in enumerate(
+    for number, tangent in enumerate(
         tangents(mechanics, orbit, step, scales.state, scales.theta[:p], candidates and candidates.part(part))
     ):
         sample, between = divmod(number, segments.tangent_refine)
-        if acceleration is None or between:
+        if tangent.acceleration is None or between:
             continue
-        motions = (state[0], state[1], acceleration)
-        for kind in (X, V, A):
+        motions = tangent.shown()
+        for kind in (X, V, A, F, S):
             if len(chosen[kind]):
                 factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
                 rows = _shown(motions, kind, chosen[kind], sensors, misfit.point, rates[V]) * factor[:, None]
@@ -190,9 +193,10 @@ def whitened_jacobian(
         jacobian[:, :, channel, column] = whiten[:, channel].T * scales.theta[p + sensors.offset[channel]]
     _calibrate_gains(jacobian, segments, misfit, scales, root, part)
     _add_delays(jacobian, segments, misfit, scales, whiten, part)
-    ends = np.zeros((K, 2 * n, P))
-    ends[:, :n, :moving] = state[0].transpose(2, 0, 1)
-    ends[:, n:, :moving] = (state[1] * rates[V]).transpose(2, 0, 1)
+    ends = np.zeros((K, m, P))
+    ends[:, :n, :moving] = tangent.state[0].transpose(2, 0, 1)
+    ends[:, n : 2 * n, :moving] = (tangent.state[1] * rates[V]).transpose(2, 0, 1)
+    ends[:, 2 * n :, :moving] = tangent.memory.transpose(2, 0, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
 

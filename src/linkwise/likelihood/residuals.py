@@ -10,7 +10,8 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.flow import Trajectories, flow
 from linkwise.likelihood.late_sensors import late_motion
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.segments import A, Iterate, Scales, Segments, V, X
+from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, V, X
+from linkwise.likelihood.system import NumericSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class Misfit:
         The orbit.
     residuals : array of shape (M, C, K)
         Residuals in standard deviations of the noise; 0 where a sample is missing.
-    defects : array of shape (2, n, K - 1)
+    defects : array of shape (2n + S, K - 1)
         Defects in units of the state; 0 between segments that are not linked.
     data, continuity : float
         Cost of the residuals, and of the defects for q = 1.
@@ -86,6 +87,8 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         (X, orbit.states[every, 0]),
         (V, orbit.states[every, 1] * rate),
         (A, orbit.accelerations[every]),
+        (F, forces_at_samples(segments, mechanics, orbit)),
+        (S, orbit.memory[every]),
     ):
         chosen = np.flatnonzero(sensors.kind == kind)
         residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
@@ -114,11 +117,21 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     residuals /= scales.sigma[:, None]
     if segments.relative_noise is not None:
         residuals /= segments.relative_noise
-    ends = orbit.states[-1].copy()
-    ends[1] *= rate
-    defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state.reshape(2, -1, 1)
+    ends = orbit.ends(segments.step)
+    defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.linked
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
     return Misfit(
         point, orbit, residuals, defects, loss.total(residuals), float(np.vdot(defects, defects)), prior
     )
+
+
+def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Trajectories) -> Floats:
+    """(M, L, K) forces in the links in N at the samples; zeros where no sensor shows one."""
+    every = slice(None, segments.steps, segments.refine)
+    links = orbit.links[every]
+    forces = np.zeros_like(links[:, 0])
+    if (segments.sensors.kind == F).any():
+        memory = orbit.memory[every]
+        mechanics.force(links[:, 0], links[:, 1], memory, forces, np.empty_like(memory))
+    return forces

@@ -15,10 +15,11 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.expression import Program
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.flow import CandidateForces, Inputs, Trajectories
+from linkwise.likelihood.flow import Inputs, Trajectories
 from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.tangents import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.runtime import one_blas_thread

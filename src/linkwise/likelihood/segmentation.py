@@ -10,7 +10,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.flow import Inputs
-from linkwise.likelihood.segments import A, Segments, Sensors, V, X
+from linkwise.likelihood.segments import A, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import POINTS
 from linkwise.model.structure import Structure
@@ -21,7 +21,7 @@ from linkwise.signals.base_frame import FramedRecord
 
 COMMON = "common"
 """Name of an unknown factor that all sensors share."""
-_KINDS = {"x": X, "v": V, "a": A}
+_KINDS = {"x": X, "v": V, "a": A, "f": F, "state": S}
 
 
 def cut_segments(
@@ -164,7 +164,7 @@ def sensor_arrays(
         If an offset or a gain is named for a channel that is not there.
     """
     parsed = [Channel.parse(name) for name in channels]
-    index = {name: i for i, name in enumerate(structure.mass_names)}
+    index = _places(structure)
     absent = [name for name in (*offsets, *gains) if name not in (*channels, COMMON)]
     if absent:
         raise IdentificationError(
@@ -172,10 +172,24 @@ def sensor_arrays(
         )
     return Sensors(
         kind=np.array([_KINDS[channel.kind] for channel in parsed]),
-        mass=np.array([index[channel.mass] for channel in parsed]),
+        mass=np.array([index[channel.kind, channel.mass] for channel in parsed]),
         offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
         gain=np.array([[float(factor in (name, COMMON)) for factor in gains] for name in channels]),
     )
+
+
+def _places(structure: Structure) -> dict[tuple[str, str], int]:
+    """Number of each mass, and positions of links and states in the order of `System`, by kind of channel and name."""
+    places = {(kind, name): i for i, name in enumerate(structure.mass_names) for kind in "xva"}
+    links = [number for _, numbers in structure.topology.by_law for number in numbers.tolist()]
+    places |= {("f", structure.links[number].name): i for i, number in enumerate(links)}
+    states = [
+        f"{structure.links[number].name}.{name}"
+        for law, numbers in structure.topology.by_law
+        for name in law.states
+        for number in numbers.tolist()
+    ]
+    return places | {("state", name): i for i, name in enumerate(states)}
 
 
 def _require_same_channels(
@@ -191,10 +205,14 @@ def _require_same_channels(
                 f"records that are fitted together need the same channels in the same order: {', '.join(records[0].channels)} "
                 f"in the first, {', '.join(record.channels)} in another; select the common ones with record.select"
             )
-    unknown = [name for name in channels if Channel.parse(name).mass not in structure.mass_names]
+    parsed, places = [Channel.parse(name) for name in channels], _places(structure)
+    unknown = [channel for channel in parsed if (channel.kind, channel.mass) not in places]
     if unknown:
+        what, kind = ("link or state", unknown[0].kind) if unknown[0].of_link else ("mass", "x")
+        known = [name for own, name in places if own == kind]
         raise IdentificationError(
-            f"channel {unknown[0]} belongs to no mass of the structure, whose masses are {', '.join(structure.mass_names)}"
+            f"channel {unknown[0]} belongs to no {what} of the structure, whose "
+            f"{'masses' if what == 'mass' else what + 's'} are {', '.join(known) or 'none'}"
         )
 
 

@@ -17,12 +17,14 @@ from linkwise.likelihood.flow import Inputs
 from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.system import System
 
-X, V, A = 0, 1, 2
+X, V, A, F, S = 0, 1, 2, 3, 4
+"""Kinds of sensors: displacement, velocity and acceleration of a mass, force in a link, state of a link."""
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """`kind` (C,) is X, V or A, `mass` (C,) a number, `offset`, `delay` (C,) indices of its unknown errors, -1 for none.
+    """`kind` (C,) is X, V, A, F or S, `mass` (C,) the number of a mass, or of a link or a state in the order of the system,
+    `offset`, `delay` (C,) indices of its unknown errors, -1 for none.
 
     A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
     g): ones where a factor acts on the channel, else zeros.
@@ -33,6 +35,11 @@ class Sensors:
     offset: Indices
     gain: Floats = field(default_factory=lambda: np.empty((0, 0)))
     delay: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
+
+    @property
+    def of_masses(self) -> Bools:
+        """(C,) whether a sensor shows the motion of a mass."""
+        return np.asarray(self.kind < F)
 
     @property
     def offsets(self) -> int:
@@ -122,7 +129,9 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """The unknowns: nodes (2, n, K) in m and m/s, theta (p,), offsets (o,), gains (g,) and delays (l,) in s of sensors."""
+    """The unknowns: nodes (2n + S, K) in m, m/s and units of states, theta (p,), offsets (o,), gains (g,) and delays (l,) in s
+    of sensors.
+    """
 
     nodes: Floats
     theta: Floats
@@ -143,7 +152,7 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Units of the unknowns: sigma (C,) noise of the channels; state (2n,): a defect's natural size; theta (p + o + g,)."""
+    """Units of the unknowns: sigma (C,) of the noise; state (2n + S,), a defect's natural size; theta (p + o + g,)."""
 
     sigma: Floats
     state: Floats

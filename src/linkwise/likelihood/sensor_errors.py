@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import A, Segments, V, X
+from linkwise.likelihood.residuals import Misfit, forces_at_samples
+from linkwise.likelihood.segments import A, F, S, Segments, V, X
 
 KINDS = ("gain", "offset", "drift", "delay", "crosstalk")
 _COUPLED = 8  # channels up to which crosstalk between every two of them is tested
@@ -64,6 +64,11 @@ def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: in
 def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor of this kind shows of a mass, and its rate."""
     orbit, every = misfit.trajectories, slice(None, segments.steps, segments.refine)
+    if kind in (F, S):
+        inside = orbit.memory[every]
+        if kind == F:
+            inside = forces_at_samples(segments, segments.system.at(misfit.point.theta), orbit)
+        return _with_rate(segments, inside[:, mass])
     x = orbit.states[every, 0, mass]
     v = orbit.states[every, 1, mass] / segments.step
     a = orbit.accelerations[every, mass]
@@ -72,8 +77,13 @@ def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[F
     if kind == V:
         return v, a
     assert kind == A
-    series = np.gradient(a.T.ravel()).reshape(a.T.shape).T
-    return a, series / (segments.step * segments.refine)
+    return _with_rate(segments, a)
+
+
+def _with_rate(segments: Segments, shown: Floats) -> tuple[Floats, Floats]:
+    """A signal (M, K) and its rate."""
+    series = np.gradient(shown.T.ravel()).reshape(shown.T.shape).T
+    return shown, series / (segments.step * segments.refine)
 
 
 def _ramp(segments: Segments) -> Floats:

@@ -15,6 +15,7 @@ from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.system import System
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord
 from linkwise.signals.channel_noise import channel_noise
@@ -151,9 +152,10 @@ class SensorModel:
 
     def _delays(self, channels: Sequence[str]) -> Indices:
         """(C,) index of the unknown delay of each channel, -1 for none."""
-        absent = [name for name in self.delays if name not in channels]
+        absent = [name for name in self.delays if name not in channels or Channel.parse(name).of_link]
         if absent:
             raise IdentificationError(
-                f"no delay of {absent[0]} can be estimated: the sensors of the record are {', '.join(channels)}"
+                f"no delay of {absent[0]} can be estimated: the sensors of masses in the record are "
+                f"{', '.join(name for name in channels if not Channel.parse(name).of_link)}"
             )
         return np.array([self.delays.index(name) if name in self.delays else -1 for name in channels])

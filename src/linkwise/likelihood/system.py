@@ -8,73 +8,14 @@ indices in the structure.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.expression import Program, differentiate
-from linkwise.model.law import Law
-from linkwise.model.law_text import VARIABLES
+from linkwise.likelihood.law_group import LawGroup
+from linkwise.likelihood.rate_partials import MemorySlopes, RatePartials
 from linkwise.model.structure import Structure
-
-
-@dataclass(frozen=True)
-class LawGroup:
-    """Links with one law.
-
-    Attributes
-    ----------
-    law : Law
-        The law.
-    links : slice
-        Their positions on the link axis.
-    first : int
-        Position of their first coefficient in the vector of coefficients.
-    free : tuple of str
-        Coefficients that are unknown in one of these links at least.
-    """
-
-    law: Law
-    links: slice
-    first: int
-    free: tuple[str, ...]
-
-    @property
-    def size(self) -> int:
-        """Number of links."""
-        return int(self.links.stop - self.links.start)
-
-    @cached_property
-    def force(self) -> Program:
-        """Program for the force from d, v and the coefficients."""
-        return _force_program(self.law)
-
-    @cached_property
-    def partials(self) -> Program:
-        """Program for the partial derivatives with respect to d, v and the unknown coefficients."""
-        return _slope_program(self.law, self.free)
-
-    @property
-    def rows(self) -> slice:
-        """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
-        return slice(self.first, self.first + len(self.law.coefficients) * self.size)
-
-    def row(self, name: str) -> slice:
-        """Positions of one coefficient of these links.
-
-        Parameters
-        ----------
-        name : str
-            Name of the coefficient.
-
-        Returns
-        -------
-        slice
-            Its positions in the vector of coefficients.
-        """
-        start = self.first + self.law.coefficients.index(name) * self.size
-        return slice(start, start + self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +65,10 @@ class System:
         The parameters.
     order : array of int, shape (L,)
         Indices of the links in the structure.
+    state_links : array of int, shape (S,)
+        Position of the link of each state.
+    states : tuple of (int, str)
+        Each state as index of its link in the structure and name.
     """
 
     incidence: Floats
@@ -131,6 +76,13 @@ class System:
     groups: tuple[LawGroup, ...]
     parameters: Parameters
     order: Indices
+    state_links: Indices
+    states: tuple[tuple[int, str], ...]
+
+    @property
+    def dimension(self) -> int:
+        """Displacements, velocities and states of links, 2n + S."""
+        return 2 * len(self.incidence) + len(self.states)
 
     @classmethod
     def of(cls, structure: Structure) -> System:
@@ -150,13 +102,17 @@ class System:
         order = np.concatenate([indices for _, indices in by_law])
         unknown = {member for parameter in structure.parameters for member in parameter.members}
         groups, links, rows = [], 0, 0
+        states: list[tuple[int, str]] = []
+        owners: list[int] = []
         for law, indices in by_law:
             free = tuple(
                 name
                 for name in law.coefficients
                 if any((index, name) in unknown for index in indices.tolist())
             )
-            groups.append(LawGroup(law, slice(links, links + len(indices)), rows, free))
+            groups.append(LawGroup(law, slice(links, links + len(indices)), rows, len(states), free))
+            states += [(index, name) for name in law.states for index in indices.tolist()]
+            owners += [links + number for _ in law.states for number in range(len(indices))]
             links, rows = links + len(indices), rows + len(indices) * len(law.coefficients)
         return cls(
             incidence=structure.incidence.toarray()[:, order],
@@ -164,6 +120,8 @@ class System:
             groups=tuple(groups),
             parameters=_parameters(structure, groups, order, rows),
             order=order,
+            state_links=np.array(owners, dtype=int),
+            states=tuple(states),
         )
 
     def at(self, theta: Floats) -> NumericSystem:
@@ -249,11 +207,14 @@ class ForcePartials:
         With respect to elongations and rates.
     by_parameter : array of shape (..., E, K)
         With respect to parameters, one row for each of `System.interactions`.
+    memory : RatePartials
+        Those that states have.
     """
 
     by_d: Floats
     by_v: Floats
     by_parameter: Floats
+    memory: RatePartials
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,26 +253,37 @@ class NumericSystem:
         """-B^T M^-1 B (L, L): accelerations of elongations by link forces."""
         return np.asarray(self.system.incidence.T @ self.gain)
 
-    def force(self, d: Floats, v: Floats, out: Floats) -> None:
-        """Link forces.
+    def force(self, d: Floats, v: Floats, states: Floats, out: Floats, rates: Floats) -> None:
+        """Link forces, and rates of states.
 
         Parameters
         ----------
-        d, v : array of shape (L, K)
+        d, v : array of shape (..., L, K)
             Elongations in m and rates in m/s.
-        out : array of shape (L, K)
+        states : array of shape (..., S, K)
+            States of links.
+        out : array of shape (..., L, K)
             The forces in N, overwritten.
+        rates : array of shape (..., S, K)
+            The rates of the states, overwritten.
         """
         for group, values in zip(self.system.groups, self._values, strict=True):
-            out[group.links] = group.force(d[group.links], v[group.links], *values)[0]
+            which = (..., group.links, slice(None))
+            inside = group.of_states(states)
+            force, *slopes = group.force(d[which], v[which], *inside, *values)
+            out[which] = force
+            for own, slope in zip(group.of_states(rates), slopes, strict=True):
+                own[...] = slope
 
-    def partials(self, d: Floats, v: Floats) -> ForcePartials:
+    def partials(self, d: Floats, v: Floats, states: Floats) -> ForcePartials:
         """Partial derivatives of the link forces.
 
         Parameters
         ----------
         d, v : array of shape (..., L, K)
             Elongations in m and rates in m/s.
+        states : array of shape (..., S, K)
+            States of links.
 
         Returns
         -------
@@ -321,12 +293,15 @@ class NumericSystem:
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))
         rows = 0
+        memory = MemorySlopes(self.system.parameters.map, states)
         for group, values in zip(self.system.groups, self._values, strict=True):
             which = (..., group.links, slice(None))
-            by_d[which], by_v[which], *slopes = group.partials(d[which], v[which], *values)
-            for slope in slopes:
+            inside = group.of_states(states)
+            by_d[which], by_v[which], *slopes = group.partials(d[which], v[which], *inside, *values)
+            for slope in slopes[: len(group.free)]:
                 by_coefficient[..., rows : rows + group.size, :] = slope
                 rows += group.size
+            memory.take(group, slopes[len(group.free) :])
         pairs = self.system.interactions
         by_parameter = np.empty((*d.shape[:-2], len(pairs), d.shape[-1]))
         for index, (_, _, terms) in enumerate(pairs):
@@ -334,15 +309,4 @@ class NumericSystem:
             by_parameter[..., index, :] = factor * by_coefficient[..., row, :]
             for row, factor in rest:
                 by_parameter[..., index, :] += factor * by_coefficient[..., row, :]
-        return ForcePartials(by_d, by_v, by_parameter)
-
-
-@lru_cache(maxsize=512)
-def _force_program(law: Law) -> Program:
-    return Program([law.expression], (*VARIABLES, *law.coefficients), wide=VARIABLES)
-
-
-@lru_cache(maxsize=512)
-def _slope_program(law: Law, free: tuple[str, ...]) -> Program:
-    slopes = [differentiate(law.expression, name) for name in (*VARIABLES, *free)]
-    return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES)
+        return ForcePartials(by_d, by_v, by_parameter, memory.partials())

@@ -145,6 +145,11 @@ class Link:
             object.__setattr__(self, "law", Law.parse(self.law.text, states))
         object.__setattr__(self, "states", MappingProxyType(states))
 
+    @property
+    def zero_states(self) -> dict[str, float]:
+        """A value of 0 for each state: what `force` and `Law.partials` take for the elastic part of a law with memory."""
+        return dict.fromkeys(self.law.states, 0.0)
+
     def initial_state(self, name: str) -> float:
         """Initial value of a state.
 
@@ -252,7 +257,7 @@ class Link:
         tuple of two arrays
             Derivatives of the force by d in N/m and by v in N s/m, each of the broadcast shape of d and v.
         """
-        partials = self.law.partials(d, v, {**self.values, **dict.fromkeys(self.law.states, 0.0)})
+        partials = self.law.partials(d, v, {**self.values, **self.zero_states})
         return _full(partials.by_d, d, v), _full(partials.by_v, d, v)
 
     def potential(self, d: ArrayLike) -> Floats:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.expression import FUNCTIONS, Expression
-from linkwise.expression.dimension import NAMED, Dimension
+from linkwise.expression.dimension import NAMED, NONE, Dimension
 from linkwise.units import base_exponents
 
 _NAME = re.compile(r"[A-Za-z]\w*")
@@ -117,6 +117,8 @@ def as_link_states(given: Mapping[str, LinkState | str]) -> dict[str, LinkState]
 
 def unit_dimension(unit: str) -> Dimension:
     """The dimension of a unit such as "V". Raises StructureError for what is not a unit of mechanics or electricity."""
+    if not unit:
+        return NONE
     for dimension, name in NAMED.items():  # without a library of units, which takes long to load
         if unit == name:
             return dimension

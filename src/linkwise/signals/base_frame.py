@@ -102,7 +102,7 @@ def framed(record: Record, structure: Structure) -> FramedRecord:
     motion = _BaseMotion(record)
     carried = {}
     for name, channel in channels.items():
-        if channel.relative != moves:  # shown in the one frame, needed in the other
+        if not channel.of_link and channel.relative != moves:  # shown in the one frame, needed in the other
             sign = 1.0 if moves else -1.0
             carried[names[name]] = sign * motion.value_and_rate(channel.kind, name)
     acceleration = motion.value_and_rate("a", f"a:{BASE}")[0] if moves else None

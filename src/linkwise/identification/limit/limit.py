@@ -238,13 +238,13 @@ def _pieces(record: Record, impulses: Iterable[Impulse]) -> list[Record]:
 
 
 def _nodes(pieces: list[Record], samples: int) -> Floats:
-    """(2, n, K) the true states at the starts of the segments."""
+    """(2n, K) the true states at the starts of the segments."""
     starts = []
     for piece in pieces:
         assert piece.simulated is not None
-        motion = np.stack([piece.simulated.displacement.T, piece.simulated.velocity.T])
+        motion = np.concatenate([piece.simulated.displacement.T, piece.simulated.velocity.T])
         starts.append(motion[..., ::samples])
-    return np.concatenate(starts, axis=2)
+    return np.concatenate(starts, axis=1)
 
 
 def _units(record: Record) -> Floats:

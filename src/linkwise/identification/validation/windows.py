@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.flow import Inputs, Trajectories, flow, tangents
+from linkwise.likelihood.flow import Inputs, Trajectories, flow
 from linkwise.likelihood.segmentation import sensor_arrays
 from linkwise.likelihood.segments import A, Sensors, V, X
 from linkwise.likelihood.starts.states import start_states
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import POINTS
+from linkwise.likelihood.tangents import tangents
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
@@ -162,7 +163,8 @@ class _Setup:
         """The motion from states (2, n, K)."""
         step = np.full(nodes.shape[-1], self.record.step / refine)
         with np.errstate(over="ignore", invalid="ignore"):
-            return flow(self.system.at(self.theta), nodes, step, samples * refine, inputs)
+            start = nodes.reshape(-1, nodes.shape[-1])
+            return flow(self.system.at(self.theta), start, step, samples * refine, inputs)
 
     def shown(self, orbit: Trajectories, refine: int) -> Floats:
         """(M, C, K) what the sensors show along an orbit."""
@@ -181,12 +183,10 @@ class _Setup:
         unit = theta_unit(self.theta)
         rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2}
         rows = []
-        for number, (state, acceleration) in enumerate(
-            tangents(self.system.at(self.theta), orbit, step, self.prior, unit)
-        ):
-            if acceleration is None or number % refine:
+        for number, tangent in enumerate(tangents(self.system.at(self.theta), orbit, step, self.prior, unit)):
+            if tangent.acceleration is None or number % refine:
                 continue
-            motion = {X: state[0], V: state[1], A: acceleration}
+            motion = tangent.shown()
             for kind, mass in zip(self.sensors.kind, self.sensors.mass, strict=True):
                 rows.append(motion[int(kind)][mass].T * rates[int(kind)])
         return np.stack(rows, axis=1).astype(float)

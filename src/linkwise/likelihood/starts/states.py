@@ -14,6 +14,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
 from linkwise.likelihood.starts.inverse_dynamics import determines_links, link_signals, masses_from_links
+from linkwise.likelihood.starts.link_states import link_states
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.integrate import DRIFT_FREQUENCY, highpass, integral, smoothed
@@ -31,12 +32,15 @@ class StartStates:
     ----------
     x, v : array of shape (n, N)
         Displacements in m and velocities in m/s.
-    scale : array of shape (2 n,)
-        Scales of the defects in m and m/s.
+    memory : array of shape (S, N)
+        States of links, in the order of `System.states`.
+    scale : array of shape (2 n + S,)
+        Scales of the defects in m, m/s and units of states.
     """
 
     x: Floats
     v: Floats
+    memory: Floats
     scale: Floats
 
 
@@ -62,9 +66,7 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
     StartStates
         The states.
     """
-    kinds = {
-        name: [kind for kind in "xva" if f"{kind}:{name}" in record.channels] for name in structure.mass_names
-    }
+    kinds = _kinds(record, structure)
     x, v = _motion(record, structure, sigma, kinds)
     scale = np.full((2, structure.size), np.nan)
     reach = np.sqrt(samples) / 4.0
@@ -79,7 +81,20 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
     hidden = np.isnan(scale[0])
     for order, motion in enumerate((x, v)):
         scale[order, hidden] = _UNMEASURED * np.sqrt(np.mean(motion[~hidden] ** 2))
-    return StartStates(x, v, scale.ravel())
+    memory, sizes = link_states(record, structure, sigma, x, v)
+    return StartStates(x, v, memory, np.concatenate([scale.ravel(), sizes]))
+
+
+def measured_motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
+    """Displacements and velocities (n, N) of the masses, smoothed, integrated where need be; zero without a sensor."""
+    return _smoothed_motion(record, structure, sigma, _kinds(record, structure))
+
+
+def _kinds(record: Record, structure: Structure) -> dict[str, list[str]]:
+    """Kinds of sensors on each mass."""
+    return {
+        name: [kind for kind in "xva" if f"{kind}:{name}" in record.channels] for name in structure.mass_names
+    }
 
 
 def _motion(
@@ -90,9 +105,16 @@ def _motion(
 ) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N), zero for masses without a sensor."""
     integrated = any(kinds[name][:1] in (["v"], ["a"]) for name in structure.mass_names)
-    if integrated and determines_links(record, structure) and _has_all_numbers(structure):
+    memory = any(link.law.states for link in structure.links)
+    if integrated and not memory and determines_links(record, structure) and _has_all_numbers(structure):
         signals = link_signals(record, structure, sigma)
         return masses_from_links(record, structure, *elongations_from_forces(signals, structure.links))
+    return _smoothed_motion(record, structure, sigma, kinds)
+
+
+def _smoothed_motion(
+    record: Record, structure: Structure, sigma: dict[str, float], kinds: dict[str, list[str]]
+) -> tuple[Floats, Floats]:
     x, v = np.zeros((structure.size, len(record))), np.zeros((structure.size, len(record)))
     for i, name in enumerate(structure.mass_names):
         if not kinds[name]:
@@ -132,11 +154,11 @@ def segment_nodes(states: Sequence[StartStates], samples: int) -> Floats:
 
     Returns
     -------
-    array of shape (2, n, K)
-        Displacements in m and velocities in m/s.
+    array of shape (2n + S, K)
+        Displacements in m, velocities in m/s and states of links.
     """
     return np.concatenate(
-        [np.stack([start.x[:, ::samples], start.v[:, ::samples]]) for start in states], axis=2
+        [np.concatenate([start.x, start.v, start.memory])[:, ::samples] for start in states], axis=1
     )
 
 

@@ -1,0 +1,98 @@
+"""Links with one law, and their states, by their places in the arrays of a system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+from linkwise.arrays import Floats
+from linkwise.expression import Program, differentiate
+from linkwise.model.law import Law
+from linkwise.model.law_text import VARIABLES
+
+
+@dataclass(frozen=True)
+class LawGroup:
+    """Links with one law.
+
+    Attributes
+    ----------
+    law : Law
+        The law.
+    links : slice
+        Their positions on the link axis.
+    first : int
+        Position of their first coefficient in the vector of coefficients.
+    first_state : int
+        Position of their first state on the state axis: state by state, link by link.
+    free : tuple of str
+        Coefficients that are unknown in one of these links at least.
+    """
+
+    law: Law
+    links: slice
+    first: int
+    first_state: int
+    free: tuple[str, ...]
+
+    @property
+    def states(self) -> slice:
+        """Positions of the states of these links."""
+        return slice(self.first_state, self.first_state + len(self.law.states) * self.size)
+
+    @property
+    def size(self) -> int:
+        """Number of links."""
+        return int(self.links.stop - self.links.start)
+
+    @cached_property
+    def force(self) -> Program:
+        """Program for the force and the rates of the states from d, v, the states and the coefficients."""
+        return _force_program(self.law)
+
+    @cached_property
+    def partials(self) -> Program:
+        """Program for the partial derivatives of the force with respect to d, v, the unknown coefficients and the states, and
+        then of each rate.
+        """
+        return _slope_program(self.law, self.free)
+
+    @property
+    def rows(self) -> slice:
+        """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
+        return slice(self.first, self.first + len(self.law.coefficients) * self.size)
+
+    def of_states(self, values: Floats) -> list[Floats]:
+        """The parts (..., m, K) of an array over all states (..., S, K), one for each state of the law."""
+        starts = range(self.first_state, self.states.stop, self.size)
+        return [values[..., start : start + self.size, :] for start in starts]
+
+    def row(self, name: str) -> slice:
+        """Positions of one coefficient of these links.
+
+        Parameters
+        ----------
+        name : str
+            Name of the coefficient.
+
+        Returns
+        -------
+        slice
+            Its positions in the vector of coefficients.
+        """
+        start = self.first + self.law.coefficients.index(name) * self.size
+        return slice(start, start + self.size)
+
+
+@lru_cache(maxsize=512)
+def _force_program(law: Law) -> Program:
+    trees = [law.expression, *(rate.expression for rate in law.rates)]
+    return Program(trees, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+@lru_cache(maxsize=512)
+def _slope_program(law: Law, free: tuple[str, ...]) -> Program:
+    names = (*VARIABLES, *free, *law.states)
+    trees = [law.expression, *(rate.expression for rate in law.rates)]
+    slopes = [differentiate(tree, name) for tree in trees for name in names]
+    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)

@@ -1,0 +1,94 @@
+"""States of links along a motion: measured where a channel shows them, else integrated with the laws as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.model.law import Law
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.signals.integrate import smoothed
+
+_HIDDEN = 0.1  # of its own size: the scale of a defect of a state that no channel shows, at q = 1
+_PERIODS = 4.0  # of the motion after which a state has forgotten where it started
+_SHORTEST = 32  # samples of a piece
+
+
+def link_states(
+    record: Record, structure: Structure, sigma: Mapping[str, float], x: Floats, v: Floats
+) -> tuple[Floats, Floats]:
+    """States (S, N) of links, as in `System.states`, along displacements and velocities (n, N); their scales (S,)."""
+    if not structure.topology.states:
+        return np.empty((0, len(record))), np.empty(0)
+    d, rate = link_motion(record, structure, x, v)
+    values, sizes = [], []
+    for law, numbers in structure.topology.by_law:
+        if not law.states:
+            continue
+        inside = [
+            follow_states(law, structure.links[k].values, d[:, k], rate[:, k], record.step)[:, 0]
+            for k in numbers.tolist()
+        ]
+        for row, name in enumerate(law.states):
+            for states, k in zip(inside, numbers.tolist(), strict=True):
+                channel = f"state:{structure.links[k].name}.{name}"
+                measured = channel in record.channels
+                state = smoothed(record, channel, sigma[channel])[0] if measured else states[row]
+                values.append(state)
+                size = float(np.sqrt(np.mean(state**2))) or 1.0
+                sizes.append(sigma[channel] if measured else _HIDDEN * size)
+    return np.array(values).reshape(-1, len(record)), np.array(sizes)
+
+
+def link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Elongations in m and rates in m/s (N, L) of the links, from displacements and velocities (n, N)."""
+    base = None
+    if np.any(structure.base_incidence):  # without a channel, the motion is relative to the base
+        base = record.channel("x:base") if "x:base" in record.channels else np.zeros(len(record))
+    speed = None if base is None else np.gradient(base, record.step)
+    return structure.elongations(x.T, base), structure.elongations(v.T, speed)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # states may run away where values are far off
+def follow_states(
+    law: Law, values: Mapping[str, float | Floats], d: Floats, v: Floats, step: float, batch: int = 1
+) -> Floats:
+    """States (r, B, N) of a link along its elongation and rate (N,), by the Runge-Kutta method of order 4.
+
+    `values` are numbers, or (B, 1) for a `batch` of B links.
+
+    The record is cut into pieces that run side by side; each starts at 0 some periods before the samples it gives.
+    """
+    if not law.states:
+        return np.empty((0, batch, len(d)))
+    size = np.sqrt(np.mean(v**2))
+    period = 2.0 * np.pi * np.sqrt(np.mean((d - d.mean()) ** 2)) / (size * step) if size > 0.0 else 0.0
+    piece = max(_SHORTEST, min(int(_PERIODS * period) + 1, len(d)))
+    count = -(-len(d) // piece)
+    lead = np.full(piece, d[0]), np.zeros(piece)
+    tail = np.full(count * piece - len(d), d[-1]), np.zeros(count * piece - len(d))
+    run_d = np.concatenate([lead[0], d, tail[0]])
+    run_v = np.concatenate([lead[1], v, tail[1]])
+    starts = np.arange(count) * piece
+    out = np.empty((len(law.states), batch, count, piece))
+    states = np.zeros((len(law.states), batch, count))
+
+    def rates(at_d: Floats, at_v: Floats, states: Floats) -> Floats:
+        inside = dict(zip(law.states, states, strict=True))
+        return np.stack(law.state_rates(at_d, at_v, {**values, **inside}))
+
+    for number in range(2 * piece - 1):
+        here, there = starts + number, starts + number + 1
+        if number >= piece:
+            out[..., number - piece] = states
+        middle = 0.5 * (run_d[here] + run_d[there]), 0.5 * (run_v[here] + run_v[there])
+        k1 = rates(run_d[here], run_v[here], states)
+        k2 = rates(*middle, states + 0.5 * step * k1)
+        k3 = rates(*middle, states + 0.5 * step * k2)
+        k4 = rates(run_d[there], run_v[there], states + step * k3)
+        states = states + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    out[..., piece - 1] = states
+    return out.reshape(len(law.states), batch, -1)[..., : len(d)]

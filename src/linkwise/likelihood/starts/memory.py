@@ -1,0 +1,325 @@
+"""Starting values for structures whose links have memory.
+
+The equation of every mass is integrated against test functions, so that no displacement is differentiated twice, and the force
+of a load cell is compared with its law. Along the smoothed motion the states follow from the coefficients in their rates; the
+rest of the coefficients, and unknown masses, are then a linear regression (variable projection). The cost may have several
+valleys: it is searched from many starts of the sizes that the units of the coefficients and the motion imply.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.likelihood.starts.link_states import follow_states, link_motion
+from linkwise.likelihood.starts.states import measured_motion
+from linkwise.model.link_state import unit_dimension
+from linkwise.model.parameters import Parameter
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.integrate import smoothed
+
+_MOST_SAMPLES = 8192  # of a record that the search uses
+_TRIALS = 60  # random starts, of which ...
+_REFINED = 6  # ... so many of the best are refined
+_SEARCH = 40  # steps of a refinement, at most
+_FLAT = 1e-5  # relative change of the cost at which it ends
+_DECADES = 1.5  # above and below the size that units imply
+_WINDOW = 0.2  # half width of a test function over the period of the motion
+_DISTINCT = 0.05  # relative distance of the forces' coefficients beyond which two valleys are different
+_SEED = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Valley:
+    """Parameters `values` (p,) at a minimum, and `misfit`, the part of the forces in power that is left there."""
+
+    values: Floats
+    misfit: float
+
+
+def memory_starts(
+    records: Sequence[Record], structure: Structure, given: Mapping[str, float]
+) -> tuple[Valley, ...]:
+    """Starting values of all parameters, those that leave least of the forces first; `given` starts by name are kept near.
+
+    Raises IdentificationError where a mass has no displacement or velocity channel, or nothing sets the scale of the forces.
+    """
+    search = _Search.of(records[0], structure, given)
+    if not search.curved:
+        values, misfit = search.solved(np.zeros(0))
+        return (Valley(values, misfit),)
+    rng = np.random.default_rng(_SEED)
+    trials = np.stack([search.trial(rng, first=number == 0) for number in range(_TRIALS)])
+    costs = [float(np.mean(left**2)) for _, left in search.regressed(trials)]
+    refined = search.refined(trials[np.argsort(costs, kind="stable")[:_REFINED]])
+    valleys = [Valley(*search.solved(curved)) for curved in refined]
+    return _distinct(sorted(valleys, key=lambda valley: valley.misfit))
+
+
+def _distinct(valleys: Sequence[Valley]) -> tuple[Valley, ...]:
+    kept: list[Valley] = []
+    for valley in valleys:
+        sizes = np.maximum(np.abs(valley.values), 1e-300)
+        if all(np.max(np.abs(valley.values - other.values) / sizes) > _DISTINCT for other in kept):
+            kept.append(valley)
+    return tuple(kept)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The regression along one record: elongations and rates (N, L), projected equations, and what is unknown."""
+
+    structure: Structure
+    record: Record
+    d: Floats
+    v: Floats
+    project: Callable[[Floats, int], Floats]
+    motion: Floats
+    forces: Floats
+    sigma: Mapping[str, float]
+    given: Mapping[str, float]
+
+    @classmethod
+    def of(cls, record: Record, structure: Structure, given: Mapping[str, float]) -> _Search:
+        record = record[:_MOST_SAMPLES]
+        sigma = channel_noise(record)
+        x, v = measured_motion(record, structure, sigma)
+        unseen = [name for name, row in zip(structure.mass_names, x, strict=True) if not row.any()]
+        if unseen:
+            raise IdentificationError(
+                f"no starting values for links with memory: mass {unseen[0]} has no channel; state starts for all unknowns"
+            )
+        d, rate = link_motion(record, structure, x, v)
+        forces = np.zeros((len(record), structure.size))
+        for number, name in enumerate(structure.mass_names):
+            if f"force:{name}" in record.channels:
+                forces[:, number] = record.channel(f"force:{name}")
+        raw = np.stack(
+            [
+                record.channel(f"x:{name}") if f"x:{name}" in record.channels else x[number]
+                for number, name in enumerate(structure.mass_names)
+            ],
+            axis=1,
+        )
+        raw = np.where(np.isfinite(raw), raw, x.T)
+        return cls(structure, record, d, rate, _projection(d, rate, record.step), raw, forces, sigma, given)
+
+    @cached_property
+    def curved(self) -> tuple[Parameter, ...]:
+        """Parameters in which a force is not linear once the states are known, or that the states depend on."""
+        return tuple(p for p in self.structure.parameters if not self._is_linear(p))
+
+    def _is_linear(self, parameter: Parameter) -> bool:
+        return all(
+            index < 0 or key in self.structure.links[index].law.linear for index, key in parameter.members
+        )
+
+    @cached_property
+    def straight(self) -> tuple[Parameter, ...]:
+        """The others."""
+        return tuple(p for p in self.structure.parameters if self._is_linear(p))
+
+    @cached_property
+    def sizes(self) -> dict[str, float]:
+        """A size for each curved parameter, from its unit and the sizes of motion and forces."""
+        length = float(np.std(self.d)) or 1.0
+        speed = float(np.std(self.v)) or 1.0
+        time, force = length / speed, self._force_size()
+        mass, current = force * time**2 / length, 1.0
+        volts = [name for name in self.record.channels if name.startswith("state:")]
+        if volts:
+            current = force * speed / (float(np.nanstd(self.record.channel(volts[0]))) or 1.0)
+        sizes = {}
+        for parameter in self.curved:
+            unit = unit_dimension(parameter.unit if parameter.unit != "?" else "")
+            powers = (unit.kilogram, unit.metre, unit.second, unit.ampere)
+            bases = (mass, length, time, current)
+            sizes[parameter.name] = float(
+                np.prod([b ** float(p) for b, p in zip(bases, powers, strict=True)])
+            )
+        return sizes
+
+    def _force_size(self) -> float:
+        cells = [name for name in self.record.channels if name.startswith("f:")]
+        if cells:
+            return float(np.nanstd(self.record.channel(cells[0]))) or 1.0
+        known = [m.mass.value or 0.0 for m in self.structure.masses]
+        inertia = (
+            np.gradient(np.gradient(self.motion, axis=0), axis=0) / self.record.step**2 * np.array(known)
+        )
+        return float(max(np.std(self.forces), np.median(np.abs(inertia)))) or 1.0
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Bounds of the curved parameters."""
+        return np.array([p.lower for p in self.curved]), np.array([p.upper for p in self.curved])
+
+    def trial(self, rng: np.random.Generator, *, first: bool) -> Floats:
+        """Values of the curved parameters to start from."""
+        values = []
+        for parameter in self.curved:
+            start = self.given.get(parameter.name, parameter.start)
+            low, high = parameter.lower, parameter.upper
+            if start is not None:
+                value = start * (1.0 if first else 10.0 ** rng.normal(0.0, 0.2))
+            elif np.isfinite(low) and np.isfinite(high):
+                value = low + (high - low) * rng.uniform(0.05, 0.95)
+            else:
+                value = self.sizes[parameter.name] * 10.0 ** rng.uniform(-_DECADES, _DECADES)
+                value *= -1.0 if high <= 0.0 or (low < 0.0 and rng.random() < 0.3) else 1.0
+            margin = 1e-9 * (abs(value) + self.sizes[parameter.name])
+            values.append(np.clip(value, low + margin, high - margin))
+        return np.array(values, dtype=float)
+
+    def solved(self, curved: Floats) -> tuple[Floats, float]:
+        """Values (p,) of all parameters, and the part in power that is left."""
+        ((linear, left),) = self.regressed(curved[None])
+        found = dict(zip((p.name for p in self.curved), curved, strict=True))
+        found |= dict(zip((p.name for p in self.straight), linear, strict=True))
+        values = np.array([found[p.name] for p in self.structure.parameters])
+        return values, float(np.mean(left**2))
+
+    def refined(self, trials: Floats) -> Floats:
+        """Minima (B, q) near trials (B, q), by the method of Levenberg and Marquardt, all side by side."""
+        best, damping = trials.copy(), np.full(len(trials), 1e-2)
+        low, high = self.bounds
+        sizes = np.array([self.sizes[p.name] for p in self.curved])
+        left = [rows for _, rows in self.regressed(best)]
+        for _ in range(_SEARCH):
+            nudge = 1e-6 * (np.abs(best) + 1e-3 * sizes)
+            nudge = np.where(best + nudge > high, -nudge, nudge)
+            moved = best[:, None, :] + nudge[:, None, :] * np.eye(best.shape[1])
+            around = [rows for _, rows in self.regressed(moved.reshape(-1, best.shape[1]))]
+            proposed = best.copy()
+            for k, rows in enumerate(left):
+                slopes = np.stack(around[k * len(sizes) : (k + 1) * len(sizes)], axis=1) - rows[:, None]
+                slopes /= nudge[k]
+                scale = np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
+                slopes = np.vstack([slopes / scale, np.sqrt(damping[k]) * np.eye(len(sizes))])
+                right = np.concatenate([rows, np.zeros(len(sizes))])
+                proposed[k] -= np.linalg.lstsq(slopes, right, rcond=None)[0] / scale
+            proposed = np.clip(proposed, low, high)
+            tried = [rows for _, rows in self.regressed(proposed)]
+            gains = []
+            for k, rows in enumerate(tried):
+                gains.append(1.0 - float(np.sum(rows**2)) / max(float(np.sum(left[k] ** 2)), 1e-300))
+                damping[k] *= 0.2 if gains[-1] > 0.0 else 5.0
+                if gains[-1] > 0.0:
+                    best[k], left[k] = proposed[k], rows
+            if max(np.abs(gains)) < _FLAT:
+                break
+        return best
+
+    @np.errstate(all="ignore")  # values that are far off may leave the numbers; such a trial is the worst
+    def regressed(self, curved: Floats) -> list[tuple[Floats, Floats]]:
+        """For each of B values (B, q) the linear parameters, and the rows that are left, relative to the forces."""
+        numbers = [self._numbers(number, curved) for number in range(len(self.structure.links))]
+        states = [
+            follow_states(
+                link.law, {key: value[:, None] for key, value in values.items()},
+                self.d[:, number], self.v[:, number], self.record.step, len(curved),
+            )
+            for number, (link, values) in enumerate(zip(self.structure.links, numbers, strict=True))
+        ]  # fmt: skip
+        return [
+            self._regressed([{key: float(value[k]) for key, value in link.items()} for link in numbers],
+                            [inside[:, k] for inside in states])
+            for k in range(len(curved))
+        ]  # fmt: skip
+
+    def _numbers(self, number: int, curved: Floats) -> dict[str, Floats]:
+        """Values (B,) of the coefficients of a link, 0 for those that the regression finds."""
+        values = {
+            key: np.full(len(curved), coefficient.value or 0.0)
+            for key, coefficient in self.structure.links[number].coefficients.items()
+        }
+        for column, parameter in enumerate(self.curved):
+            values |= {key: curved[:, column] for index, key in parameter.members if index == number}
+        for parameter in self.straight:
+            values |= {key: np.zeros(len(curved)) for index, key in parameter.members if index == number}
+        return values
+
+    def _regressed(
+        self, numbers: Sequence[Mapping[str, float]], states: Sequence[Floats]
+    ) -> tuple[Floats, Floats]:
+        rows, columns = self._equations(numbers, states)
+        wild = ~(np.isfinite(rows).all() and np.isfinite(columns).all())
+        if wild or np.abs(rows).max() > 1e12:
+            return np.zeros(len(self.straight)), np.full(len(rows), 1e6)
+        size = np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns)), 1e-300)
+        linear = np.linalg.lstsq(columns / size, -rows, rcond=1e-10)[0] / size
+        low, high = (np.array([getattr(p, side) for p in self.straight]) for side in ("lower", "upper"))
+        linear = np.clip(linear, low, high)
+        return linear, rows + columns @ linear
+
+    def _equations(
+        self, numbers: Sequence[Mapping[str, float]], states: Sequence[Floats]
+    ) -> tuple[Floats, Floats]:
+        """Rows (R,) with the linear parameters at 0, and their columns (R, q)."""
+        structure = self.structure
+        place = {member: number for number, p in enumerate(self.straight) for member in p.members}
+        unknown = {member for p in (*self.curved, *self.straight) for member in p.members}
+        count, links = len(self.record), len(structure.links)
+        force, slopes = np.zeros((count, links)), np.zeros((count, links, len(self.straight)))
+        blocks, sides = [], []
+        for number, link in enumerate(structure.links):
+            d, v = self.d[:, number], self.v[:, number]
+            inside = dict(zip(link.law.states, states[number], strict=True))
+            for name, state in inside.items():
+                channel = f"state:{link.name}.{name}"
+                if channel in self.record.channels:
+                    shown = smoothed(self.record, channel, self.sigma[channel])[0]
+                    row = self.project(state - shown, 0) / np.std(self.project(shown, 0))
+                    blocks.append(row)
+                    sides.append(np.zeros((len(row), len(self.straight))))
+                    inside[name] = shown
+            partials = link.law.partials(d, v, {**numbers[number], **inside})
+            force[:, number] = partials.force
+            for key, slope in partials.by_coefficient.items():
+                if (number, key) in place:
+                    slopes[:, number, place[number, key]] += slope
+            channel = f"f:{link.name}"
+            if channel in self.record.channels:
+                shown = smoothed(self.record, channel, self.sigma[channel])[0]
+                scale = float(np.std(self.project(shown, 0)))
+                blocks.append(self.project(force[:, number] - shown, 0) / scale)
+                sides.append(self.project(slopes[:, number], 0) / scale)
+        incidence = structure.incidence.toarray()
+        for mass, row in enumerate(incidence):
+            inertia = self.project(self.motion[:, mass], 2)
+            known = structure.masses[mass].mass
+            value = 0.0 if (-1 - mass, "mass") in unknown else known.value or 0.0
+            block = self.project(force @ row - self.forces[:, mass], 0) + value * inertia
+            side = self.project(np.tensordot(slopes, row, ([1], [0])), 0)
+            if (-1 - mass, "mass") in place:
+                side[:, place[-1 - mass, "mass"]] += inertia
+            pushed = np.std(self.project(self.forces[:, mass], 0))
+            scale = max(float(pushed), value * float(np.std(inertia))) or 1.0
+            blocks.append(block / scale)
+            sides.append(side / scale)
+        return np.concatenate(blocks), np.concatenate(sides)
+
+
+def _projection(d: Floats, v: Floats, step: float) -> Callable[[Floats, int], Floats]:
+    """Integrals of signals (N, ...) against test functions, or against their second derivatives (order 2)."""
+    period = 2.0 * np.pi * np.std(d) / (np.std(v) or 1.0) / step
+    half = int(np.clip(_WINDOW * period, 4, max(len(d) // 20, 4)))
+    s = np.arange(-half, half + 1) / (half + 1)
+    q = 1.0 - s**2
+    plain = q**4
+    second = (48.0 * s**2 * q**2 - 8.0 * q**3) / ((half + 1) * step) ** 2
+
+    def project(signal: Floats, order: int) -> Floats:
+        kernel = second if order else plain
+        windows = np.lib.stride_tricks.sliding_window_view(signal, 2 * half + 1, axis=0)[:: max(half // 2, 1)]
+        projected: Floats = windows @ kernel / plain.sum()
+        return projected
+
+    return project
