@@ -116,9 +116,26 @@ def test_an_error_of_a_sensor_is_let_into_the_model(files: Path) -> None:
     assert alpha(found)["value"] == pytest.approx(library(files, "gain.csv", admit=("gain",)), rel=1e-8)
 
 
+def test_a_delay_is_found_or_taken_out(files: Path) -> None:
+    record = lw.read_record(files / "run.csv")
+    values = record.values.copy()
+    values[2:, 1] = values[:-2, 1]
+    lw.write_record(replace(record, values=values)[2:], files / "late.csv")
+    found = answer(files, "--delay", "x:m2", record="late.csv")
+    assert alpha(found)["value"] == pytest.approx(library(files, "late.csv", delays=("x:m2",)), rel=1e-8)
+    assert any(line.startswith("x:m2 is late by ") for line in found["findings"])
+    known = answer(files, "--delay", "x:m2=2 ms", record="late.csv")
+    deviation = alpha(known)["standard_error"]
+    assert alpha(known)["value"] == pytest.approx(
+        alpha(found)["value"], abs=deviation
+    )  # the same record, less two samples
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
+        (("--delay", "x:m2", "--method", "weak"), "--delay x:m2 without a time is for --method ml"),
+        (("--delay", "x:m2=2 kg"), "--delay x:m2=2 kg: '2 kg' is in kg"),
         (("--calibration", "x:m1=often"), "--calibration takes a percentage"),
         (("--calibration", "x:m1"), "--calibration"),
         (("--let", "gain", "--method", "weak"), "--let is for --method ml"),
@@ -291,4 +308,4 @@ def test_an_offset_of_a_channel_that_is_not_there_fails_with_a_reason(
 def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["identify", "--help"]) == 0
     out = capsys.readouterr().out
-    assert out.count("linkwise identify run.csv unknown.toml") == 6 and "--profile" in out
+    assert out.count("linkwise identify run.csv unknown.toml") == 7 and "--profile" in out

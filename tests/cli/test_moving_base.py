@@ -49,7 +49,7 @@ def test_two_files_and_a_delay(folder: Path, capsys: pytest.CaptureFixture[str])
     cause = json.loads(capsys.readouterr().out)["diagnosis"][0]
     assert (cause["cause"], cause["where"]) == ("delay", "a:base")
     assert cause["size"] == pytest.approx(LATE, rel=0.1)  # to first order: a tenth of a radian at 31 rad/s
-    assert run([*command, "--late", f"a:base={LATE}"]) == 0
+    assert run([*command, "--delay", f"a:base={LATE}"]) == 0
     [link] = json.loads(capsys.readouterr().out)["links"]
     low, high = link["coefficients"]["k"]["interval"]
     assert low < 900.0 < high

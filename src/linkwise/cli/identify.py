@@ -117,7 +117,7 @@ ml_options = keyword_group(
     click.option(
         "--let",
         "admit",
-        metavar="gain,offset",
+        metavar="gain,offset,delay",
         callback=_kinds,
         help="Errors of sensors that are taken into the model where the diagnosis names them (ml).",
     ),
@@ -174,11 +174,13 @@ def identify(
       linkwise identify run.csv unknown.toml -o answer
       linkwise identify run.csv unknown.toml --with run2.csv --offset x:m1 --profile
       linkwise identify run.csv unknown.toml --calibration all=1%
-      linkwise identify run.csv unknown.toml --let offset,gain
+      linkwise identify run.csv unknown.toml --delay x:m2
+      linkwise identify run.csv unknown.toml --let offset,gain,delay
       linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    estimator = _estimator(chosen, ml, sindy)
+    estimator = _estimator(chosen, _with_delays(chosen, ml, source.unknown_delays), sindy)
+    source = source.with_known_delays()
     process = drawing_beside(output, "linkwise.report.estimate_folder:ESTIMATE_FOLDER")
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
@@ -208,6 +210,15 @@ def identify(
         quiet=as_json,
     )
     return exit_code(estimate.verdicts)
+
+
+def _with_delays(chosen: MethodOptions, ml: dict[str, Any], channels: tuple[str, ...]) -> dict[str, Any]:
+    """The options of "ml" with delays that are to be found; UsageError for those of another method."""
+    if channels and chosen.method != "ml":
+        raise click.UsageError(
+            f"--delay {channels[0]} without a time is for --method ml, not for {chosen.method}."
+        )
+    return {**ml, "delays": channels} if channels else ml
 
 
 def _estimator(chosen: MethodOptions, ml: dict[str, Any], sindy: dict[str, Any]) -> lw.Estimator:

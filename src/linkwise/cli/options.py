@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import click
 
@@ -145,7 +145,7 @@ class ReadingOptions:
     resample: float | None
     start: float | None
     stop: float | None
-    late: tuple[str, ...]
+    delay: tuple[str, ...]
     interpolation: tuple[str, ...]
     noise_of: tuple[str, ...]
 
@@ -169,9 +169,7 @@ class ReadingOptions:
         )
         for other in others:
             record = lw.beside(record, other)
-        delays = pairs(self.late, "--late", "a:base=0.002")
-        late = {name: number(value, "--late", "a:base=0.002") for name, value in delays.items()}
-        record = lw.without_delays(record, late)
+        record = lw.without_delays(record, self._known_delays)
         runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
         record = replace(record, interpolation={**record.interpolation, **runs})
         sigmas = pairs(self.noise_of, "--noise-of", "x:m1=1e-4")
@@ -185,8 +183,40 @@ class ReadingOptions:
         return record.between(start, stop)
 
     @property
+    def unknown_delays(self) -> tuple[str, ...]:
+        """The channels whose delay is to be found: those that are named without one."""
+        return tuple(text for text in self.delay if "=" not in text)
+
+    def with_known_delays(self) -> Self:
+        """The options without the delays that are to be found."""
+        return replace(self, delay=tuple(text for text in self.delay if "=" in text))
+
+    @property
+    def _known_delays(self) -> dict[str, float]:
+        """Delays in s by channel; UsageError for one without a time, which `identify` alone finds."""
+        if self.unknown_delays:
+            name = self.unknown_delays[0]
+            raise click.UsageError(
+                f"--delay {name} has no time: identify finds one; here write how late it is, as in --delay {name}=2ms."
+            )
+        stated = pairs([text for text in self.delay if "=" in text], "--delay", "a:base=2ms")
+        return {name: _seconds(value, name) for name, value in stated.items()}
+
+    @property
     def _mapping(self) -> dict[str, str]:
         return pairs(self.channel, "--channel", "x:m1=COLUMN")
+
+
+def _seconds(text: str, channel: str) -> float:
+    """A time in s, with or without a unit."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return lw.to_si(text, "s")
+    except lw.LinkwiseError as error:
+        raise click.UsageError(f"--delay {channel}={text}: {error}") from error
 
 
 def file_and_column(text: str) -> tuple[Path | None, str]:
@@ -231,10 +261,10 @@ READING = (
     click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
     click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
     click.option(
-        "--late",
-        metavar="CHANNEL=S",
+        "--delay",
+        metavar="CHANNEL[=TIME]",
         multiple=True,
-        help="Time in s by which a channel is late, to be taken out. Repeatable.",
+        help="A channel that is late, and by how much, in s or as in 2ms; without a time identify finds it (ml). Repeatable.",
     ),
     click.option(
         "--interpolation",
