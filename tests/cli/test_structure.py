@@ -163,7 +163,7 @@ def test_named_laws_are_listed_and_printed_as_links_to_edit(capsys: pytest.Captu
     assert lw.parse_structure(masses + table).link("iwan").law.states == ("u1", "u2", "ub")
     assert run(["structure", "laws", "piezo", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)["piezo"]
-    assert document["states"]["V"] == {"rate": "(theta*v - V/R)/C", "unit": "V"}
+    assert document["states"]["V"] == {"rate": "(-theta*v - V/R)/C", "unit": "V"}
     assert document["coefficients"]["theta"]["unit"] == "N/V"
     assert run(["structure", "laws", "bouc"]) == 2
     assert "unknown law 'bouc'" in capsys.readouterr().err

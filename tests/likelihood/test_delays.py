@@ -50,7 +50,7 @@ def test_a_delay_of_one_of_four_channels_is_found_with_the_laws(name: str, tenth
     fit = lw.identify(record, ASKED, delays=[name])
     delay, deviation = told(fit, name)
     assert fit.trusted
-    assert delay == pytest.approx(1e-4 * tenths, abs=2e-5)  # 0.02 samples at 30 dB, as asked
+    assert delay == pytest.approx(1e-4 * tenths, abs=2e-5)  # a fiftieth of a sample
     # five deviations, 6e-7 of chance; here, below and for the laws
     assert delay == pytest.approx(1e-4 * tenths, abs=5.0 * deviation)
     for parameter in ASKED.parameters:
@@ -79,6 +79,18 @@ def test_a_delay_is_admitted_and_without_that_not_trusted() -> None:
 def test_a_delay_of_no_sensor_is_refused() -> None:
     with pytest.raises(lw.IdentificationError, match="no delay of x:m9 can be estimated: the sensors"):
         lw.identify(late("x:m1", 0, seed=34), ASKED, delays=["x:m9"])
+
+
+def test_errors_of_sensors_that_cannot_be_found_are_refused() -> None:
+    record = late("a:m2", 30, seed=36)
+    coarse = record.decimate(2)
+    with pytest.raises(
+        lw.IdentificationError, match=r"late by more than a sample, which records of different"
+    ):
+        lw.identify([record, coarse], ASKED, delays=["a:m2"])
+    for errors in ({"delays": ["x:m1", "x:m1"]}, {"offsets": ["x:m1", "x:m1"]}):
+        with pytest.raises(lw.IdentificationError, match="x:m1 is named twice"):
+            lw.identify(record, ASKED, **errors)  # type: ignore[arg-type]  # of one of the keywords
 
 
 def test_the_column_of_a_delay_is_its_difference_quotient() -> None:

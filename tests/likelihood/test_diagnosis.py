@@ -10,6 +10,8 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
+from linkwise.likelihood.diagnosis import link_forces
+from linkwise.likelihood.fit import likelihood_fit
 
 SNR, SEED = 30.0, 41
 LOST, FOUND = (
@@ -127,3 +129,28 @@ def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
     assert abs(late.diagnosis[0].size) == pytest.approx(1.0 / RATE, rel=0.1)
     right = lw.identify(driven(structure), structure.unknown("all"))
     assert right.trusted and right.diagnosis == ()
+
+
+def test_forces_are_those_of_the_links_they_are_told_of() -> None:
+    """Three links of two laws, which the equations sort by law."""
+    laws = ("k*d", "k*d + c*v", "k*d")
+    stiffness = (4000.0, 900.0, 40.0)
+    masses = tuple(lw.Mass(f"m{i}", lw.Coefficient.number(1.0)) for i in (1, 2, 3))
+    links = tuple(
+        lw.Link(
+            f"l{i}",
+            (f"m{i}", "ground" if i == 1 else f"m{i - 1}"),
+            lw.Law.parse(law),
+            {"k": lw.Coefficient.number(k)} | ({"c": lw.Coefficient.number(0.1)} if "c" in law else {}),
+        )
+        for i, (law, k) in enumerate(zip(laws, stiffness, strict=True), start=1)
+    )
+    true = lw.Structure("three links", masses, links)
+    record = lw.simulate(true, release={"v:m1": 1.0}, duration=2.0, rate=500.0).with_noise(50.0, seed=1)
+    asked = true.unknown("l2")
+    theta = np.array([stiffness[1], 0.1])
+    fit = likelihood_fit([record], asked, theta)
+    forces = link_forces(fit.optimum, fit.misfit)
+    simulated = true.elongations(np.stack([record.channel(f"x:m{i}") for i in (1, 2, 3)], axis=1))
+    expected = np.sqrt(np.mean((simulated * stiffness) ** 2, axis=0))
+    assert forces == pytest.approx(expected, rel=0.02)  # noise of 0.3 %, and a damper of 0.3 % of its spring

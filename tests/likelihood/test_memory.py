@@ -18,7 +18,7 @@ from linkwise.likelihood.tangents import tangents
 
 BOUC_WEN = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.02, "s": 0.7}
 HARVESTER = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}
-MEASURED = Path(__file__).parents[2].parent / "shared" / "data" / "bouc_wen_train.h5"
+
 TRUE = {"m1.mass": 2.0, "bw.c": 10.0, "bw.k": 5e4, "bw.alpha": 5e4, "bw.bg": 800.0, "bw.bd": -1100.0}
 """Of the Bouc-Wen benchmark, Noel and Schoukens 2016; bg and bd are beta times gamma and delta."""
 
@@ -157,9 +157,8 @@ def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
         ))  # fmt: skip
 
 
-@pytest.mark.skipif(not MEASURED.exists(), reason="the benchmark's record is not part of the repository")
-def test_the_bouc_wen_benchmark_gives_its_coefficients() -> None:
-    with h5py.File(MEASURED) as file:
+def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> None:
+    with h5py.File(shared_data / "bouc_wen_train.h5") as file:
         force, shown = (np.ravel(file[f"multisine/{name}"][:])[:8192] for name in ("u", "y"))
     record = lw.Record(
         start=0.0, rate=750.0, channels=("x:m1", "force:m1"), values=np.column_stack([shown, force])

@@ -117,7 +117,7 @@ def test_intervals_of_sensors_of_stated_calibration_cover_the_truth() -> None:
         ]
         squares.append(np.square(errors))
     chance = scipy.stats.chi2.ppf(1.0 - 1e-4, 10) / 10.0
-    assert np.mean(squares, axis=0) == pytest.approx(np.full(len(TRUTH), 0.5 * chance), abs=0.5 * chance)
+    assert (np.mean(squares, axis=0) < chance).all()
 
 
 def test_calibration_names_the_channel_that_is_not_there(record: lw.Record) -> None:

@@ -37,6 +37,7 @@ def read_table(path: Path) -> Table:
     names = [name.strip() for name in lines[first].split(separator)]
     clocks = keys.get("x_columns", ["one"])[0].lower()
     if clocks == "multi":
+        _require_one_clock(lines[first + 1 :], separator, path, first + 2)
         names = [name for index, name in enumerate(names) if name != _TIME or index == 0]
     units = [unit.strip() for unit in keys.get("y_unit_label", [])]
     headers = _headers(names, units, timed=clocks != "no")
@@ -74,6 +75,18 @@ def _row(cells: list[str], count: int, *, multiple: bool) -> list[str]:
     if multiple:
         cells = [cell for index, cell in enumerate(cells) if index % 2 or index == 0]
     return [cell.strip() for cell in cells[:count]]
+
+
+def _require_one_clock(lines: list[str], separator: str, path: Path, line: int) -> None:
+    """RecordError where the channels of a row were not sampled at the same time."""
+    for number, cells in enumerate((row.split(separator) for row in lines), start=line):
+        times = {cell.strip() for cell in cells[0:-1:2] if cell.strip()}
+        if len(times) > 1:
+            raise RecordError(
+                "the channels have clocks of their own: export them on one clock, or as files of their own",
+                path,
+                number,
+            )
 
 
 def _is_number(text: str) -> bool:

@@ -19,6 +19,7 @@ from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.records.stated_noise import check_stated_noise
+from linkwise.text import near_miss
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
 
@@ -72,6 +73,11 @@ def identify(
     >>> low < -100.0 < high
     True
     """
+    known = LikelihoodKeywords.__annotations__
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        hint = near_miss(unknown[0], known)
+        raise TypeError(f"identify() got an unexpected keyword argument {unknown[0]!r}{hint}")
     estimator = _estimator(method, {name: value for name, value in options.items() if value})
     records = [record] if isinstance(record, Record) else list(record)
     if not records:

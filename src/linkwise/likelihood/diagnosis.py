@@ -221,14 +221,16 @@ def _cause(
 
 
 def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
-    """Root mean square of the force in each link along the fitted motion, in N."""
+    """Root mean square of the force in each link along the fitted motion, in N, in the structure's order."""
     mechanics, motion = optimum.segments.system.at(optimum.point.theta), misfit.trajectories.links
     force, power = np.empty(motion.shape[2:]), np.zeros(motion.shape[2])
     rates = np.empty(misfit.trajectories.memory.shape[1:])
     for (d, v), memory in zip(motion, misfit.trajectories.memory, strict=True):
         mechanics.force(d, v, memory, force, rates)
         power += np.mean(force**2, axis=1)
-    return list(np.sqrt(power / len(motion)))
+    sizes = np.empty(len(power))
+    sizes[optimum.segments.system.order] = np.sqrt(power / len(motion))
+    return list(sizes)
 
 
 def _forces(

@@ -132,7 +132,11 @@ class MaximumLikelihood(Estimator):
         )
 
         return estimate_with_sensors(
-            partial(self._search, structure), records, options, self.admit, partial(estimate_of, structure)
+            partial(self._search, structure),
+            records,
+            options,
+            (self.admit,) if isinstance(self.admit, str) else self.admit,
+            partial(estimate_of, structure),
         )
 
     def _search(

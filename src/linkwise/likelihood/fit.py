@@ -139,7 +139,7 @@ class LikelihoodOptions:
     calibration : mapping of str to float, optional
         Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
     delays : sequence of str, optional
-        Channels with an unknown delay of less than a sample.
+        Channels with an unknown delay, of 1.5 samples at most.
     loss : Loss, optional
         Loss of a residual.
     model_error : bool, optional

@@ -12,12 +12,15 @@ import numpy as np
 
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
+from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions
 from linkwise.likelihood.segmentation import COMMON
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.text import near_miss
 
 ALL = "all"
+_LATE = ("x", "v", "a")  # kinds of sensors with a delay that can be estimated
 ADMISSIBLE = ("gain", "offset", "delay")
 _LARGEST = (
     0.5  # relative deviation of a calibration: the first order tells no sensor that may show half or twice
@@ -58,21 +61,26 @@ def estimate_with_sensors(
 ) -> Estimate:
     """The estimate by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
 
-    Raises IdentificationError for a kind that cannot be admitted.
+    An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
+    that is named twice, and a delay that cannot be found.
     """
+    for named in (options.offsets, options.gains, options.delays):
+        repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
+        if repeated:
+            raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
     for kind in admitted:
         if kind not in ADMISSIBLE:
             raise IdentificationError(
                 f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}'
             )
     while True:
-        estimate = _with_delays(search, records, options, report)
+        estimate, interrupted = _with_delays(search, records, options, report)
         instruments = [cause for cause in estimate.diagnosis if cause.is_instrument]
-        if not instruments or instruments[0].kind not in admitted:
-            return estimate
-        if instruments[0].where in records[0].inputs:
+        if interrupted or not instruments or instruments[0].kind not in admitted:
             return estimate
         kind, channel = instruments[0].kind, instruments[0].where
+        if channel in records[0].inputs or (kind == "delay" and Channel.parse(channel).kind not in _LATE):
+            return estimate
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
         if channel in present:
             return estimate
@@ -89,20 +97,32 @@ def _widened(options: LikelihoodOptions, kind: str, channels: tuple[str, ...]) -
 
 def _with_delays(
     search: Search, records: Sequence[Record], options: LikelihoodOptions, report: Report
-) -> Estimate:
-    """The estimate; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again."""
-    late = dict.fromkeys(options.delays, 0)
+) -> tuple[Estimate, bool]:
+    """The estimate; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again.
+
+    Also whether an interrupt ended the search.
+    """
+    late, step = dict.fromkeys(options.delays, 0), records[0].step
     for _ in range(_SHIFTS):
         shifted = [_shifted(record, late) for record in records]
         fit = search(shifted, options)
-        step = records[0].step
+        interrupted = fit.status is AnnealingStatus.INTERRUPTED
         moved = {
             name: round(delay / step) for name, delay in fit.delays.items() if abs(delay) > _WHOLE * step
         }
-        if not moved:
-            break
+        if not moved or interrupted:
+            found = {name: samples * step + fit.delays[name] for name, samples in late.items()}
+            return report(fit, shifted, found), interrupted
+        if len({record.rate for record in records}) > 1:
+            raise IdentificationError(
+                f"{next(iter(moved))} is late by more than a sample, which records of different rates together do not tell: "
+                "find it in one of them, and take it out of all (without_delays)"
+            )
         late |= {name: late[name] + samples for name, samples in moved.items()}
-    return report(fit, shifted, {name: samples * step + fit.delays[name] for name, samples in late.items()})
+    raise IdentificationError(
+        f"the delay of {', '.join(moved)} does not settle: {_SHIFTS} fits, each shifted by the last one's delay, do not "
+        "agree. Estimate it from signals that move together (inspect), and take it out (without_delays)"
+    )
 
 
 def _shifted(record: Record, late: Mapping[str, int]) -> Record:

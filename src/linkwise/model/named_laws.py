@@ -104,7 +104,7 @@ def _fractional(branches: int) -> LawText:
 
 _POSITIVE = (0.0, math.inf)
 _SHARE = (0.0, 1.0)
-_VOLTAGE = LinkState("(theta*v - V/R)/C", unit="V")
+_VOLTAGE = LinkState("(-theta*v - V/R)/C", unit="V")
 _CURRENT = LinkState("(g*v - R*i)/L", unit="A")
 _SPRING = {"k": "stiffness", "c": "damping"}
 _WELLS = {"alpha": "linear stiffness, negative", "beta": "cubic stiffness", "c": "damping"}
@@ -248,10 +248,10 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
             bounds={"kh": _POSITIVE},
         ),
         "piezo": NamedLaw(
-            title="a piezoelectric transducer on a resistor: C V' + V/R = theta v",
+            title="a piezoelectric transducer on a resistor: C V' + V/R + theta v = 0",
             source="Erturk and Inman, Piezoelectric Energy Harvesting (2011)",
             coefficients={**_SPRING, **_PIEZO},
-            formula=_single("k*d + c*v + theta*V", V=_VOLTAGE),
+            formula=_single("k*d + c*v - theta*V", V=_VOLTAGE),
             bounds=dict.fromkeys(("C", "R"), _POSITIVE),
         ),
         "coil": NamedLaw(
@@ -265,7 +265,7 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
             title="a bistable link with a piezoelectric transducer on a resistor",
             source="Erturk, Hoffmann and Inman, Appl. Phys. Lett. 94, 254102 (2009)",
             coefficients={**_WELLS, **_PIEZO},
-            formula=_single("alpha*d + beta*d**3 + c*v + theta*V", V=_VOLTAGE),
+            formula=_single("alpha*d + beta*d**3 + c*v - theta*V", V=_VOLTAGE),
             bounds=dict.fromkeys(("C", "R"), _POSITIVE),
         ),
         "coil-harvester": NamedLaw(

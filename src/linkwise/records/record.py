@@ -355,6 +355,7 @@ class Record(NotebookView):
             values=antialias.apply(self.values),
             noise={name: sigma * antialias.noise_gain for name, sigma in self.noise.items()},
             simulated=self.simulated and self.simulated.rows(kept),
+            interpolation={},  # what was held or linear between samples is filtered now
             notes=(
                 *self.notes,
                 f"Decimated by {factor}; {antialias.half} samples at each end were dropped, where the filter is incomplete.",

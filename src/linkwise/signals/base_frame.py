@@ -157,6 +157,7 @@ def _changed(
             if name in record.noise:
                 noise[name] = record.noise[name]
     if acceleration is not None:
+        _require_band_limited(record)
         for name, mass in zip(structure.mass_names, structure.mass_values, strict=True):
             channel = f"force:{name}"
             columns[channel] = columns.get(channel, 0.0) - mass * acceleration
@@ -170,6 +171,21 @@ def _changed(
         simulated=None,
         interpolation={name: kind for name, kind in record.interpolation.items() if name in columns},
     )
+
+
+def _require_band_limited(record: Record) -> None:
+    """IdentificationError for inputs that run otherwise between their samples: inertia, which joins them, is band-limited."""
+    other = [
+        name
+        for name, kind in record.interpolation.items()
+        if kind != "band-limited" and name in record.inputs
+    ]
+    if other:
+        raise IdentificationError(
+            f"{other[0]} is stated to be {record.interpolation[other[0]]} between its samples, which is not supported "
+            "beside a base of which the acceleration or velocity alone is known: leave that out, or record the displacement "
+            "of the base"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
     covariance = fit.covariance
     mean = np.array([p.start or 0.0 for p in parameters])[known]
     variance = np.array([p.sigma for p in parameters])[known] ** 2
+    given = np.isin(np.arange(len(parameters)), known)
     innovation = covariance[np.ix_(known, known)] + np.diag(variance)
     unit = np.sqrt(innovation.diagonal())
     scaled = cho_factor(innovation / np.outer(unit, unit))
@@ -44,6 +45,8 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
         fit,
         values=np.clip(fit.values + gain @ missed, lower, upper),
         covariance=covariance - gain @ covariance[known],
-        significance=np.full(len(fit.values), np.inf),  # what is known beforehand stands beside the record
+        significance=np.where(
+            given, np.inf, fit.significance
+        ),  # what is known beforehand stands beside the record
     )
     return joined, contradicted
