@@ -26,6 +26,7 @@ from linkwise.cli.options import (
 )
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
+from linkwise.model.memory_support import refuse_memory
 from linkwise.sindy.regression import REGRESSORS
 
 if TYPE_CHECKING:
@@ -184,6 +185,8 @@ def identify(
     process = drawing_beside(output, "linkwise.report.estimate_folder:ESTIMATE_FOLDER")
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
+    if true is not None:
+        refuse_memory(true.links, "the comparison with a truth")
     with progress("reading") as step:
         records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
         step(lw.ProgressReport(0.0, "identifying"))

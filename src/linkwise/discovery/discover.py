@@ -31,7 +31,7 @@ from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import BASE, Channel
+from linkwise.records.channel import BASE, Channel, of_links
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.records.stated_noise import check_stated_noise
@@ -121,7 +121,7 @@ def discover(
     terms = DiscoveryOptions.given(options, keywords).terms
     records = [record] if isinstance(record, Record) else list(record)
     candidates = candidates_for(records, masses, terms)
-    checks = check_data(framed_records(records, candidates.full_structure), candidates)
+    checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
     records = [_channels_of(record, candidates.masses) for record in records]
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
@@ -187,7 +187,7 @@ def check_discovery(
     terms = DiscoveryOptions.given(options, keywords).terms
     records = [record] if isinstance(record, Record) else list(record)
     candidates = candidates_for(records, masses, terms)
-    return check_data(framed_records(records, candidates.full_structure), candidates).remarks
+    return _checked(records, candidates).remarks
 
 
 def candidates_for(
@@ -251,6 +251,16 @@ def _kilograms(name: str, value: float | str) -> float:
         return to_si(value, "kg")
     except LinkwiseError as error:
         raise StructureError(str(error), f'mass "{name}"') from error
+
+
+def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
+    """What the records cannot show, and which of their channels are not used."""
+    checks = check_data(framed_records(records, candidates.full_structure), candidates)
+    unused = of_links(records[0].channels)
+    if not unused:
+        return checks
+    remark = f"{', '.join(unused)} were not used: a discovery takes no forces and states of links."
+    return replace(checks, remarks=(*checks.remarks, remark))
 
 
 def _channels_of(record: Record, masses: Sequence[Mass]) -> Record:

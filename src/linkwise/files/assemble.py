@@ -76,6 +76,7 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
         source=table.source or file,
         notes=(*notes, *remarks),
         interpolation={name: kind for name, kind in table.interpolation.items() if name in columns},
+        units={each.name: each.unit for each in chosen if each.kind == "state" and each.unit},
     )
 
 

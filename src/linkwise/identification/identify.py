@@ -16,6 +16,7 @@ from linkwise.identification.methods import METHODS
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
+from linkwise.records.channel import of_links
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.records.stated_noise import check_stated_noise
@@ -90,7 +91,12 @@ def identify(
         )
     started = perf_counter()
     estimate = estimator.estimate(records, structure, progress)
-    return replace(estimate, seconds=perf_counter() - started, notes=joined_notes(records))
+    seconds, notes = perf_counter() - started, joined_notes(records)
+    unused = of_links(records[0].channels) if estimate.method != MaximumLikelihood.method else ()
+    if unused:
+        remark = f'{", ".join(unused)} were not used: method "ml" alone takes forces and states of links.'
+        estimate = replace(estimate, remarks=(*estimate.remarks, remark))
+    return replace(estimate, seconds=seconds, notes=notes)
 
 
 def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:

@@ -21,6 +21,7 @@ from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.restarts import fit_with_restarts
+from linkwise.likelihood.segmentation import require_units_of_states
 from linkwise.likelihood.sensor_unknowns import by_channel, estimate_with_sensors
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
@@ -122,6 +123,8 @@ class MaximumLikelihood(Estimator):
         IdentificationError
             If an unknown has no starting value, or the records lack channels or differ in them.
         """
+        for record in records:
+            require_units_of_states(record, structure)
         options = LikelihoodOptions(
             self.offsets,
             self.gains,

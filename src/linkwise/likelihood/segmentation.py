@@ -18,6 +18,7 @@ from linkwise.records.channel import Channel
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord
+from linkwise.units import base_exponents
 
 COMMON = "common"
 """Name of an unknown factor that all sensors share."""
@@ -214,6 +215,20 @@ def _require_same_channels(
             f"channel {unknown[0]} belongs to no {what} of the structure, whose "
             f"{'masses' if what == 'mass' else what + 's'} are {', '.join(known) or 'none'}"
         )
+
+
+def require_units_of_states(record: Record, structure: Structure) -> None:
+    """Raise IdentificationError for a channel of a state whose stated unit is not of the kind that the state has."""
+    laws = {link.name: link.law for link in structure.links}
+    for name, unit in ((name, record.units[name]) for name in record.channels if name in record.units):
+        channel = Channel.parse(name)
+        state = channel.mass.rpartition(".")[2]
+        expected = laws[channel.link].state_units.get(state, "?") if channel.link in laws else "?"
+        if expected != "?" and base_exponents(unit) != base_exponents(expected or "1"):
+            raise IdentificationError(
+                f"channel {name} is stated in {unit}, and the state {state} of {channel.link} is in {expected or '1'}: "
+                "correct the unit of the channel, or that of the state"
+            )
 
 
 def _piece(record: Record, channels: tuple[str, ...], samples: int) -> Floats:

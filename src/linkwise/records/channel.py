@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from linkwise.errors import RecordError
@@ -106,3 +107,8 @@ class Channel:
     def is_input(self) -> bool:
         """True for what drives the structure (applied force, base motion), False for a response."""
         return self.kind == "force" or (self.mass == BASE and not self.of_link)
+
+
+def of_links(channels: Iterable[str]) -> tuple[str, ...]:
+    """Those of these channels that show forces or states of links."""
+    return tuple(name for name in channels if Channel.parse(name).of_link)

@@ -51,6 +51,8 @@ class Record(NotebookView):
         What was assumed or done, one sentence each.
     interpolation : mapping of str to str, optional
         How inputs run between their samples: ``"held"``, ``"linear"``, or, by default, ``"band-limited"``.
+    units : mapping of str to str, optional
+        Units that a file stated of states of links, by channel, to be checked against the link; `values` are SI.
 
     Raises
     ------
@@ -78,15 +80,14 @@ class Record(NotebookView):
     source: str = ""
     notes: tuple[str, ...] = ()
     interpolation: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", float(self.start))
-        object.__setattr__(self, "rate", float(self.rate))
-        object.__setattr__(self, "channels", tuple(self.channels))
-        object.__setattr__(self, "notes", tuple(self.notes))
+        for name, kind in (("start", float), ("rate", float), ("channels", tuple), ("notes", tuple)):
+            object.__setattr__(self, name, kind(getattr(self, name)))
+        for name in ("noise", "interpolation", "units"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "values", read_only(self.values))
-        object.__setattr__(self, "noise", MappingProxyType(dict(self.noise)))
-        object.__setattr__(self, "interpolation", MappingProxyType(dict(self.interpolation)))
         check_names(self.channels, self.noise, self.interpolation)
         check_values(self.start, self.rate, self.channels, self.values)
 
@@ -340,11 +341,10 @@ class Record(NotebookView):
         if factor == 1:
             return self
         if self.missing.any():
-            name = self.channels[int(np.argmax(self.missing.any(axis=0)))]
             raise RecordError(
                 "samples are missing, and the anti-alias filter cannot bridge a gap; select a complete piece with "
                 "record.between first",
-                channel=name,
+                channel=self.channels[int(np.argmax(self.missing.any(axis=0)))],
             )
         antialias = lowpass_for(int(factor), len(self))
         kept = slice(antialias.half, len(self) - antialias.half, int(factor))

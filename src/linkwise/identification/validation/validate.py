@@ -97,6 +97,7 @@ def validate(
     refuse_memory(structure.links, "validation")
     law_error = _law_error(given.model_error if model_error is None else model_error)
     seen = _usable(record, structure)
+    remarks = (*remarks, *_unscored(record, seen))
     frame = framed(seen, structure)
     used = frame.record
     if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
@@ -164,6 +165,16 @@ def _usable(record: Record, structure: Structure) -> Record:
                 "samples are missing, and an input drives the motion: fill them first", channel=name
             )
     return record.select([*record.inputs, *responses])
+
+
+def _unscored(record: Record, seen: Record) -> tuple[str, ...]:
+    """A sentence on responses that no prediction is compared with."""
+    unscored = [name for name in record.responses if name not in seen.channels]
+    if not unscored:
+        return ()
+    return (
+        f"{', '.join(unscored)} were not scored: a validation predicts the motion of the structure's masses.",
+    )
 
 
 def _law_error(part_of_force: float) -> float:

@@ -1,0 +1,63 @@
+"""Channels of links, forces and states, in all that reads records: used, refused, or told not to be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+SPRING = lw.Law.parse("k*d + c*v")
+
+
+def oscillator() -> lw.Structure:
+    values = {"k": lw.Coefficient.number(400.0), "c": lw.Coefficient.number(0.5)}
+    spring = lw.Link("spring", ("m1", "ground"), SPRING, values)
+    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (spring,))
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    """A load cell in the spring shows three times its force, and 5 N more."""
+    clean = lw.simulate(
+        oscillator(), release={"v:m1": 1.0}, duration=3.0, rate=200.0, sensors=("x:m1", "f:spring")
+    )
+    return replace(clean, values=clean.values * [1.0, 3.0] + [0.0, 5.0], simulated=None).with_noise(
+        40.0, seed=1
+    )
+
+
+@pytest.mark.parametrize("method", ["weak", "sindy"])
+def test_methods_that_do_not_use_a_load_cell_say_so(method: str, record: lw.Record) -> None:
+    fit = lw.identify(record, oscillator().unknown("all"), method=method)  # type: ignore[arg-type]
+    assert 'f:spring were not used: method "ml" alone takes forces and states of links.' in fit.findings
+    assert not lw.identify(record, oscillator().unknown("all")).trusted
+
+
+def test_discovery_and_validation_say_so(record: lw.Record) -> None:
+    assert any("f:spring were not used" in line for line in lw.check_discovery(record, {"m1": 1.0}))
+    validation = lw.validate(record, oscillator())
+    assert any("f:spring were not scored" in line for line in validation.findings)
+
+
+def test_a_unit_of_a_state_must_be_of_its_kind(tmp_path: Path) -> None:
+    law, states = "k*d + c*v - theta*V", {"V": lw.LinkState("(-theta*v - V/R)/C", unit="V")}
+    names = ("k", "c", "theta", "R", "C")
+    unknown = {name: lw.Coefficient.unknown() for name in names}
+    piezo = lw.Link("piezo", ("m1", "ground"), lw.Law.parse(law, states), unknown)
+    structure = lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (piezo,))
+    time = np.arange(200) / 200.0
+    for unit, factor in (("mV", 1e-3), ("mm", 1e-3)):
+        path = tmp_path / f"{unit}.csv"
+        rows = (f"{t},{np.sin(20.0 * t)},{np.cos(9.0 * t)}" for t in time)
+        path.write_text("\n".join([f"time,x:m1,state:piezo.V[{unit}]", *rows]) + "\n")
+        record = lw.read_record(path)
+        assert record.channel("state:piezo.V")[0] == pytest.approx(factor, rel=1e-12)
+        assert dict(record.units) == {"state:piezo.V": unit}
+    with pytest.raises(
+        lw.IdentificationError, match=r"state:piezo\.V is stated in mm, and the state V of piezo is in V"
+    ):
+        lw.identify(record, structure)
