@@ -26,12 +26,13 @@ from linkwise.cli.options import (
 )
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
-from linkwise.model.memory_support import refuse_memory
 from linkwise.sindy.regression import REGRESSORS
 
 if TYPE_CHECKING:
+    from linkwise.model import memory_support
     from linkwise.report import estimate_folder as folders
 else:
+    memory_support = lazy_module("linkwise.model.memory_support")
     folders = lazy_module("linkwise.report.estimate_folder")  # figures are for those who want a folder
 
 _DIFFERS = (
@@ -186,7 +187,7 @@ def identify(
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
-        refuse_memory(true.links, "the comparison with a truth")
+        memory_support.refuse_memory(true.links, "the comparison with a truth")
     with progress("reading") as step:
         records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
         step(lw.ProgressReport(0.0, "identifying"))
