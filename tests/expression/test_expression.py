@@ -418,6 +418,22 @@ def test_program_computes_the_narrow_first() -> None:
     np.testing.assert_array_equal(narrow(*point)[0], np.full(1000, 12.0))
 
 
+def test_operations_do_again_and_again_what_a_call_does() -> None:
+    """Of wide, narrow and repeated outputs, an input and a number; the same operations, so the same bits."""
+    texts = ("k*d**3 + k**2*v", "k*d**3", "k*d**3", "k**2", "k*max(d, v) + sign(v)")
+    outputs = [*map(parse, texts), V, Number(2.5)]
+    program = Program(outputs, ("d", "v", "k"), wide=("d", "v"))
+    random, stiffness = np.random.default_rng(1), np.array([[3.0], [-0.7]])
+    d, v, out = np.empty((2, 5)), np.empty((2, 5)), [np.empty((2, 5)) for _ in outputs]
+    operations = program.into([d, v, stiffness], out)
+    for _ in range(3):
+        d[:], v[:] = random.normal(size=(2, 2, 5))
+        for operation in operations:
+            operation()
+        for found, expected in zip(out, program(d, v, stiffness), strict=True):
+            assert np.array_equal(found, expected)
+
+
 def test_program_broadcasts_and_protects() -> None:
     d, k = np.arange(6.0).reshape(3, 2), np.array([1.0, 2.0])
     outputs = Program([parse("k*d"), D, K, Number(2.5)], ("d", "k"))(d, k)

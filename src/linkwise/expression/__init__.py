@@ -5,7 +5,7 @@ from __future__ import annotations
 from linkwise.expression.calculus import antiderivative, differentiate, kink_and_branch, kinks, polynomial
 from linkwise.expression.functions import FUNCTIONS, LawFunction
 from linkwise.expression.parser import parse, parse_with_positions
-from linkwise.expression.program import Program
+from linkwise.expression.program import Operation, Program
 from linkwise.expression.tree import (
     Call,
     Expression,
@@ -25,7 +25,7 @@ from linkwise.expression.tree import (
 )
 
 __all__ = [
-    "FUNCTIONS", "Call", "Expression", "LawFunction", "Number", "Power", "Product", "Program", "Sum", "Symbol", "add",
-    "antiderivative", "call", "differentiate", "kink_and_branch", "kinks", "multiply", "parse", "parse_with_positions",
+    "FUNCTIONS", "Call", "Expression", "LawFunction", "Number", "Operation", "Power", "Product", "Program", "Sum", "Symbol",
+    "add", "antiderivative", "call", "differentiate", "kink_and_branch", "kinks", "multiply", "parse", "parse_with_positions",
     "polynomial", "power", "substitute", "symbols", "to_text", "walk",
 ]  # fmt: skip

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import reduce
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial, reduce
 from typing import Any, final
 
 import numpy as np
@@ -17,6 +17,9 @@ _OPERATORS: dict[str, np.ufunc] = {
     "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "negative": np.negative, "**": np.power,
 }  # fmt: skip
 _LARGEST_PRODUCT = 64  # integer powers up to this are products
+
+Operation = Callable[[], object]
+"""A step of an evaluation, from arrays into arrays."""
 
 
 @final
@@ -52,8 +55,7 @@ class Program:
                 f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
             )
         slots: list[Any] = [np.asarray(array, dtype=np.float64) for array in arrays]
-        shapes = {array.shape for array in slots}
-        shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
+        shape = _common_shape(*[array.shape for array in slots])
         slots += self._slots
         block = np.empty(
             (len(self._large), *shape)
@@ -73,6 +75,44 @@ class Program:
         return tuple(
             np.broadcast_to(slots[i], shape) if i not in self._large else slots[i] for i in self._outputs
         )
+
+    def into(self, arrays: Sequence[Floats], out: Sequence[Floats]) -> list[Operation]:
+        """The operations that evaluate the program again and again: on what `arrays` hold by then, into `out`.
+
+        Parameters
+        ----------
+        arrays : sequence of arrays
+            One per name of `inputs`. Those that are not `wide` are read now, the others whenever the operations are done.
+        out : sequence of arrays
+            One per output, of the broadcast shape of `arrays`, overwritten; none shares memory with an input or with another.
+
+        Returns
+        -------
+        list of callables
+            To be called in this order, where floating-point warnings are ignored.
+        """
+        slots: list[Any] = [*arrays, *self._slots]
+        copied = []
+        for index, target in zip(self._outputs, out, strict=True):
+            if index in self._large and slots[index] is None:
+                slots[index] = target
+            else:
+                copied.append((index, target))
+        operations: list[Operation] = []
+        with np.errstate(all="ignore"):
+            for ufunc, first, second, to, wide in self._tape:
+                operands = (slots[first],) if second < 0 else (slots[first], slots[second])
+                if wide:
+                    slots[to] = np.empty(out[0].shape) if slots[to] is None else slots[to]
+                    operations.append(partial(ufunc, *operands, out=slots[to]))
+                else:
+                    slots[to] = ufunc(*operands)
+        return operations + [partial(np.copyto, target, slots[index]) for index, target in copied]
+
+
+@lru_cache(maxsize=1024)
+def _common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    return np.broadcast_shapes(*shapes)
 
 
 _Value = str | float | tuple[Any, ...]  # an input's name, a constant, or (operation, operands)

@@ -168,38 +168,69 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     n, L = mechanics.gain.shape
     S = len(start) - 2 * n
     orbit = Trajectories.empty(steps, n, L, S, K)
-    states, step2, rate = orbit.states, step * step, 1.0 / step
-    into_links = mechanics.system.incidence.T
-    states[0, 0] = start[:n]
-    np.multiply(start[n : 2 * n], step, out=states[0, 1])
+    orbit.states[0, 0] = start[:n]
+    np.multiply(start[n : 2 * n], step, out=orbit.states[0, 1])
     orbit.memory[0] = start[2 * n :]
-    forces, slopes = np.empty((STAGES, L, K)), np.empty((STAGES, S, K))
-    stack = np.empty((2 + STAGES, L, K))
-    flat = stack.reshape(2 + STAGES, L * K)
+    stages = _Stages(mechanics, step, inputs, S)
     for j in range(steps):
-        np.matmul(into_links, states[j], out=stack[:2])
-        applied = None if inputs.force is None else inputs.force[j] / mechanics.masses[:, None]
-        for i in range(STAGES):
-            motion = (STAGE_ROWS[i, :, : 2 + i] @ flat[: 2 + i]).reshape(2, L, K)
-            motion[1] *= rate
-            _add_base(mechanics, motion, inputs, j, STAGE_POINT[i])
-            inside = orbit.memory[j]
-            if S:
-                inside = inside + np.tensordot(STAGE_ROWS[i, 1, 2 : 2 + i], slopes[:i], 1)
+        stages.integrate(orbit, j)
+    stages.close(orbit, steps)
+    return orbit
+
+
+class _Stages:
+    """The stages of a step, in arrays that all steps share: small arrays cost their handling, not their arithmetic."""
+
+    def __init__(self, mechanics: NumericSystem, step: Floats, inputs: Inputs, S: int) -> None:
+        L, K = mechanics.gain.shape[1], len(step)
+        self.mechanics, self.inputs = mechanics, inputs
+        self.step, self.step2, self.rate = step, step * step, 1.0 / step
+        self.into_links = mechanics.system.incidence.T
+        self.stack = np.empty((2 + STAGES, L, K))
+        flat = self.stack.reshape(2 + STAGES, L * K)
+        #: Per stage its row of the table and what this combines.
+        self.combined = [(STAGE_ROWS[i, :, : 2 + i], flat[: 2 + i]) for i in range(STAGES)]
+        self.forces, self.slopes = np.empty((STAGES, L, K)), np.empty((STAGES, S, K))
+        self.motion, self.force = np.empty((2, L, K)), np.empty((L, K))
+        self.inside, self.change = np.empty((S, K)), np.empty((S, K))
+        self.law_operations = mechanics.force_operations(
+            self.motion[0], self.motion[1], self.inside, self.force, self.change
+        )
+
+    def evaluate(self) -> None:
+        """Forces and rates of states from `motion` and `inside`."""
+        for operation in self.law_operations:
+            operation()
+
+    @np.errstate(all="ignore")
+    def integrate(self, orbit: Trajectories, j: int) -> None:
+        """From the start of step j to its end."""
+        states, memory, forces, slopes = orbit.states, orbit.memory[j], self.forces, self.slopes
+        mechanics, motion, into_links = self.mechanics, self.motion, self.into_links
+        row_of_motion, v = motion.reshape(2, -1), motion[1]
+        applied = None if self.inputs.force is None else self.inputs.force[j] / mechanics.masses[:, None]
+        np.matmul(into_links, states[j], out=self.stack[:2])
+        for i, (row, above) in enumerate(self.combined):
+            np.matmul(row, above, out=row_of_motion)
+            np.multiply(v, self.rate, out=v)
+            _add_base(mechanics, motion, self.inputs, j, STAGE_POINT[i])
+            if len(memory):
+                self.inside[:] = memory + np.tensordot(STAGE_ROWS[i, 1, 2 : 2 + i], slopes[:i], 1)
             if i == 0:
                 orbit.links[j] = motion
             elif i == MIDDLE:
-                orbit.middle_links[j], orbit.middle_memory[j] = motion, inside
-            mechanics.force(motion[0], motion[1], inside, forces[i], slopes[i])
-            if S:
-                slopes[i] *= step
-            np.matmul(mechanics.link_gain, forces[i], out=stack[2 + i])
+                orbit.middle_links[j], orbit.middle_memory[j] = motion, self.inside
+            self.evaluate()
+            forces[i] = self.force
+            if len(memory):
+                np.multiply(self.change, self.step, out=slopes[i])
+            own = self.stack[2 + i]
+            np.matmul(mechanics.link_gain, self.force, out=own)
             if applied is not None:
-                stack[2 + i] += into_links @ applied[STAGE_POINT[i]]
-            stack[2 + i] *= step2
-        np.matmul(
-            mechanics.gain, (CLOSING @ forces.reshape(STAGES, L * K)).reshape(2, L, K), out=states[j + 1]
-        )
+                own += into_links @ applied[STAGE_POINT[i]]
+            np.multiply(own, self.step2, out=own)
+        closing = (CLOSING @ forces.reshape(STAGES, -1)).reshape(motion.shape)
+        np.matmul(mechanics.gain, closing, out=states[j + 1])
         np.matmul(mechanics.gain, forces[0], out=orbit.accelerations[j])
         np.matmul(mechanics.gain, forces[MIDDLE], out=orbit.middle_accelerations[j])
         if applied is not None:
@@ -207,20 +238,25 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
                 states[j + 1] += CLOSING[:, i, None, None] * applied[STAGE_POINT[i]]
             orbit.accelerations[j] += applied[0]
             orbit.middle_accelerations[j] += applied[2]
-        states[j + 1] *= step2
+        states[j + 1] *= self.step2
         states[j + 1] += states[j]
         states[j + 1, 0] += states[j, 1]
-        if S:
-            orbit.memory[j + 1] = orbit.memory[j] + np.tensordot(CLOSING[1], slopes, 1)
-    motion = into_links @ states[steps]
-    motion[1] *= rate
-    _add_base(mechanics, motion, inputs, steps - 1, 4)
-    orbit.links[steps] = motion
-    mechanics.force(motion[0], motion[1], orbit.memory[steps], forces[0], slopes[0])
-    np.matmul(mechanics.gain, forces[0], out=orbit.accelerations[steps])
-    if inputs.force is not None:
-        orbit.accelerations[steps] += inputs.force[steps - 1, 4] / mechanics.masses[:, None]
-    return orbit
+        if len(memory):
+            orbit.memory[j + 1] = memory + np.tensordot(CLOSING[1], slopes, 1)
+
+    @np.errstate(all="ignore")
+    def close(self, orbit: Trajectories, steps: int) -> None:
+        """Elongations and accelerations at the end of the last step."""
+        np.matmul(self.into_links, orbit.states[steps], out=self.motion)
+        self.motion[1] *= self.rate
+        _add_base(self.mechanics, self.motion, self.inputs, steps - 1, 4)
+        orbit.links[steps] = self.motion
+        self.inside[:] = orbit.memory[steps]
+        self.evaluate()
+        np.matmul(self.mechanics.gain, self.force, out=orbit.accelerations[steps])
+        if self.inputs.force is not None:
+            applied = self.inputs.force[steps - 1, 4]
+            orbit.accelerations[steps] += applied / self.mechanics.masses[:, None]
 
 
 def _add_base(mechanics: NumericSystem, motion: Floats, inputs: Inputs, j: int, point: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from types import EllipsisType
 
 from linkwise.arrays import Floats
 from linkwise.expression import Program, differentiate
@@ -62,10 +63,20 @@ class LawGroup:
         """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
         return slice(self.first, self.first + len(self.law.coefficients) * self.size)
 
+    @cached_property
+    def which(self) -> tuple[EllipsisType, slice, slice]:
+        """Index of these links in arrays (..., L, K)."""
+        return (..., self.links, slice(None))
+
+    @cached_property
+    def _which_states(self) -> tuple[tuple[EllipsisType, slice, slice], ...]:
+        """Index of each state of the law in arrays (..., S, K)."""
+        starts = range(self.first_state, self.states.stop, self.size)
+        return tuple((..., slice(start, start + self.size), slice(None)) for start in starts)
+
     def of_states(self, values: Floats) -> list[Floats]:
         """The parts (..., m, K) of an array over all states (..., S, K), one for each state of the law."""
-        starts = range(self.first_state, self.states.stop, self.size)
-        return [values[..., start : start + self.size, :] for start in starts]
+        return [values[which] for which in self._which_states]
 
     def row(self, name: str) -> slice:
         """Positions of one coefficient of these links.

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.expression import Operation
 from linkwise.likelihood.law_group import LawGroup
 from linkwise.likelihood.rate_partials import MemorySlopes, RatePartials
 from linkwise.model.structure import Structure
@@ -268,12 +269,32 @@ class NumericSystem:
             The rates of the states, overwritten.
         """
         for group, values in zip(self.system.groups, self._values, strict=True):
-            which = (..., group.links, slice(None))
-            inside = group.of_states(states)
+            which, inside = group.which, group.of_states(states)
             force, *slopes = group.force(d[which], v[which], *inside, *values)
             out[which] = force
             for own, slope in zip(group.of_states(rates), slopes, strict=True):
                 own[...] = slope
+
+    def force_operations(
+        self, d: Floats, v: Floats, states: Floats, out: Floats, rates: Floats
+    ) -> list[Operation]:
+        """What `force` does, as operations that do it again and again on what the arrays hold by then.
+
+        Parameters
+        ----------
+        d, v, states, out, rates : arrays
+            As for `force`; `out` and `rates` share no memory with the others.
+
+        Returns
+        -------
+        list of callables
+            To be called in this order, where floating-point warnings are ignored.
+        """
+        operations = []
+        for group, values in zip(self.system.groups, self._values, strict=True):
+            given = (d[group.which], v[group.which], *group.of_states(states), *values)
+            operations += group.force.into(given, [out[group.which], *group.of_states(rates)])
+        return operations
 
     def partials(self, d: Floats, v: Floats, states: Floats) -> ForcePartials:
         """Partial derivatives of the link forces.
@@ -295,8 +316,7 @@ class NumericSystem:
         rows = 0
         memory = MemorySlopes(self.system.parameters.map, states)
         for group, values in zip(self.system.groups, self._values, strict=True):
-            which = (..., group.links, slice(None))
-            inside = group.of_states(states)
+            which, inside = group.which, group.of_states(states)
             by_d[which], by_v[which], *slopes = group.partials(d[which], v[which], *inside, *values)
             for slope in slopes[: len(group.free)]:
                 by_coefficient[..., rows : rows + group.size, :] = slope
