@@ -7,7 +7,7 @@ Its value is the force (N) on the link's first end with reversed sign: M x'' = -
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -278,8 +278,10 @@ class Law:
             d, v, *self._ordered(values)
         )
 
-    def partials(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Partials:
-        """Force and exact derivatives by d, v and every coefficient.
+    def partials(
+        self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike], *, by: Sequence[str] | None = None
+    ) -> Partials:
+        """Force and exact derivatives by d, v and coefficients.
 
         At a kink the derivative is the mean of the two one-sided derivatives.
 
@@ -287,6 +289,8 @@ class Law:
         ----------
         d, v, values
             As of `force`.
+        by : sequence of str, optional
+            Coefficients to differentiate by; by default all.
 
         Returns
         -------
@@ -298,10 +302,10 @@ class Law:
         LawError
             If a coefficient has no value.
         """
-        outputs = partials_program(self.expression, self._named)(d, v, *self._ordered(values))
-        force, by_d, by_v, *others = outputs
-        slopes = dict(zip(self._named, others, strict=True))
-        return Partials(force, by_d, by_v, {name: slopes[name] for name in self.coefficients})
+        names = self.coefficients if by is None else tuple(by)
+        program = partials_program(self.expression, self._named, names)
+        force, by_d, by_v, *others = program(d, v, *self._ordered(values))
+        return Partials(force, by_d, by_v, dict(zip(names, others, strict=True)))
 
     def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """Stored energy: the integral of the force at v = 0, and at states of 0, from 0 to d.

@@ -32,10 +32,10 @@ def force_program(expression: Expression, names: tuple[str, ...]) -> Program:
 
 
 @lru_cache(maxsize=1024)
-def partials_program(expression: Expression, coefficients: tuple[str, ...]) -> Program:
-    """The force from d, v and `coefficients`, then its derivative by each of these."""
-    names = (*VARIABLES, *coefficients)
-    return Program([expression, *(differentiate(expression, name) for name in names)], names, wide=VARIABLES)
+def partials_program(expression: Expression, names: tuple[str, ...], by: tuple[str, ...]) -> Program:
+    """The force from d, v and `names`, then its derivative by d, by v and by each of `by`."""
+    slopes = (differentiate(expression, name) for name in (*VARIABLES, *by))
+    return Program([expression, *slopes], (*VARIABLES, *names), wide=VARIABLES)
 
 
 @lru_cache(maxsize=1024)

@@ -226,7 +226,7 @@ def _normal_equations(
 ) -> tuple[Floats, Floats, Floats]:
     """Squared force error (C, K), its gradient (2, C, K) and matrix (2, 2, C, K) by offset and slope."""
     d, v = windows.motion(line)
-    partials = link.law.partials(d, v, values)
+    partials = link.law.partials(d, v, values, by=())
     error = windows.force - partials.force
     by_offset = np.broadcast_to(partials.by_d, d.shape)
     by_slope = (
@@ -235,7 +235,9 @@ def _normal_equations(
         else np.zeros_like(by_offset)
     )
     rows = (by_offset, by_slope)
-    h = np.array([[np.einsum("ckt,ckt->ck", a, b) for b in rows] for a in rows])
+    mixed = np.einsum("ckt,ckt->ck", *rows)
+    own = [np.einsum("ckt,ckt->ck", row, row) for row in rows]
+    h = np.array([[own[0], mixed], [mixed, own[1]]])
     gradient = np.array([np.einsum("ckt,ckt->ck", a, error) for a in rows])
     return np.einsum("ckt,ckt->ck", error, error), gradient, h
 
