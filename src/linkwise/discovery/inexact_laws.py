@@ -52,7 +52,10 @@ def select_inexact(
             structure,
             values,
             options=LikelihoodOptions(
-                progress=round_progress(search.progress, number), nodes=nodes, relaxation=relaxation
+                progress=round_progress(search.progress, number),
+                nodes=nodes,
+                relaxation=relaxation,
+                coloured_noise=False,
             ),
         )
         try:

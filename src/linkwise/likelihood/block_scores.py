@@ -13,12 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.bordered_system import BorderedFactor
+from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.normal_equations import chunks, linearise, whitened_jacobian
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Scales, Segments
 from linkwise.likelihood.tangents import CandidateForces
@@ -117,37 +115,19 @@ def block_scores(
 
     The amplitudes of `candidates` follow theta among the unknowns.
     """
-    factor = linearise(segments, misfit, scales, loss, candidates=candidates).equations(q).factor()
-    if factor is None:
+    rows = eliminated_rows(segments, misfit, scales, loss, q, candidates)
+    if rows is None:
         return None
-    p, m, K = len(factor.schur), len(scales.state), segments.count
-    follow = _state_sensitivities(factor)
-    following = np.concatenate([follow[:, 1:], np.zeros((p, 1, m))], axis=1)
-    linked = np.append(segments.linked, False)
-    missed = np.zeros((K, m))
-    missed[:-1] = misfit.defects.reshape(m, -1).T
-    label: Indices = np.arange(K) * blocks // K
+    label: Indices = np.arange(segments.count) * blocks // segments.count
+    p = segments.parameters + (0 if candidates is None else len(candidates.first))
     scores, information = np.zeros((blocks, p)), np.zeros((blocks, p, p))
-    for part in chunks(segments, p):
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
-        node = follow[:, part].transpose(1, 2, 0)
-        data = rows[..., m:-1] - rows[..., :m] @ node
-        defect = ends[..., m:] - ends[..., :m] @ node + following[:, part].transpose(1, 2, 0)
-        defect *= linked[part, None, None] / q
-        score = np.einsum("krp,kr->kp", data, rows[..., -1])
-        score += np.einsum("krp,kr->kp", defect, missed[part] / q)
-        np.add.at(scores, label[part], score)
+    for each in rows:
+        score = np.einsum("krp,kr->kp", each.data, each.residuals)
+        score += np.einsum("krp,kr->kp", each.defects, each.missed)
+        np.add.at(scores, label[each.part], score)
         np.add.at(
             information,
-            label[part],
-            data.transpose(0, 2, 1) @ data + defect.transpose(0, 2, 1) @ defect,
+            label[each.part],
+            each.data.transpose(0, 2, 1) @ each.data + each.defects.transpose(0, 2, 1) @ each.defects,
         )
     return BlockScores(scores, information)
-
-
-def _state_sensitivities(factor: BorderedFactor) -> Floats:
-    """(p, K, m): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
-    K, m = factor.shape
-    p = len(factor.schur)
-    follow, _ = lapack.dtbtrs(factor.chol, factor.forward[:p].T, uplo="L", trans="T")
-    return np.ascontiguousarray(follow.T).reshape(p, K, m)

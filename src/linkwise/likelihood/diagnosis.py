@@ -19,6 +19,7 @@ from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.score_test import (
+    AugmentedQuadratic,
     CandidateForce,
     at_ends_and_middles,
     augmented_quadratic,
@@ -124,11 +125,10 @@ def _diagnosed(
         hypotheses += [_Hypothesis(kind, base, _UNITS[kind]) for kind in BASE_ERRORS]
         columns = columns.with_base(of_base)
     parameters = optimum.segments.system.parameters.size
-    curvature, slope = columns.joined(
-        *augmented_quadratic(optimum, misfit, columns.pushes, columns.errors), parameters
-    )
+    augmented = augmented_quadratic(optimum, misfit, columns.pushes, columns.errors)
+    curvature, slope, scatter = columns.joined(augmented, parameters)
     units = columns.units
-    gains, sizes, deviations = _single_tests(curvature, slope, parameters)
+    gains, sizes, deviations = _single_tests(curvature, slope, scatter, parameters)
     gains, deviations = gains / optimum.noise**2, deviations * optimum.noise
     sizes, deviations = sizes * units, deviations * units
     small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
@@ -195,12 +195,13 @@ class _Columns:
         weights = np.concatenate([weights[:before], on_masses, weights[before:], in_channels])
         return _Columns(pushes, errors, np.append(self.units, 1.0 / scale), weights)
 
-    def joined(self, curvature: Floats, slope: Floats, parameters: int) -> tuple[Floats, Floats]:
-        """Curvature and slope in the parameters and the sizes of the hypotheses."""
+    def joined(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
+        """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
+        curvature, slope, scatter = augmented.curvature, augmented.slope, augmented.scatter
         if self.weights is None:
-            return curvature, slope
+            return curvature, slope, scatter
         weights = scipy.linalg.block_diag(np.eye(parameters), self.weights)
-        return weights.T @ curvature @ weights, weights.T @ slope
+        return weights.T @ curvature @ weights, weights.T @ slope, weights.T @ scatter @ weights
 
 
 def _cause(
@@ -304,8 +305,13 @@ def _inertia_and_inputs(
         yield _Hypothesis("force delay", f"force:{name}", _UNITS["force delay"]), i, -rate[::2], -rate[1::2]
 
 
-def _single_tests(curvature: Floats, slope: Floats, parameters: int) -> tuple[Floats, Floats, Floats]:
-    """What each cause alone would take off the cost with the coefficients fitted anew, its size, and the deviation of it."""
+def _single_tests(
+    curvature: Floats, slope: Floats, scatter: Floats, parameters: int
+) -> tuple[Floats, Floats, Floats]:
+    """What each cause alone would take off the cost with the coefficients fitted anew, its size, and the deviation of it.
+
+    `scatter` is the covariance of the slope, which is the curvature where noise is white.
+    """
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     scaled, gradient = curvature / np.outer(scale, scale), slope / scale
     own, added = slice(0, parameters), slice(parameters, None)
@@ -316,5 +322,12 @@ def _single_tests(curvature: Floats, slope: Floats, parameters: int) -> tuple[Fl
     score = gradient[added] - scaled[added, own] @ projection[:, -1]
     tested = left > _COLLINEAR
     left = np.where(tested, left, 1.0)
-    gain = np.where(tested, score**2 / left, 0.0)
-    return gain, score / left / scale[added], 1.0 / np.sqrt(left) / scale[added]
+    variance = left
+    if scatter is not curvature:
+        of_slope = scatter / np.outer(scale, scale)
+        coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
+        followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
+        variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
+        variance = np.where(tested, np.maximum(variance, np.finfo(float).tiny), 1.0)
+    gain = np.where(tested, score**2 / variance, 0.0)
+    return gain, score / left / scale[added], np.sqrt(variance) / left / scale[added]

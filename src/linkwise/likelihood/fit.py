@@ -16,11 +16,11 @@ from linkwise.likelihood.anneal import (
     AnnealingStatus,
     AnnealingStep,
 )
-from linkwise.likelihood.block_scores import error_ratios
+from linkwise.likelihood.coloured_noise import ColouredNoise
+from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, did_not_converge, explained_fit
 from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
 from linkwise.likelihood.loss import Gaussian, Loss
-from linkwise.likelihood.model_error import lag_one_autocorrelation, with_model_error
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Iterate, Scales, Segments
@@ -40,8 +40,6 @@ _WARM = AnnealingSchedule(
 )  # from the states of a fit to nearly the same laws
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
-_WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
-_LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 _NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way
 _TIGHTER = 9.0  # factor below a known model error from which it is looked for again: two points of its grid
 _JOINING = 30  # steps that linking the sides of a gap may take
@@ -66,6 +64,10 @@ class Optimum:
         Factor on the standard deviations in `scales`.
     loss : Loss
         Loss of a residual.
+    coloured : ColouredNoise or None
+        The noise where it is coloured; the cost takes it for white.
+    widening : array of shape (p,) or None
+        By how much colour of the noise widens the standard errors that the cost alone gives; None for 1.
     """
 
     segments: Segments
@@ -74,6 +76,8 @@ class Optimum:
     q: float
     noise: float
     loss: Loss
+    coloured: ColouredNoise | None = None
+    widening: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +148,8 @@ class LikelihoodOptions:
         Loss of a residual.
     model_error : bool, optional
         Relax the flow by the most likely model error where the residuals are not noise.
+    coloured_noise : bool, optional
+        With `model_error`, allow for autoregressive noise of sensors where the residuals are that.
     progress : Progress, optional
         Called at every step.
     nodes : array of shape (2n + S, K), optional
@@ -160,6 +166,7 @@ class LikelihoodOptions:
     delays: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
+    coloured_noise: bool = True
     progress: Progress = silent
     nodes: Floats | None = None
     relaxation: float | None = None
@@ -228,12 +235,6 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     return replace(sensing, frames=tuple(frames))
 
 
-def _given(names: Sequence[str], frame: FramedRecord) -> list[str]:
-    """The channels as the record names them."""
-    given = {plain: name for name, plain in frame.names.items()}
-    return [given.get(name, name) for name in names]
-
-
 def _fitted(
     problem: ShootingProblem,
     records: Sequence[Record],
@@ -243,62 +244,59 @@ def _fitted(
     annealer: Annealer,
 ) -> LikelihoodFit:
     segments, start, fit, limit = _annealed(problem, spread, options, annealer)
-    model_error, factor, chi_square = 0.0, 1.0, fit.chi_square
-    off = bool(abs(chi_square - 1.0) > limit)
-    candidate = None
-    unreached = _did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
-    known = options.relaxation is not None
-    if options.model_error and (unreached or known or (off and chi_square > 1.0 and _is_coloured(fit))):
-        candidate = with_model_error(segments, fit, start, annealer)
-    if candidate is not None:
-        fit, model_error, factor = candidate.fit, candidate.q, candidate.noise
-        chi_square = factor**2
-        stated = any(name in record.noise for record in records for name in records[0].responses)
-        unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit)
-        off = unexplained or (stated and abs(chi_square - 1.0) > limit)
-    p = segments.system.parameters.size
-    ratios: Floats | None = np.ones(p)
-    if model_error > 0.0 and not _did_not_converge(fit):
-        ratios = _ratios_by_blocks(segments, fit, factor, annealer.loss)
-    widened = factor * (np.ones(p) if ratios is None else ratios)
+    stated = any(name in record.noise for record in records for name in records[0].responses)
+    allowed = AllowedErrors(options.model_error, options.coloured_noise, options.relaxation is not None)
+    explained = explained_fit(segments, start, fit, annealer, limit=limit, stated=stated, allowed=allowed)
+    fit, p = explained.fit, segments.system.parameters.size
+    ratios, widening = explained.error_ratios, explained.widening
+    frame, point = sensing.frames[0], fit.point
     return LikelihoodFit(
-        values=fit.point.theta,
-        covariance=fit.covariance[:p, :p] * np.outer(widened, widened),
+        values=point.theta,
+        covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
-        offsets=dict(
-            zip(_given(sensing.offsets, sensing.frames[0]), map(float, fit.point.offsets), strict=True)
-        ),
-        gains=dict(zip(_given(sensing.gains, sensing.frames[0]), map(float, fit.point.gains), strict=True)),
-        delays=dict(
-            zip(_given(sensing.delays, sensing.frames[0]), map(float, fit.point.delays), strict=True)
-        ),
-        sensor_deviations=factor * np.sqrt(np.maximum(fit.covariance.diagonal()[p:], 0.0)),
-        noise=_found_noise(fit, tuple(sensing.frames[0].names)),
-        chi_square=chi_square,
-        chi_square_off=off,
-        model_error=model_error,
+        offsets=_by_channel(sensing.offsets, point.offsets, frame),
+        gains=_by_channel(sensing.gains, point.gains, frame),
+        delays=_by_channel(sensing.delays, point.delays, frame),
+        sensor_deviations=np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0)),
+        noise=_found_noise(fit, tuple(frame.names)),
+        chi_square=explained.chi_square,
+        chi_square_off=explained.chi_square_off,
+        model_error=explained.model_error,
         force_error=_force_error(fit, segments.system, segments),
-        error_ratios=ratios,
+        error_ratios=None if ratios is None else ratios[:p],
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
         segments=segments,
         misfit=fit.misfit,
-        optimum=Optimum(segments, fit.point, fit.scales, fit.q, factor, annealer.loss),
-        prior_conflicts=_prior_conflicts(segments, fit, factor),
+        optimum=Optimum(
+            segments,
+            point,
+            fit.scales,
+            fit.q,
+            explained.noise,
+            annealer.loss,
+            explained.coloured,
+            None if widening is None else widening[:p],
+        ),
+        prior_conflicts=_prior_conflicts(segments, explained),
     )
 
 
-def _prior_conflicts(segments: Segments, fit: AnnealingFit, noise: float) -> Floats:
-    border = fit.point.border
+def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> dict[str, float]:
+    """What was found, by the channels as the record names them."""
+    given = {plain: name for name, plain in frame.names.items()}
+    return dict(zip((given.get(name, name) for name in names), map(float, values), strict=True))
+
+
+def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:
+    border = explained.fit.point.border
     if segments.prior is None:
         return np.zeros(len(border))
-    return segments.prior.conflicts(border, noise**2 * fit.covariance.diagonal())
-
-
-def _ratios_by_blocks(segments: Segments, fit: AnnealingFit, noise: float, loss: Loss) -> Floats | None:
-    ratios = error_ratios(segments, fit.misfit, fit.scales, loss, q=fit.q, noise=noise, free=~fit.at_bound)
-    return None if ratios is None else ratios[: segments.system.parameters.size]
+    variances = explained.noise**2 * explained.fit.covariance.diagonal()
+    if explained.widening is not None:
+        variances = variances * explained.widening**2
+    return segments.prior.conflicts(border, variances)
 
 
 def _annealed(
@@ -325,7 +323,7 @@ def _annealed(
     )
     fit = annealer(segments, start, problem.scales, schedule)
     limited = options.steps < AnnealingSchedule.max_steps
-    if not limited and _did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
+    if not limited and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
         fit = _resumed(segments, fit, schedule, annealer)
     limit = _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / fit.samples))
     if problem.segments.chains < segments.chains:
@@ -333,10 +331,6 @@ def _annealed(
         if joined is not None:
             return problem.segments, start, joined, limit
     return segments, start, fit, limit
-
-
-def _did_not_converge(fit: AnnealingFit) -> bool:
-    return fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
 
 
 def _resumed(
@@ -349,11 +343,6 @@ def _resumed(
     looser = replace(_WARM, cost_ceiling=schedule.cost_ceiling, max_steps=schedule.max_steps)
     again = annealer(segments, fit.point, fit.scales, looser)
     return replace(again, path=(*fit.path, *again.path))
-
-
-def _is_coloured(fit: AnnealingFit) -> bool:
-    """Whether the search converged to residuals that are correlated from one sample to the next."""
-    return fit.status is AnnealingStatus.CONVERGED and lag_one_autocorrelation(fit.misfit) > _WHITE
 
 
 def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer) -> AnnealingFit | None:

@@ -14,6 +14,7 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.verdict import Verdict
 
 _LARGEST_ERROR = 0.1
@@ -42,15 +43,26 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     if fit.status is not AnnealingStatus.CONVERGED:
         reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
         return Judgement(Verdict.NOT_CONVERGED, reason)
-    imperfect = fit.model_error > 0.0 or fit.chi_square > 1.0 + _CHANCE * np.sqrt(2.0 / fit.samples)
+    coloured = fit.optimum.coloured
+    imperfect = (
+        coloured is not None
+        or fit.model_error > 0.0
+        or fit.chi_square > 1.0 + _CHANCE * np.sqrt(2.0 / fit.samples)
+    )
     causes = diagnose(fit, identified, channels, terms=imperfect)
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
-    verdict, message = _verdict(fit, share, causes)
+    responses = [name for name in channels if not Channel.parse(name).is_input]
+    remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
+    verdict, message = _verdict(fit, share, causes, remembering)
     return Judgement(verdict, message, share, causes)
 
 
-def _verdict(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple[Verdict, str]:
+def _verdict(
+    fit: LikelihoodFit, share: float, causes: Sequence[Cause], coloured: Sequence[str]
+) -> tuple[Verdict, str]:
     explained = "The laws explain the record to within its noise"
+    if coloured:
+        explained += f", which is correlated from sample to sample in {', '.join(coloured)}"
     if fit.model_error > 0.0:
         explained = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
     if fit.chi_square_off:
@@ -76,7 +88,7 @@ def _verdict(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple
             f"{explained}, but what they leave follows the motion: {_would_explain(causes[0])}. Intervals would count that as "
             "noise, so none is given; a term or a link is missing, or a sensor is not what it is taken for."
         )
-    if fit.model_error <= AnnealingSchedule.final_q and is_coloured(fit.misfit.residuals):
+    if not coloured and fit.model_error <= AnnealingSchedule.final_q and is_coloured(fit.misfit.residuals):
         return Verdict.COLOURED_RESIDUALS, (
             f"{explained}, but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so "
             "none is given. A filter or a drift of a sensor, or a term that is missing, leaves such residuals."
@@ -90,7 +102,7 @@ def _verdict(fit: LikelihoodFit, share: float, causes: Sequence[Cause]) -> tuple
         return Verdict.MODEL_ERROR_NEEDED, (
             f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}"
         )
-    return Verdict.CONVERGED, f"{explained}."
+    return Verdict.CONVERGED, f"{explained}{'; all intervals count that in' if coloured else ''}."
 
 
 def _would_explain(cause: Cause) -> str:

@@ -62,7 +62,7 @@ def _grid_search(
         if fit.status is not AnnealingStatus.CONVERGED:
             return None
         point = fit.point
-        noise, cost = _evidence(segments, fit, q, annealer.loss)
+        noise, cost = evidence(segments, fit, q, annealer.loss)
         if best is None or cost < best.cost:
             best, worse = ModelErrorCandidate(fit, q, noise, cost), 0
         elif cost > best.cost + _WORSE:
@@ -72,7 +72,7 @@ def _grid_search(
     return best if best is not None and best.q != grid[-1] else None
 
 
-def _evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
+def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
     """The most likely factor on the noise (and on q) of this orbit, and -2 log of the marginal likelihood with it."""
     linear = linearise(segments, fit.misfit, fit.scales, loss)
     factor = linear.equations(q).factor()

@@ -125,6 +125,7 @@ class _Profile:
 
     def __init__(self, optimum: Optimum, name: str, column: int, progress: Progress) -> None:
         self.optimum, self.name, self.column, self.progress = optimum, name, column, progress
+        self.noise = optimum.noise * (1.0 if optimum.widening is None else float(optimum.widening[column]))
         self.best = self._fitted(optimum.point)
         self.value = float(self.best.point.theta[column])
 
@@ -147,7 +148,7 @@ class _Profile:
                 self.progress(ProgressReport(0.5 * (deviation > 0.0), f"{self.name} = {value:.6g}", value))
                 fit = self._fitted(points[nearest], value)
                 rise = max(fit.misfit.cost(fit.q) - self.best.misfit.cost(fit.q), 0.0)
-                root = float(np.sqrt(rise)) / self.optimum.noise - NORMAL_95
+                root = float(np.sqrt(rise)) / self.noise - NORMAL_95
                 points[moved], excess[moved] = fit.point, root if abs(root) > _CLOSE else 0.0
             return excess[moved]
 

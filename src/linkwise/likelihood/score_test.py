@@ -14,6 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.expression import Program
+from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.flow import Inputs, Trajectories
 from linkwise.likelihood.normal_equations import linearise
@@ -47,6 +48,18 @@ class LocalQuadratic:
     slope: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class AugmentedQuadratic:
+    """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
+
+    The latter is the curvature itself where the noise is white.
+    """
+
+    curvature: Floats
+    slope: Floats
+    scatter: Floats
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> LocalQuadratic:
     """The quadratic model at `optimum` in its p parameters and the amplitudes of f `forces`.
@@ -56,7 +69,8 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
         candidates, units = candidate_forces(optimum, misfit, forces)
-        curvature, slope = augmented_quadratic(optimum, misfit, candidates)
+        augmented = augmented_quadratic(optimum, misfit, candidates)
+    curvature, slope = augmented.curvature, augmented.slope
     unit = np.concatenate([optimum.scales.theta[: len(slope) - len(forces)], units])
     curvature = curvature / np.outer(unit, unit) / optimum.noise**2
     point = np.concatenate([optimum.point.theta, np.zeros(len(forces))])
@@ -65,8 +79,8 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
 
 def augmented_quadratic(
     optimum: Optimum, misfit: Misfit, candidates: CandidateForces, errors: SensorErrors | None = None
-) -> tuple[Floats, Floats]:
-    """Curvature and slope at `optimum` in p scaled parameters, the amplitudes of `candidates` and the sizes of `errors`.
+) -> AugmentedQuadratic:
+    """The model at `optimum` in p scaled parameters, the amplitudes of `candidates` and the sizes of `errors`.
 
     Nodes, and the offsets and gains that are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError
     where the equations are singular.
@@ -80,14 +94,21 @@ def augmented_quadratic(
     own = slice(0, segments.system.parameters.size + added)
     nuisance = slice(own.stop, None)
     curvature, slope = factor.schur[own, own], factor.reduced[own]
-    if factor.schur[nuisance, nuisance].size:  # offsets and gains of sensors
-        eliminated = np.linalg.solve(
-            factor.schur[nuisance, nuisance],
-            np.column_stack([factor.schur[nuisance, own], factor.reduced[nuisance]]),
-        )
-        curvature = curvature - factor.schur[own, nuisance] @ eliminated[:, :-1]
-        slope = slope - factor.schur[own, nuisance] @ eliminated[:, -1]
-    return curvature, slope
+    follow: Floats = np.zeros((len(factor.schur) - own.stop, own.stop))
+    if len(follow):  # offsets and gains of sensors
+        among, with_own = factor.schur[nuisance, nuisance], factor.schur[own, nuisance]
+        follow = np.asarray(np.linalg.solve(among, with_own.T), dtype=float)
+        curvature = curvature - with_own @ follow
+        slope = slope - follow.T @ factor.reduced[nuisance]
+    if optimum.coloured is None:
+        return AugmentedQuadratic(curvature, slope, curvature)
+    rows = eliminated_rows(
+        segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates=candidates, errors=errors
+    )
+    assert rows is not None  # the same equations have a factor
+    scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
+    kept = np.concatenate([np.eye(own.stop), -follow])
+    return AugmentedQuadratic(curvature, slope, kept.T @ scores @ kept)
 
 
 def candidate_forces(

@@ -29,14 +29,26 @@ def is_coloured(residuals: Floats) -> bool:
     bool
         Whether any channel is not white.
     """
-    return any(_coloured(residuals[:, channel].T.ravel()) for channel in range(residuals.shape[1]))
+    return not all(is_white(residuals[:, channel].T.ravel()) for channel in range(residuals.shape[1]))
 
 
-def _coloured(series: Floats) -> bool:
-    samples = series[series != 0.0]
+def is_white(series: Floats) -> bool:
+    """Whether a series is white; too short a one is taken to be.
+
+    Parameters
+    ----------
+    series : array of shape (N,)
+        The series; 0 or NaN where a sample is missing.
+
+    Returns
+    -------
+    bool
+        Whether its periodogram departs from a flat one by no more than chance and a small part of its power.
+    """
+    samples = series[np.isfinite(series) & (series != 0.0)]
     if len(samples) < _FEWEST:
-        return False
+        return True
     power = np.abs(np.fft.rfft(samples - samples.mean()))[1:] ** 2
     count = len(power)
     departure = float(np.max(np.abs(np.cumsum(power) / power.sum() - np.arange(1, count + 1) / count)))
-    return departure > _SIZEABLE and departure * np.sqrt(count) > _SIGNIFICANT
+    return departure <= _SIZEABLE or departure * np.sqrt(count) <= _SIGNIFICANT

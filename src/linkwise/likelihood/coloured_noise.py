@@ -1,0 +1,228 @@
+"""Noise of sensors that is correlated from sample to sample: its autoregression, and what it does to scores.
+
+The residuals r of a channel with such noise follow r_t = a_1 r_(t-1) + ... + a_p r_(t-p) + e_t, e white, whatever the motion.
+Residuals of laws that are wrong do not: they resonate where the motion does, and fade with it. Noise is told from them by
+innovations e that are white and of one size throughout, and by poles that are far from the unit circle.
+
+References
+----------
+W. K. Newey and K. D. West, Econometrica 55, 703 (1987), for the variance of scores under correlated noise.
+
+D. W. K. Andrews and J. C. Monahan, Econometrica 60, 953 (1992), for whitening before the spectrum is smoothed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.eliminated_states import EliminatedRows
+from linkwise.likelihood.whiteness import is_white
+
+_HIGHEST_ORDER = 24  # that is tried: differenced noise needs as many to be white to 3 % of its power
+_SMOOTHED = 100  # lags of what an autoregression leaves: its spectrum is then known to 10 % from 6000 samples
+_SAMPLES_PER_LAG = 50  # at least
+_LARGEST_POLE = 0.95  # that remembers 20 samples; drifts and resonances of the motion remember more
+_BLOCKS = 20  # whose innovations are compared in size
+_FALSE_ALARM = 1e-6  # probability that those of steady noise differ by more
+_APART = 200  # samples between chains of segments, after which nothing is remembered: 0.95^200 = 4e-5
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredNoise:
+    """Autoregressive noise of the channels.
+
+    Attributes
+    ----------
+    coefficients : tuple of array of shape (p,)
+        a_1 .. a_p of each channel; none where it is white.
+    innovations : array of shape (C,)
+        Variances of e, in units of the variances that the residuals are whitened by.
+    correlations : tuple of array of shape (s,)
+        Autocorrelations of e from lag 0 on, tapered: an autoregression of finite order leaves some.
+    samples : array of int, shape (C,)
+        Number of residuals.
+    """
+
+    coefficients: tuple[Floats, ...]
+    innovations: Floats
+    correlations: tuple[Floats, ...]
+    samples: Indices
+
+    @classmethod
+    def of(cls, residuals: Floats, linked: Bools) -> ColouredNoise | None:
+        """The noise of residuals.
+
+        Parameters
+        ----------
+        residuals : array of shape (M, C, K)
+            Residuals of K segments of M samples in C channels; 0 where a sample is missing.
+        linked : array of bool, shape (K - 1,)
+            Which neighbouring segments are continuous.
+
+        Returns
+        -------
+        ColouredNoise or None
+            None where all channels are white, or one of them is coloured in another way.
+        """
+        series = in_time(residuals, linked)
+        series[series == 0.0] = np.nan
+        white = [is_white(channel) for channel in series]
+        if all(white):
+            return None
+        coefficients = [
+            np.zeros(0) if is_plain else _autoregression(channel)
+            for channel, is_plain in zip(series, white, strict=True)
+        ]
+        known = tuple(each for each in coefficients if each is not None)
+        if len(known) < len(series):
+            return None
+        innovations = [_innovations(channel, each) for channel, each in zip(series, known, strict=True)]
+        return cls(
+            known,
+            np.array([float(np.nanmean(each**2)) for each in innovations]),
+            tuple(
+                _tapered(each) if len(own) else np.ones(1)
+                for each, own in zip(innovations, known, strict=True)
+            ),
+            np.isfinite(series).sum(axis=1),
+        )
+
+    @property
+    def channels(self) -> Indices:
+        """The channels that are not white."""
+        return np.flatnonzero([len(each) > 0 for each in self.coefficients])
+
+    @property
+    def variances(self) -> Floats:
+        """(C,) variances of the noise."""
+        return np.array([np.mean(self._spectrum(channel, 4096)) for channel in range(len(self.innovations))])
+
+    @property
+    def information(self) -> float:
+        """-2 log likelihood of the residuals but for a constant, and the penalty of Schwarz for the coefficients."""
+        orders = np.array([len(each) + 1 for each in self.coefficients])
+        return float(self.samples @ np.log(self.innovations) + orders @ np.log(self.samples))
+
+    def at_motion(self, motion: Floats) -> Floats:
+        """(C,) variances of white noise that is as strong where the `motion` (C, N) has its power; NaN where it is missing."""
+        variances = self.variances
+        for channel in self.channels:
+            kept, passed = np.nanvar(motion[channel]), np.nanvar(self.whitened(motion[channel], channel))
+            if kept > 0.0 and passed > 0.0:
+                variances[channel] = self.innovations[channel] * kept / passed
+        return variances
+
+    def whitened(self, series: Floats, channel: int) -> Floats:
+        """The innovations of `series` (N,); NaN where one of the samples that they follow from is missing."""
+        return _innovations(series, self.coefficients[channel])
+
+    def score_covariance(self, rows: Iterable[EliminatedRows], linked: Bools, samples: int) -> Floats:
+        """(p, p) covariance that this noise gives to the sums of `rows` times residuals, in segments of so many `samples`.
+
+        With white noise of unit variance it would be the information.
+        """
+        chunks = [
+            each.data.reshape(len(each.data), samples, -1, each.data.shape[-1]).transpose(1, 2, 0, 3)
+            for each in rows
+        ]
+        columns = np.concatenate(chunks, axis=2)
+        total = np.zeros((columns.shape[-1],) * 2)
+        for channel, variance in enumerate(self.innovations):
+            own = columns[:, channel]
+            if not len(self.coefficients[channel]):
+                flat = own.reshape(-1, own.shape[-1]).astype(float)
+                total += variance * (flat.T @ flat)
+                continue
+            along = in_time(own.transpose(0, 2, 1), linked, fill=0.0)
+            length = scipy.fft.next_fast_len(along.shape[1] + _APART, real=True)
+            waves = np.fft.rfft(along, length)
+            power = self._spectrum(channel, length)[: waves.shape[1]] / length
+            power[1 : (length + 1) // 2] *= 2.0  # the negative frequencies
+            total += ((waves * power) @ waves.conj().T).real
+        return total
+
+    def _spectrum(self, channel: int, length: int) -> Floats:
+        """(length,) power at the frequencies of a discrete Fourier transform, whose mean is the variance.
+
+        At frequencies at which the innovations have less than their mean power it is that of the autoregression.
+        """
+        response = np.fft.fft(np.append(1.0, -self.coefficients[channel]), length)
+        left = 2.0 * np.fft.fft(self.correlations[channel], length).real - 1.0
+        return np.asarray(self.innovations[channel] * np.maximum(left, 1.0) / np.abs(response) ** 2)
+
+
+def in_time(values: Floats, linked: Bools, fill: float = np.nan) -> Floats:
+    """(C, N) series of `values` (M, C, K) in segments; between chains of them `fill`, for longer than noise is remembered."""
+    samples, channels, count = values.shape
+    chain = np.append(0, np.cumsum(~linked))
+    firsts = np.arange(count) * samples + chain * _APART
+    series = np.full((channels, int(firsts[-1]) + samples), fill)
+    series[:, firsts[:, None] + np.arange(samples)] = values.transpose(1, 2, 0)
+    return series
+
+
+def _autoregression(series: Floats) -> Floats | None:
+    """Coefficients of a series with gaps (NaN); None where it is no such noise."""
+    highest = min(_HIGHEST_ORDER, int(np.isfinite(series).sum()) // _SAMPLES_PER_LAG)
+    coefficients = _of_order(_autocovariances(series, highest), int(np.isfinite(series).sum()))
+    poles = np.roots(np.append(1.0, -coefficients))
+    innovations = _innovations(series, coefficients)
+    steady = is_white(innovations) and _is_steady(innovations)
+    if not len(coefficients) or np.max(np.abs(poles)) > _LARGEST_POLE or not steady:
+        return None
+    return coefficients
+
+
+def _autocovariances(series: Floats, highest: int) -> Floats:
+    observed = np.isfinite(series)
+    filled = np.where(observed, series, 0.0)
+    count = len(series)
+    return np.array(
+        [
+            np.dot(filled[: count - lag], filled[lag:])
+            / max(int(np.sum(observed[: count - lag] & observed[lag:])), 1)
+            for lag in range(highest + 1)
+        ]
+    )
+
+
+def _of_order(covariances: Floats, samples: int) -> Floats:
+    """The autoregression of the order that Schwarz's criterion chooses, by the recursion of Levinson and Durbin."""
+    coefficients, variance = np.zeros(0), float(covariances[0])
+    best, lowest = coefficients, samples * np.log(variance)
+    for order in range(1, len(covariances)):
+        reflection = (covariances[order] - coefficients @ covariances[order - 1 : 0 : -1]) / variance
+        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
+        variance *= 1.0 - reflection**2
+        if not variance > 0.0:
+            break
+        criterion = samples * np.log(variance) + order * np.log(samples)
+        if criterion < lowest:
+            best, lowest = coefficients, criterion
+    return best
+
+
+def _innovations(series: Floats, coefficients: Floats) -> Floats:
+    return np.convolve(series, np.append(1.0, -coefficients), mode="valid")
+
+
+def _tapered(innovations: Floats) -> Floats:
+    """Their autocorrelations times Parzen's window, whose transform is never negative."""
+    highest = min(_SMOOTHED, int(np.isfinite(innovations).sum()) // _SAMPLES_PER_LAG)
+    covariances = _autocovariances(innovations, highest)
+    window = scipy.signal.windows.parzen(2 * highest + 1)[highest:]
+    return np.asarray(window * covariances / covariances[0])
+
+
+def _is_steady(innovations: Floats) -> bool:
+    """Whether the innovations of consecutive blocks have the same power."""
+    kept = innovations[np.isfinite(innovations)] ** 2
+    blocks = np.array_split(kept / kept.mean(), _BLOCKS)
+    power, count = np.array([block.mean() for block in blocks]), np.array([len(block) for block in blocks])
+    departure = float(np.sum(0.5 * count * (power - 1.0) ** 2))
+    return departure < float(scipy.special.chdtri(_BLOCKS - 1, _FALSE_ALARM))

@@ -1,0 +1,75 @@
+"""Rows of the linearised equations at an optimum with the states eliminated: how residuals and defects follow the unknowns.
+
+Where an unknown moves, the states follow as the whole record tells them to. Sums over these rows are what samples and links
+between segments say of the unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.bordered_system import BorderedFactor
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.normal_equations import chunks, linearise, whitened_jacobian
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import Scales, Segments
+from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.tangents import CandidateForces
+
+
+@dataclass(frozen=True, eq=False)
+class EliminatedRows:
+    """Of the k segments `part`: `data` (k, M C, p), `residuals` (k, M C), `defects` (k, 2n + S, p) and `missed` (k, 2n + S).
+
+    Rows and residuals are whitened, in scaled unknowns (theta, amplitudes of candidates, sizes of errors, offsets, gains).
+    """
+
+    part: slice
+    data: Floats
+    residuals: Floats
+    defects: Floats
+    missed: Floats
+
+
+def eliminated_rows(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    q: float,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+) -> Iterator[EliminatedRows] | None:
+    """The rows of all segments, chunk by chunk; None where the equations are singular."""
+    linear = linearise(segments, misfit, scales, loss, candidates=candidates, errors=errors)
+    factor = linear.equations(q).factor()
+    if factor is None:
+        return None
+    follow, m = _state_sensitivities(factor), len(scales.state)
+    following = np.concatenate([follow[:, 1:], np.zeros((len(follow), 1, m))], axis=1)
+    linked = np.append(segments.linked, False)
+    missed = np.zeros((segments.count, m))
+    missed[:-1] = misfit.defects.reshape(m, -1).T
+
+    def chunk(part: slice) -> EliminatedRows:
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
+        node = follow[:, part].transpose(1, 2, 0)
+        defects = ends[..., m:] - ends[..., :m] @ node + following[:, part].transpose(1, 2, 0)
+        defects *= linked[part, None, None] / q
+        data = rows[..., m:-1] - rows[..., :m] @ node
+        return EliminatedRows(part, data, rows[..., -1], defects, missed[part] / q)
+
+    return map(chunk, chunks(segments, len(follow)))
+
+
+def _state_sensitivities(factor: BorderedFactor) -> Floats:
+    """(p, K, m): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
+    K, m = factor.shape
+    p = len(factor.schur)
+    follow, _ = lapack.dtbtrs(factor.chol, factor.forward[:p].T, uplo="L", trans="T")
+    return np.ascontiguousarray(follow.T).reshape(p, K, m)

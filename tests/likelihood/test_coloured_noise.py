@@ -1,0 +1,168 @@
+"""Noise of sensors that is correlated from sample to sample: told from laws that are wrong, and counted in every interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from problems import chain_record, truth
+
+import linkwise as lw
+from linkwise.likelihood.coloured_noise import ColouredNoise, in_time
+from linkwise.likelihood.eliminated_states import EliminatedRows
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.profile import profile_ends
+from linkwise.likelihood.starts.values import starting_values
+from linkwise.progress import silent
+
+SNR = 30.0
+
+
+def autoregressive(rng: np.random.Generator, shape: tuple[int, int], correlation: float) -> np.ndarray:
+    """First-order noise of unit power in the first channel, white noise in the others."""
+    noise = rng.normal(size=shape)
+    driven = scipy.signal.lfilter([1.0], [1.0, -correlation], noise[:, 0])
+    noise[:, 0] = driven * np.sqrt(1.0 - correlation**2)
+    return noise
+
+
+def differenced(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return np.asarray(np.diff(rng.normal(size=(shape[0] + 1, shape[1])), axis=0) / np.sqrt(2.0))
+
+
+NOISE: dict[str, Callable[[np.random.Generator, tuple[int, int]], np.ndarray]] = {
+    "AR(1) of 0.5": lambda rng, shape: autoregressive(rng, shape, 0.5),
+    "AR(1) of 0.9": lambda rng, shape: autoregressive(rng, shape, 0.9),
+    "differenced": differenced,
+}
+
+
+def noisy(noise: str, seed: int) -> lw.Record:
+    clean = chain_record(2)
+    size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0 ** (-SNR / 20.0)
+    drawn = NOISE[noise](np.random.default_rng([seed, 20261122]), clean.values.shape)
+    return replace(clean, values=clean.values + size * drawn)
+
+
+def in_segments(series: np.ndarray) -> np.ndarray:
+    """(5, C, K) segments of a series (N, C)."""
+    return series.reshape(-1, 5, series.shape[1]).transpose(1, 2, 0)
+
+
+def found(series: np.ndarray) -> ColouredNoise | None:
+    segments = in_segments(series)
+    return ColouredNoise.of(segments, np.ones(segments.shape[2] - 1, dtype=bool))
+
+
+@pytest.mark.parametrize("noise", list(NOISE))
+def test_intervals_allow_for_coloured_noise(noise: str) -> None:
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("all")
+    z = []
+    for seed in range(6):
+        fit = lw.identify(noisy(noise, seed), asked)
+        assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
+        coloured = "x:m1, x:m2" if noise == "differenced" else "x:m1"
+        assert f"which is correlated from sample to sample in {coloured}; all intervals" in fit.message
+        z.append((fit.values - truth(chain, asked)) / np.sqrt(fit.covariance.diagonal()))
+    low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], np.size(z)) / np.size(z)
+    assert low < np.mean(np.square(z)) < high
+
+
+def test_a_profile_counts_the_colour() -> None:
+    record, asked = noisy("AR(1) of 0.9", 3), lw.bnes_chain(2).unknown("nes")
+    theta, spread = starting_values([record], asked)
+    fit = likelihood_fit([record], asked, theta, spread=spread)
+    assert fit.optimum.widening is not None
+    wider = replace(fit.optimum, widening=2.0 * fit.optimum.widening)
+    for optimum, factor in ((fit.optimum, 1.0), (wider, 2.0)):
+        deviation = factor * float(np.sqrt(fit.covariance[0, 0]))
+        lower, upper = profile_ends(optimum, "nes1.alpha", deviation, silent)
+        assert (upper - lower) / (2.0 * 1.96 * deviation) == pytest.approx(1.0, abs=0.05)  # a parabola nearly
+
+
+def test_an_error_of_the_sensor_is_seen_beneath_the_colour() -> None:
+    record = noisy("AR(1) of 0.9", 4)
+    values = record.values.copy()
+    values[:, 0] *= 1.05
+    fit = lw.identify(replace(record, values=values), lw.bnes_chain(2).unknown("nes"))
+    assert not fit.trusted and fit.diagnosis[0].is_instrument
+
+
+def test_noise_that_is_stated_and_larger_is_not_excused() -> None:
+    record = noisy("AR(1) of 0.9", 5)
+    sizes = 0.5 * 10.0 ** (-SNR / 20.0) * np.sqrt(np.mean(record.values**2, axis=0))
+    stated = replace(record, noise=dict(zip(record.channels, map(float, sizes), strict=True)))
+    assert lw.identify(stated, lw.bnes_chain(2).unknown("nes")).verdicts[0] is lw.Verdict.NOISE_MISMATCH
+
+
+@pytest.mark.parametrize("correlation", [-0.4, 0.5, 0.9])
+def test_an_autoregression_is_found(correlation: float) -> None:
+    series = autoregressive(np.random.default_rng(1), (6000, 2), correlation)
+    series[700:710] = 0.0  # missing
+    noise = found(series)
+    assert noise is not None
+    assert noise.channels.tolist() == [0] and noise.samples.tolist() == [5990, 5990]
+    error = np.sqrt((1.0 - correlation**2) / 6000)
+    assert noise.coefficients[0][0] == pytest.approx(correlation, abs=4.0 * error)
+    size = np.sqrt(2.0 / 6000 * (1.0 + correlation**2) / (1.0 - correlation**2))
+    assert noise.variances[0] == pytest.approx(1.0, abs=4.0 * size + 0.05)  # never below what is left is flat
+
+
+def _fading(series: np.ndarray) -> np.ndarray:
+    return series * np.linspace(1.5, 0.5, len(series))[:, None]
+
+
+def _resonant(rng: np.random.Generator) -> np.ndarray:
+    """A motion at a seventh of the rate with 1 % of damping under white forces."""
+    pole = 0.99 * np.exp(2j * np.pi / 7.0)
+    return np.asarray(
+        scipy.signal.lfilter([1.0], np.poly([pole, pole.conj()]), rng.normal(size=(6000, 1)), axis=0)
+    )
+
+
+@pytest.mark.parametrize("kind", ["white", "drift", "fading", "resonant"])
+def test_what_is_no_coloured_noise_of_a_sensor(kind: str) -> None:
+    rng = np.random.default_rng(2)
+    series = {
+        "white": rng.normal(size=(6000, 2)),
+        "drift": np.cumsum(rng.normal(size=(6000, 1)), axis=0),
+        "fading": _fading(autoregressive(rng, (6000, 1), 0.5)),
+        "resonant": _resonant(rng),
+    }[kind]
+    assert found(series) is None
+
+
+def test_scores_of_coloured_noise_scatter_as_its_correlations_say() -> None:
+    """By the spectrum, against the double sum over all pairs of samples; the chains of segments are told apart."""
+    rng = np.random.default_rng(3)
+    series = autoregressive(rng, (2000, 2), 0.8)
+    noise = found(series)
+    assert noise is not None
+    linked = np.ones(9, dtype=bool)
+    linked[3] = False
+    rows = rng.normal(size=(10, 10, 3))  # 10 segments of 5 samples in 2 channels
+    parts = [
+        EliminatedRows(part, rows[part], rows[part, :, 0], np.zeros((0,)), np.zeros((0,)))
+        for part in (slice(0, 6), slice(6, 10))
+    ]
+    covariance = noise.score_covariance(parts, linked, samples=5)
+    spectrum = noise._spectrum(0, 1 << 15)
+    lags = np.fft.ifft(spectrum).real
+    own = rows.reshape(10, 5, 2, 3)
+    first, second = own[:4, :, 0].reshape(-1, 3), own[4:, :, 0].reshape(-1, 3)
+    expected = sum(each.T @ scipy.linalg.toeplitz(lags[: len(each)]) @ each for each in (first, second))
+    white = own[:, :, 1].reshape(-1, 3)
+    expected = expected + noise.innovations[1] * (white.T @ white)
+    assert np.allclose(covariance, expected, rtol=1e-3)  # 0.95^200 and less is left between chains
+
+
+def test_series_in_time_keep_chains_apart() -> None:
+    values = np.arange(30.0).reshape(3, 2, 5)
+    series = in_time(values, np.array([True, False, True, True]))
+    assert series.shape == (2, 15 + 200)
+    assert series[0, :6].tolist() == [0.0, 10.0, 20.0, 1.0, 11.0, 21.0]
+    assert np.isnan(series[:, 6:206]).all() and series[1, 206:209].tolist() == [7.0, 17.0, 27.0]
