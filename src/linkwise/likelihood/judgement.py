@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.diagnosis import diagnose
+from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.whiteness import is_coloured
@@ -92,6 +93,13 @@ def _verdict(
         return Verdict.COLOURED_RESIDUALS, (
             f"{explained}, but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so "
             "none is given. A filter or a drift of a sensor, or a term that is missing, leaves such residuals."
+        )
+    faint = undetermined_far_away(fit)
+    if faint:
+        return Verdict.SEVERAL_OPTIMA, (
+            f"{explained}, but values of {', '.join(faint)} far from the estimates explain it as well: how the link stretches "
+            "hardly stands above the noise, so no interval is given. Hold them at known values, or record a motion that "
+            "stretches the link more."
         )
     if not is_regular(fit):
         return Verdict.SEVERAL_OPTIMA, (

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus, anneal
-from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
 
 _STRAIGHT = 10  # steps of annealing up to which there is no sign of another optimum
 _DIRECTIONS = 2  # in which the cost is evaluated
@@ -108,11 +108,22 @@ def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats) -> bool:
     optimum = fit.optimum
     theta = optimum.point.theta.copy()
     theta[free] += step
+    moved = fitted_with(optimum, theta, np.ones(len(theta), dtype=bool))
+    rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2 / _DISTANCE**2
+    if moved.status is AnnealingStatus.CONVERGED:
+        return bool(1.0 / _IRREGULAR < rise < _IRREGULAR)
+    return bool(rise < _IRREGULAR_UNCONVERGED)
+
+
+def fitted_with(optimum: Optimum, theta: Floats, held: Bools) -> AnnealingFit:
+    """The orbit fitted again from parameters `theta` (p,), those that are `held` (p,) kept."""
     system = optimum.segments.system
-    held = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
-    moved = anneal(
-        replace(optimum.segments, system=held),
-        replace(optimum.point, theta=theta),
+    lower = np.where(held, theta, system.parameters.lower)
+    upper = np.where(held, theta, system.parameters.upper)
+    constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
+    return anneal(
+        replace(optimum.segments, system=constrained),
+        replace(optimum.point, theta=np.clip(theta, lower, upper)),
         optimum.scales,
         AnnealingSchedule(
             initial_q=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)),
@@ -121,7 +132,3 @@ def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats) -> bool:
         ),
         loss=optimum.loss,
     )
-    rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2 / _DISTANCE**2
-    if moved.status is AnnealingStatus.CONVERGED:
-        return bool(1.0 / _IRREGULAR < rise < _IRREGULAR)
-    return bool(rise < _IRREGULAR_UNCONVERGED)

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.expression import Operation
 from linkwise.likelihood.law_group import LawGroup
 from linkwise.likelihood.rate_partials import MemorySlopes, RatePartials
@@ -160,6 +160,15 @@ class System:
                         factors.setdefault(pair, []).append((rows + offset, factor))
                 rows += group.size
         return tuple((link, column, tuple(terms)) for (link, column), terms in factors.items())
+
+    @property
+    def wholly_unknown(self) -> Bools:
+        """(L,) links of which every coefficient is a parameter."""
+        known = np.zeros(self.incidence.shape[1], dtype=bool)
+        for group in self.groups:
+            fixed = ~self.parameters.map[group.rows].any(axis=1)
+            known[group.links] = fixed.reshape(-1, group.size).any(axis=0)
+        return ~known
 
     @cached_property
     def free_rows(self) -> int:
