@@ -164,6 +164,7 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
         "trusted",
         "model_error_percent",
         "diagnosis",
+        "alerts",
     }
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}
     assert set(result["noise"]["x:m1"]) == {"sigma", "unit", "snr_db"}

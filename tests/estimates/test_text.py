@@ -93,7 +93,7 @@ def answer() -> lw.Estimate:
             d_range=np.array([[-0.00563, 0.00567], [-0.03054, 0.02969]]),
             compute_residual=lambda: None,
         ),
-        record=lw.Record(0.0, 1000.0, ("x:m1",), steps),
+        record=chain_record(2).with_noise(20.0, seed=1),
     )
 
 

@@ -22,6 +22,8 @@ from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Lin
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.html import JudgedView
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.inspect import inspect
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -71,6 +73,8 @@ class Estimate(JudgedView):
     diagnosis : tuple of Cause
         What would explain what the laws leave: errors of sensors, masses and applied forces, and missing terms, the largest
         gain in likelihood first.
+    more_records : tuple of Record
+        The records that were fitted together with `record`.
 
     Examples
     --------
@@ -105,6 +109,7 @@ class Estimate(JudgedView):
     notes: tuple[str, ...] = ()
     model_error: float = 0.0
     diagnosis: tuple[Cause, ...] = ()
+    more_records: tuple[Record, ...] = ()
 
     asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
     moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))
@@ -180,7 +185,7 @@ class Estimate(JudgedView):
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Sentences on what the record cannot determine; empty where there is nothing to say."""
+        """Sentences on what is wrong with the records or cannot be determined; empty where there is nothing to say."""
         stopped = [
             parameter.name for parameter, free in zip(self.parameters, self.free, strict=True) if not free
         ]
@@ -196,7 +201,12 @@ class Estimate(JudgedView):
             for index, link in enumerate(self.links)
             for coefficient in active_coefficients(link, self.motion.d[:, index], self.motion.v[:, index])
         )
-        return (*self.remarks, *bounds, *of_links, *active)
+        return (*map(str, self.alerts), *self.remarks, *bounds, *of_links, *active)
+
+    @cached_property
+    def alerts(self) -> tuple[Alert, ...]:
+        """What is wrong with channels of the records by themselves, worst first, as `inspect` tells it."""
+        return inspect((self.record, *self.more_records)).alerts
 
     def coefficient(self, name: str) -> CoefficientEstimate:
         """Estimate of a coefficient.
@@ -283,6 +293,7 @@ class Estimate(JudgedView):
             "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
             "model_error_percent": 100.0 * self.model_error,
             "diagnosis": [cause.to_dict() for cause in self.diagnosis],
+            "alerts": [alert.to_dict() for alert in self.alerts],
             "findings": list(self.findings),
             "notes": list(self.notes),
             "masses": {mass.name.removesuffix(".mass"): coefficient_document(mass) for mass in self.masses},

@@ -190,6 +190,7 @@ def estimate_of(
         samples=fit.samples,
         compute_motion=partial(_motion, fit, identified, records),
         record=records[0],
+        more_records=tuple(records[1:]),
         remarks=_remarks(fit, delays or {}),
         profile=partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,

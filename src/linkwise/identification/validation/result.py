@@ -11,6 +11,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.html import JudgedView
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.inspect import inspect
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.text import as_text
@@ -265,7 +267,7 @@ class Validation(JudgedView):
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Channels and coefficients that disagree, where the error is largest, and the remarks."""
+        """What is wrong with channels, channels and coefficients that disagree, where the error is largest, and remarks."""
         channels = [
             f"{entry.name}: the error is {entry.rmse:.3g} {entry.unit}; noise and intervals allow {entry.limit:.3g} "
             f"{entry.unit}."
@@ -286,7 +288,12 @@ class Validation(JudgedView):
                     f"Over {profile.quantity} the error is largest from {low:.3g} to {high:.3g} {profile.unit}: "
                     f"{percent:.3g} % of the motion."
                 )
-        return (*channels, *coefficients, *where, *self.remarks)
+        return (*map(str, self.alerts), *channels, *coefficients, *where, *self.remarks)
+
+    @cached_property
+    def alerts(self) -> tuple[Alert, ...]:
+        """What is wrong with channels of the record by themselves, worst first, as `inspect` tells it."""
+        return inspect(self.record).alerts
 
     def to_dict(self) -> dict[str, Any]:
         """The scores as plain data for JSON.
@@ -318,6 +325,7 @@ class Validation(JudgedView):
             "model_error_percent": 100.0 * self.model_error,
             "verdicts": [verdict.name for verdict in self.verdicts],
             "trusted": self.trusted,
+            "alerts": [alert.to_dict() for alert in self.alerts],
             "findings": list(self.findings),
         }
 
