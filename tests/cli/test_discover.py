@@ -63,6 +63,25 @@ def test_prints_the_table_and_the_comparison(files: Path, capsys: pytest.Capture
     assert told.startswith("5 terms right\n  missing  none\n  false    none\n") and told.count(" %\n") == 2
 
 
+def test_a_calibration_stands_in_the_intervals(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = answer(capsys, *arguments(files, "--calibration", "all=1%"))
+    (beta,) = (term for term in result["terms"] if term["name"] == "m2-m1.k3")
+    assert beta["standard_error"] > 0.01 * beta["value"]  # a gain of 1 % changes it by 2 %
+
+
+def test_a_delay_without_a_time_is_found(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = answer(capsys, *arguments(files, "--delay", "x:m2"))
+    (told,) = (finding for finding in result["findings"] if finding.startswith("x:m2 is late by"))
+    assert abs(float(told.split()[4])) < 0.1  # ms, of a record whose channels are together
+
+
+def test_an_error_that_cannot_be_admitted_is_wrong_usage(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arguments(files, "--let", "drift")) == 1
+    assert 'unknown error of a sensor "drift"' in capsys.readouterr().err
+
+
 def test_json_is_the_answer_of_the_library(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = answer(capsys, *arguments(files))
     found = lw.discover(lw.read_record(files / "run.csv"), {"m1": 1.0, "m2": 0.01})

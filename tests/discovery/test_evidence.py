@@ -11,8 +11,8 @@ from present import some
 from problems import chain_record
 
 import linkwise as lw
+from linkwise.discovery.candidates import candidates_for
 from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.discover import candidates_for
 from linkwise.discovery.evidence import exchange_remarks, term_evidence
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN

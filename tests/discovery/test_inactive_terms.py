@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.discovery.candidates import candidates_for
 from linkwise.discovery.data_checks import inactive_remark, inactive_terms
-from linkwise.discovery.discover import candidates_for
 from linkwise.weak.displacements import read_displacements
 
 TERMS = "v, d, contact(0.004), friction(0.01)"

@@ -12,8 +12,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.discovery import screen as module
-from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.discover import candidates_for
+from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.screen import ScreenResult, screen
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.integrated_displacements import with_displacements

@@ -18,10 +18,12 @@ from linkwise.cli.options import (
     folder_option,
     grouped,
     json_option,
+    keyword_group,
     pairs,
     record_options,
     truth_option,
 )
+from linkwise.cli.sensor_options import sensor_options, with_delays
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -56,12 +58,12 @@ class PriorOptions:
             )
         return {name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()}
 
-    def options(self) -> lw.DiscoveryOptions:
-        """The options of `linkwise.discover`; UsageError for invalid terms."""
+    def options(self, sensors: dict[str, Any]) -> lw.DiscoveryOptions:
+        """The options of `linkwise.discover`, with errors of `sensors`; UsageError for invalid terms."""
         if self.terms is None:
-            return lw.DiscoveryOptions()
+            return lw.DiscoveryOptions(**sensors)
         try:
-            return lw.DiscoveryOptions(terms=self.terms)
+            return lw.DiscoveryOptions(terms=self.terms, **sensors)
         except lw.IdentificationError as error:
             raise click.UsageError(f"--terms: {error}") from error
 
@@ -114,12 +116,14 @@ prior_options = grouped(
 @click.command()
 @record_options
 @prior_options
+@keyword_group("sensors", *sensor_options())
 @folder_option
 @truth_option
 @json_option("result.json")
 def discover(
     source: RecordOptions,
     prior: PriorOptions,
+    sensors: dict[str, Any],
     output: Path | None,
     truth: Path | None,
     as_json: bool,
@@ -151,8 +155,11 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
       linkwise discover run.csv --structure known.toml --with run2.csv --json
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --calibration all=1%
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
     """
-    masses, options = prior.masses(), prior.options()
+    source, sensors = with_delays(source, sensors)
+    masses, options = prior.masses(), prior.options(sensors)
     process = drawing_beside(output, "linkwise.report.discovery_folder:DISCOVERY_FOLDER")
     names = tuple(masses) if isinstance(masses, dict) else tuple(mass.name for mass in masses.masses)
     true = None if truth is None else _true(truth, names)

@@ -20,10 +20,10 @@ from linkwise.cli.options import (
     json_option,
     keyword_group,
     option_name,
-    pairs,
     record_options,
     truth_option,
 )
+from linkwise.cli.sensor_options import sensor_options, with_delays
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
 from linkwise.sindy.regression import REGRESSORS
@@ -53,25 +53,6 @@ def _loss(context: click.Context, option: click.Parameter, name: str | None) -> 
     return {None: None, "huber": lw.Huber(), "student": lw.Student()}[name]
 
 
-def _calibration(
-    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
-) -> dict[str, float] | None:
-    """Relative standard deviations by channel."""
-    percentages = pairs(texts, "--calibration", "x:m1=1%")
-    return {name: 0.01 * _percentage(value) for name, value in percentages.items()} or None
-
-
-def _percentage(text: str) -> float:
-    try:
-        return float(text.strip().removesuffix("%"))
-    except ValueError:
-        raise click.UsageError(f"--calibration takes a percentage, such as x:m1=1%, got {text!r}.") from None
-
-
-def _kinds(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...] | None:
-    return None if text is None else tuple(kind.strip() for kind in text.split(","))
-
-
 method_options = grouped(
     MethodOptions,
     "chosen",
@@ -95,34 +76,7 @@ method_options = grouped(
 
 ml_options = keyword_group(
     "ml",
-    click.option(
-        "--offset",
-        "offsets",
-        metavar="CHANNEL",
-        multiple=True,
-        help="Find a constant error of this channel too (ml). Repeatable.",
-    ),
-    click.option(
-        "--gain",
-        "gains",
-        metavar="CHANNEL",
-        multiple=True,
-        help="Find a constant factor of this channel too (ml). Repeatable.",
-    ),
-    click.option(
-        "--calibration",
-        metavar="CHANNEL=PERCENT%",
-        multiple=True,
-        callback=_calibration,
-        help="How well the gain of a sensor is known; all= for each, common= for a factor that all share (ml). Repeatable.",
-    ),
-    click.option(
-        "--let",
-        "admit",
-        metavar="gain,offset,delay",
-        callback=_kinds,
-        help="Errors of sensors that are taken into the model where the diagnosis names them (ml).",
-    ),
+    *sensor_options(" (ml)"),
     click.option(
         "--robust",
         "loss",
@@ -181,8 +135,12 @@ def identify(
       linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    estimator = _estimator(chosen, _with_delays(chosen, ml, source.unknown_delays), sindy)
-    source = source.with_known_delays()
+    if source.unknown_delays and chosen.method != "ml":
+        raise click.UsageError(
+            f"--delay {source.unknown_delays[0]} without a time is for --method ml, not for {chosen.method}."
+        )
+    source, ml = with_delays(source, ml)
+    estimator = _estimator(chosen, ml, sindy)
     process = drawing_beside(output, "linkwise.report.estimate_folder:ESTIMATE_FOLDER")
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
@@ -214,15 +172,6 @@ def identify(
         quiet=as_json,
     )
     return exit_code(estimate.verdicts)
-
-
-def _with_delays(chosen: MethodOptions, ml: dict[str, Any], channels: tuple[str, ...]) -> dict[str, Any]:
-    """The options of "ml" with delays that are to be found; UsageError for those of another method."""
-    if channels and chosen.method != "ml":
-        raise click.UsageError(
-            f"--delay {channels[0]} without a time is for --method ml, not for {chosen.method}."
-        )
-    return {**ml, "delays": channels} if channels else ml
 
 
 def _estimator(chosen: MethodOptions, ml: dict[str, Any], sindy: dict[str, Any]) -> lw.Estimator:

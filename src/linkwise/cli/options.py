@@ -197,7 +197,8 @@ class ReadingOptions:
         if self.unknown_delays:
             name = self.unknown_delays[0]
             raise click.UsageError(
-                f"--delay {name} has no time: identify finds one; here write how late it is, as in --delay {name}=2ms."
+                f"--delay {name} has no time, which identify and discover find; here write it, as in "
+                f"--delay {name}=2ms."
             )
         stated = pairs([text for text in self.delay if "=" in text], "--delay", "a:base=2ms")
         return {name: _seconds(value, name) for name, value in stated.items()}

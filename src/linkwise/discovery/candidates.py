@@ -6,13 +6,22 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from linkwise.discovery.terms import Term
-from linkwise.errors import IdentificationError, StructureError
+import numpy as np
+
+from linkwise.discovery.terms import Term, parse_terms
+from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.expression import Number
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
+from linkwise.model.toml_file import PartialStructure
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+from linkwise.records.repetition import check_distinct
+from linkwise.records.stated_noise import check_stated_noise
+from linkwise.units import to_si
 
 
 @dataclass(frozen=True)
@@ -195,3 +204,66 @@ def _links(pair: Pair, terms: Sequence[Term]) -> tuple[Link, ...]:
     first, *others = pair.stated
     law = Law.parse(f"{first.law.text} + {text}")
     return Link(first.name, first.between, law, {**first.coefficients, **new}), *others
+
+
+def candidates_for(
+    records: Sequence[Record],
+    masses: Mapping[str, float | str] | Structure | PartialStructure,
+    terms: str | Sequence[str],
+) -> Candidates:
+    """All candidates between the masses of the records."""
+    if not records:
+        raise IdentificationError("discovery needs at least one record, got none")
+    check_distinct(records)
+    check_stated_noise(records)
+    if isinstance(masses, Structure | PartialStructure):
+        given, stated = masses.masses, masses.links
+    else:
+        given = tuple(Mass(name, _mass(name, value)) for name, value in masses.items())
+        stated = ()
+    if not given:
+        raise IdentificationError(
+            'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
+        )
+    refuse_memory(stated, "discovery")
+    _require_no_priors(given, stated)
+    _require_scale(given, records)
+    base = {name for record in records for name in record.channels if Channel.parse(name).mass == BASE}
+    grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
+    return all_candidates(given, parse_terms(terms), stated=stated, base=bool(base), ground=grounded)
+
+
+def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:
+    stated = {f"{mass.name}.mass": mass.mass for mass in masses}
+    stated |= {f"{link.name}.{name}": value for link in links for name, value in link.coefficients.items()}
+    known = [name for name, value in stated.items() if value.sigma < np.inf]
+    if known:
+        raise StructureError(
+            f"discovery takes a value as known or as unknown, and {', '.join(known)} is stated with a sigma: write a number "
+            'or "unknown" for the discovery, and identify the structure found with the sigma'
+        )
+
+
+def _require_scale(masses: Sequence[Mass], records: Sequence[Record]) -> None:
+    """StructureError if all masses are unknown and no applied force sets the scale of the forces."""
+    forced = any(name.startswith("force:") for record in records for name in record.channels)
+    if not forced and not any(mass.mass.known for mass in masses):
+        raise StructureError(
+            "the mass is unknown, and neither an applied force nor another mass sets the scale of the forces; weigh one mass, "
+            "or record the applied force",
+            f'mass "{masses[0].name}"',
+        )
+
+
+def _mass(name: str, value: float | str) -> Coefficient:
+    """A number in kg, or "unknown"."""
+    if value == "unknown":
+        return Coefficient.unknown()
+    return Coefficient.number(_kilograms(name, value))
+
+
+def _kilograms(name: str, value: float | str) -> float:
+    try:
+        return to_si(value, "kg")
+    except LinkwiseError as error:
+        raise StructureError(str(error), f'mass "{name}"') from error

@@ -11,7 +11,7 @@ from typing import Unpack
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.candidates import Candidates, all_candidates
+from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
 from linkwise.discovery.inexact_laws import select_inexact
@@ -21,23 +21,20 @@ from linkwise.discovery.result import Discovery
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.discovery.spanning_tree import most_significant_tree
-from linkwise.discovery.terms import parse_terms
-from linkwise.errors import IdentificationError, LinkwiseError, StructureError
+from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
+from linkwise.likelihood.fit import LikelihoodOptions
+from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.link import Link, Mass
-from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import BASE, Channel, of_links
 from linkwise.records.record import Record
-from linkwise.records.repetition import check_distinct, joined_notes
-from linkwise.records.stated_noise import check_stated_noise
+from linkwise.records.repetition import joined_notes
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
-from linkwise.units import to_si
 from linkwise.verdict import Verdict, is_trusted
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
 from linkwise.weak.estimate import weak_search
@@ -78,11 +75,11 @@ def discover(
         The masses by name, in kg or with a unit ("10 g"). A structure also states links: those links and terms
         are part of the answer, except links whose law is 0 and terms whose coefficient is 0, which are known to be absent.
     options : DiscoveryOptions, optional
-        The candidate terms.
+        The candidate terms, and the errors of sensors that are found with them.
     progress : Progress
         Called with a `ProgressReport` at every step of the search.
     **keywords
-        In place of `options`: its field `terms`.
+        In place of `options`: its fields, such as `terms`.
 
     Returns
     -------
@@ -118,13 +115,59 @@ def discover(
     True
     """
     started = perf_counter()
-    terms = DiscoveryOptions.given(options, keywords).terms
+    chosen = DiscoveryOptions.given(options, keywords)
     records = [record] if isinstance(record, Record) else list(record)
-    candidates = candidates_for(records, masses, terms)
+    candidates = candidates_for(records, masses, chosen.terms)
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
     records = [_channels_of(record, candidates.masses) for record in records]
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
+    sensors = LikelihoodOptions(
+        offsets=chosen.offsets,
+        gains=chosen.gains,
+        calibration=by_channel(chosen.calibration, records[0].responses),
+        delays=chosen.delays,
+    )
+    discovery = answer_with_sensors(
+        partial(_found, candidates, checks, progress), records, sensors, chosen.admit, _Found.reported
+    )
+    seconds = perf_counter() - started
+    estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
+    return replace(discovery, estimate=estimate, seconds=seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a search found, and what it was found from."""
+
+    checks: DataChecks
+    screened: _Screened
+    selection: Selection
+    discovery: Discovery
+
+    @property
+    def status(self) -> AnnealingStatus:
+        return self.selection.fit.status
+
+    @property
+    def delays(self) -> Mapping[str, float]:
+        return self.selection.fit.delays
+
+    def reported(self, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
+        """The discovery, which tells `delays` in s that were found by channel."""
+        if not delays:
+            return self.discovery
+        return _discovery(records, self.checks, self.screened, self.selection, delays)
+
+
+def _found(
+    candidates: Candidates,
+    checks: DataChecks,
+    progress: Progress,
+    records: Sequence[Record],
+    sensors: LikelihoodOptions,
+) -> _Found:
+    """Screen the candidates, and select among them with the errors of `sensors`."""
     with one_blas_thread():
         screened = _Screened.of(framed_records(records, candidates.full_structure), candidates)
     search = TermSearch(
@@ -133,6 +176,7 @@ def discover(
         screened.result.tested,
         start=partial(starting_values, records, weak=partial(_weak_values, screened)),
         progress=part(progress, _SCREENED, 1.0),
+        sensors=sensors,
     )
     selection = select_structure(search, screened.first)
     if not selection.is_exact:
@@ -141,10 +185,9 @@ def discover(
     if Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and selection.is_exact:
         simpler = select_inexact(search, selection, screened.first)
         reduced = _discovery(records, checks, screened, simpler)
-        discovery = reduced if reduced.trusted else discovery
-    seconds = perf_counter() - started
-    estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
-    return replace(discovery, estimate=estimate, seconds=seconds)
+        if reduced.trusted:
+            selection, discovery = simpler, reduced
+    return _Found(checks, screened, selection, discovery)
 
 
 def check_discovery(
@@ -188,69 +231,6 @@ def check_discovery(
     records = [record] if isinstance(record, Record) else list(record)
     candidates = candidates_for(records, masses, terms)
     return _checked(records, candidates).remarks
-
-
-def candidates_for(
-    records: Sequence[Record],
-    masses: Mapping[str, float | str] | Structure | PartialStructure,
-    terms: str | Sequence[str],
-) -> Candidates:
-    """All candidates between the masses of the records."""
-    if not records:
-        raise IdentificationError("discovery needs at least one record, got none")
-    check_distinct(records)
-    check_stated_noise(records)
-    if isinstance(masses, Structure | PartialStructure):
-        given, stated = masses.masses, masses.links
-    else:
-        given = tuple(Mass(name, _mass(name, value)) for name, value in masses.items())
-        stated = ()
-    if not given:
-        raise IdentificationError(
-            'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
-        )
-    refuse_memory(stated, "discovery")
-    _require_no_priors(given, stated)
-    _require_scale(given, records)
-    base = {name for record in records for name in record.channels if Channel.parse(name).mass == BASE}
-    grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
-    return all_candidates(given, parse_terms(terms), stated=stated, base=bool(base), ground=grounded)
-
-
-def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:
-    stated = {f"{mass.name}.mass": mass.mass for mass in masses}
-    stated |= {f"{link.name}.{name}": value for link in links for name, value in link.coefficients.items()}
-    known = [name for name, value in stated.items() if value.sigma < np.inf]
-    if known:
-        raise StructureError(
-            f"discovery takes a value as known or as unknown, and {', '.join(known)} is stated with a sigma: write a number "
-            'or "unknown" for the discovery, and identify the structure found with the sigma'
-        )
-
-
-def _require_scale(masses: Sequence[Mass], records: Sequence[Record]) -> None:
-    """StructureError if all masses are unknown and no applied force sets the scale of the forces."""
-    forced = any(name.startswith("force:") for record in records for name in record.channels)
-    if not forced and not any(mass.mass.known for mass in masses):
-        raise StructureError(
-            "the mass is unknown, and neither an applied force nor another mass sets the scale of the forces; weigh one mass, "
-            "or record the applied force",
-            f'mass "{masses[0].name}"',
-        )
-
-
-def _mass(name: str, value: float | str) -> Coefficient:
-    """A number in kg, or "unknown"."""
-    if value == "unknown":
-        return Coefficient.unknown()
-    return Coefficient.number(_kilograms(name, value))
-
-
-def _kilograms(name: str, value: float | str) -> float:
-    try:
-        return to_si(value, "kg")
-    except LinkwiseError as error:
-        raise StructureError(str(error), f'mass "{name}"') from error
 
 
 def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
@@ -331,11 +311,15 @@ def _unknowns(link: Link) -> list[str]:
 
 
 def _discovery(
-    records: Sequence[Record], checks: DataChecks, screened: _Screened, selection: Selection
+    records: Sequence[Record],
+    checks: DataChecks,
+    screened: _Screened,
+    selection: Selection,
+    delays: Mapping[str, float] | None = None,
 ) -> Discovery:
-    """The estimate of the selected structure and the evidence for it."""
+    """The estimate of the selected structure and the evidence for it; `delays` in s were found by channel."""
     fit = selection.fit
-    estimate = estimate_of(selection.structure, fit, records)
+    estimate = estimate_of(selection.structure, fit, records, delays)
     search = [
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),

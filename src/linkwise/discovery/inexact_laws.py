@@ -20,7 +20,7 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
 from linkwise.discovery.stepwise import best_subset
 from linkwise.likelihood.anneal import AnnealingStatus
-from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.overdispersion import overdispersion
 from linkwise.model.structure import Structure
 
@@ -51,7 +51,8 @@ def select_inexact(
             search.records,
             structure,
             values,
-            options=LikelihoodOptions(
+            options=replace(
+                search.sensors,
                 progress=round_progress(search.progress, number),
                 nodes=nodes,
                 relaxation=relaxation,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TypedDict, Unpack, final
 
 from linkwise.discovery.terms import DEFAULT, parse_terms
@@ -13,6 +13,11 @@ class DiscoveryKeywords(TypedDict, total=False):
     """The keywords of `DiscoveryOptions.of`: its fields."""
 
     terms: str | Sequence[str]
+    offsets: Sequence[str]
+    gains: Sequence[str]
+    calibration: Mapping[str, float]
+    delays: Sequence[str]
+    admit: Sequence[str]
 
 
 @final
@@ -26,6 +31,13 @@ class DiscoveryOptions:
     ----------
     terms : str or sequence of str
         The candidate terms of every link, as `parse_terms` reads them.
+    offsets, gains, delays : sequence of str
+        Channels with an unknown constant error, factor or delay, which every fit of the search finds with the terms.
+    calibration : mapping of str to float
+        Relative standard deviations to which the gains of sensors are known, by channel, as of `MaximumLikelihood`.
+    admit : sequence of {"gain", "offset", "delay"}
+        Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
+        diagnosis names.
 
     Raises
     ------
@@ -46,6 +58,11 @@ class DiscoveryOptions:
     """
 
     terms: str | Sequence[str] = DEFAULT
+    offsets: Sequence[str] = ()
+    gains: Sequence[str] = ()
+    calibration: Mapping[str, float] = field(default_factory=dict)
+    delays: Sequence[str] = ()
+    admit: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)

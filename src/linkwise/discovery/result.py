@@ -9,6 +9,7 @@ from typing import Any
 
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.discovery.terms import Term
+from linkwise.estimates.cause import Cause
 from linkwise.estimates.estimate import Estimate
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
@@ -239,6 +240,11 @@ class Discovery(JudgedView):
     settled = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.SEARCH_UNSETTLED))
     seen = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.DISPLACEMENTS_INTEGRATED))
     exact = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.TERMS_MAY_BE_MISSING))
+
+    @property
+    def diagnosis(self) -> tuple[Cause, ...]:
+        """What would explain what the laws leave, as that of `estimate`."""
+        return self.estimate.diagnosis
 
     @property
     def structure(self) -> Structure:

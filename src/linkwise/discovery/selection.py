@@ -81,13 +81,17 @@ _SINGULAR = (
 
 @dataclass(frozen=True, eq=False)
 class TermSearch:
-    """What all rounds share: the records, the candidates, the names of those `tested`, and where a fit starts."""
+    """What all rounds share: the records, the candidates, the names of those `tested`, and where a fit starts.
+
+    `sensors` has the errors of sensors that every fit finds beside the terms.
+    """
 
     records: Sequence[Record]
     candidates: Candidates
     tested: frozenset[str]
     start: Start
     progress: Progress
+    sensors: LikelihoodOptions
 
     def within(self, names: Collection[str]) -> TermSearch:
         """The same search among the candidates `names` only."""
@@ -96,7 +100,9 @@ class TermSearch:
     def first_fit(self, structure: Structure) -> LikelihoodFit:
         """A fit from the start that the search has for `structure`, as tight as its laws allow."""
         theta, spread = self.start(structure)
-        options = LikelihoodOptions(model_error=False, ceiling=_CEILING, steps=_STEPS, progress=self.progress)
+        options = replace(
+            self.sensors, model_error=False, ceiling=_CEILING, steps=_STEPS, progress=self.progress
+        )
         return likelihood_fit(self.records, structure, theta, spread=spread, options=options)
 
     def additions(
@@ -158,7 +164,8 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
             structure,
             theta,
             spread=spread,
-            options=LikelihoodOptions(
+            options=replace(
+                search.sensors,
                 progress=round_progress(search.progress, number),
                 nodes=nodes,
                 model_error=False,

@@ -22,7 +22,7 @@ from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.segmentation import require_units_of_states
-from linkwise.likelihood.sensor_unknowns import by_channel, estimate_with_sensors
+from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.values import starting_values
@@ -134,7 +134,7 @@ class MaximumLikelihood(Estimator):
             progress=progress,
         )
 
-        return estimate_with_sensors(
+        return answer_with_sensors(
             partial(self._search, structure),
             records,
             options,

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.cause import Cause
 from linkwise.likelihood.anneal import AnnealingStatus
-from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions
+from linkwise.likelihood.fit import LikelihoodOptions
 from linkwise.likelihood.segmentation import COMMON
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -28,8 +28,28 @@ _LARGEST = (
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
 _SHIFTS = 8  # of channels, at most: beyond the delays wander
 
-Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], LikelihoodFit]
-Report: TypeAlias = Callable[[LikelihoodFit, Sequence[Record], Mapping[str, float]], Estimate]
+
+class Fitted(Protocol):
+    """What a search gives: how it ended, and the delays in s that it found by channel."""
+
+    @property
+    def status(self) -> AnnealingStatus: ...
+
+    @property
+    def delays(self) -> Mapping[str, float]: ...
+
+
+class Diagnosed(Protocol):
+    """An answer with a diagnosis of what it leaves."""
+
+    @property
+    def diagnosis(self) -> tuple[Cause, ...]: ...
+
+
+Fit = TypeVar("Fit", bound=Fitted)
+Answer = TypeVar("Answer", bound=Diagnosed)
+Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], Fit]
+Report: TypeAlias = Callable[[Fit, Sequence[Record], Mapping[str, float]], Answer]
 
 
 def by_channel(calibration: Mapping[str, float], responses: Sequence[str]) -> dict[str, float]:
@@ -52,14 +72,14 @@ def by_channel(calibration: Mapping[str, float], responses: Sequence[str]) -> di
     return each | {name: deviation for name, deviation in calibration.items() if name != ALL}
 
 
-def estimate_with_sensors(
-    search: Search,
+def answer_with_sensors(
+    search: Search[Fit],
     records: Sequence[Record],
     options: LikelihoodOptions,
     admitted: Sequence[str],
-    report: Report,
-) -> Estimate:
-    """The estimate by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
+    report: Report[Fit, Answer],
+) -> Answer:
+    """The answer by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
 
     An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
     that is named twice, and a delay that cannot be found.
@@ -74,16 +94,16 @@ def estimate_with_sensors(
                 f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}'
             )
     while True:
-        estimate, interrupted = _with_delays(search, records, options, report)
-        instruments = [cause for cause in estimate.diagnosis if cause.is_instrument]
+        answer, interrupted = _with_delays(search, records, options, report)
+        instruments = [cause for cause in answer.diagnosis if cause.is_instrument]
         if interrupted or not instruments or instruments[0].kind not in admitted:
-            return estimate
+            return answer
         kind, channel = instruments[0].kind, instruments[0].where
         if channel in records[0].inputs or (kind == "delay" and Channel.parse(channel).kind not in _LATE):
-            return estimate
+            return answer
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
         if channel in present:
-            return estimate
+            return answer
         options = _widened(options, kind, (*present, channel))
 
 
@@ -96,9 +116,9 @@ def _widened(options: LikelihoodOptions, kind: str, channels: tuple[str, ...]) -
 
 
 def _with_delays(
-    search: Search, records: Sequence[Record], options: LikelihoodOptions, report: Report
-) -> tuple[Estimate, bool]:
-    """The estimate; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again.
+    search: Search[Fit], records: Sequence[Record], options: LikelihoodOptions, report: Report[Fit, Answer]
+) -> tuple[Answer, bool]:
+    """The answer; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again.
 
     Also whether an interrupt ended the search.
     """

@@ -1,0 +1,71 @@
+"""Options for errors of sensors that are found with the laws, which `identify` and `discover` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from linkwise.cli.options import RecordOptions, pairs
+
+
+def _calibration(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, float] | None:
+    """Relative standard deviations by channel."""
+    percentages = pairs(texts, "--calibration", "x:m1=1%")
+    return {name: 0.01 * _percentage(value) for name, value in percentages.items()} or None
+
+
+def _percentage(text: str) -> float:
+    try:
+        return float(text.strip().removesuffix("%"))
+    except ValueError:
+        raise click.UsageError(f"--calibration takes a percentage, such as x:m1=1%, got {text!r}.") from None
+
+
+def _kinds(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(kind.strip() for kind in text.split(","))
+
+
+def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
+    """The options, with a `remark` at the end of what each does."""
+    return (
+        click.option(
+            "--offset",
+            "offsets",
+            metavar="CHANNEL",
+            multiple=True,
+            help=f"Find a constant error of this channel too{remark}. Repeatable.",
+        ),
+        click.option(
+            "--gain",
+            "gains",
+            metavar="CHANNEL",
+            multiple=True,
+            help=f"Find a constant factor of this channel too{remark}. Repeatable.",
+        ),
+        click.option(
+            "--calibration",
+            metavar="CHANNEL=PERCENT%",
+            multiple=True,
+            callback=_calibration,
+            help="How well the gain of a sensor is known; all= for each, common= for a factor that all share"
+            f"{remark}. Repeatable.",
+        ),
+        click.option(
+            "--let",
+            "admit",
+            metavar="gain,offset,delay",
+            callback=_kinds,
+            help=f"Errors of sensors that are taken into the model where the diagnosis names them{remark}.",
+        ),
+    )
+
+
+def with_delays(source: RecordOptions, sensors: dict[str, Any]) -> tuple[RecordOptions, dict[str, Any]]:
+    """How to read a record without the delays that are to be found, and the options of `sensors` with them."""
+    if not source.unknown_delays:
+        return source, sensors
+    return source.with_known_delays(), {**sensors, "delays": source.unknown_delays}

@@ -1,0 +1,81 @@
+"""Errors of sensors that are found with the structure: calibrations, offsets, gains and delays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import chain_record
+
+import linkwise as lw
+
+MASSES = {"m1": 1.0, "m2": 0.01}
+WIDTH = 0.01  # relative deviation of a calibration
+FAR = 4.0  # standard errors, which chance exceeds once in 16 000
+LATE = 2  # samples
+
+
+def record(seed: int = 1) -> lw.Record:
+    return chain_record(2, duration=1.5).with_noise(40.0, seed=seed)
+
+
+def changed(x2: np.ndarray) -> lw.Record:
+    """The record with other samples of x:m2."""
+    clean = record()
+    return replace(clean, values=np.column_stack([clean.channel("x:m1"), x2]), simulated=None)
+
+
+def exact(found: lw.Discovery) -> bool:
+    return lw.term_score(found.structure, lw.bnes_chain(2)).exact
+
+
+def farthest(found: lw.Discovery) -> float:
+    """The largest error of a coefficient in standard errors."""
+    chain = lw.bnes_chain(2)
+    true = {
+        "m1-ground.k": chain.coefficient("spring1.k").value,
+        "m1-ground.c": chain.coefficient("spring1.c").value,
+        "m2-m1.k": chain.coefficient("nes1.alpha").value,
+        "m2-m1.k3": chain.coefficient("nes1.beta").value,
+        "m2-m1.c": chain.coefficient("nes1.c").value,
+    }
+    estimates = {name: found.estimate.coefficient(name) for name in true}
+    return max(
+        abs(one.value - float(true[name] or 0.0)) / float(one.standard_error or np.nan)
+        for name, one in estimates.items()
+    )
+
+
+def test_a_calibration_widens_what_rests_on_it() -> None:
+    """beta has the dimension N/m^3: scaled by a gain g of x:m2 it changes by -2 g, so its error is 2 % at least."""
+    calibrated = lw.discover(record(), MASSES, calibration={"all": WIDTH})
+    assert calibrated.trusted and exact(calibrated)
+    beta = calibrated.estimate.coefficient("m2-m1.k3")
+    assert beta.standard_error == pytest.approx(np.sqrt(2.0) * WIDTH * beta.value, rel=0.1)
+    without = lw.discover(record(), MASSES).estimate.coefficient("m2-m1.k3")
+    assert float(without.standard_error or 0.0) < 0.1 * float(beta.standard_error or 0.0)
+
+
+@pytest.mark.parametrize(("kind", "gain", "offset"), [("gain", 1.02, 0.0), ("offset", 1.0, 0.002)])
+def test_an_admitted_error_is_found_with_the_structure(kind: str, gain: float, offset: float) -> None:
+    faulty = changed(gain * record().channel("x:m2") + offset)
+    found = lw.discover(faulty, MASSES, admit=[kind])
+    assert found.trusted and exact(found)
+    assert farthest(found) < FAR
+    assert any("estimated with the other unknowns" in finding for finding in found.estimate.findings)
+
+
+def test_a_delay_that_is_named_is_found() -> None:
+    x = record().channel("x:m2")
+    late = changed(np.concatenate([np.full(LATE, x[0]), x[:-LATE]]))
+    faulty = late.between(0.01, 1.5)  # without the samples that the shift has repeated
+    found = lw.discover(faulty, MASSES, delays=["x:m2"])
+    assert found.trusted and exact(found)
+    (told,) = (finding for finding in found.estimate.findings if finding.startswith("x:m2 is late by"))
+    assert float(told.split()[4]) == pytest.approx(LATE, abs=0.02)  # ms, as many as samples
+
+
+def test_a_channel_that_is_not_there_is_refused() -> None:
+    with pytest.raises(lw.IdentificationError, match="no calibration of x:m3"):
+        lw.discover(record(), MASSES, calibration={"x:m3": WIDTH})
