@@ -60,13 +60,17 @@ class DiscoveryOptions:
     terms: str | Sequence[str] = DEFAULT
     offsets: Sequence[str] = ()
     gains: Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict)
+    calibration: Mapping[str, float] = field(default_factory=dict, hash=False)
     delays: Sequence[str] = ()
     admit: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)
         object.__setattr__(self, "terms", terms)
+        for name in ("offsets", "gains", "delays", "admit"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
+        object.__setattr__(self, "calibration", dict(self.calibration))
         parse_terms(terms)  # raises what is wrong with them
 
     @classmethod
