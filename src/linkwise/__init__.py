@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from linkwise.identification.validation.validate import validate
     from linkwise.inspection.alert import Alert
     from linkwise.inspection.inspect import inspect
+    from linkwise.inspection.mark_missing import mark_missing
     from linkwise.inspection.result import ChannelSummary, Inspection
     from linkwise.likelihood.anneal import AnnealingStep
     from linkwise.likelihood.estimate import MaximumLikelihood
@@ -275,6 +276,7 @@ __all__ = [
     "limit",
     "link_columns",
     "local_equations",
+    "mark_missing",
     "modes",
     "monomial_equations",
     "monomial_force",

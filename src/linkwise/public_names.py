@@ -56,6 +56,7 @@ HOMES = {
     "identification.validation.validate": ("validate",),
     "inspection.alert": ("Alert",),
     "inspection.inspect": ("inspect",),
+    "inspection.mark_missing": ("mark_missing",),
     "inspection.result": ("ChannelSummary", "Inspection"),
     "likelihood.anneal": ("AnnealingStep",),
     "likelihood.estimate": ("MaximumLikelihood",),

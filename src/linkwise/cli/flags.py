@@ -15,6 +15,7 @@ FLAGS = {
     "resample": "--resample HZ",
     "earliest": "--from S",
     "latest": "--to S",
+    "mark_missing": "--mark-missing clipped,spikes",
     "burn": "--burn S",
     "sinks": "--sink LINK",
     "without": "--without removed|locked",

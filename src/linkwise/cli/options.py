@@ -145,6 +145,7 @@ class ReadingOptions:
     resample: float | None
     start: float | None
     stop: float | None
+    mark_missing: tuple[str, ...]
     delay: tuple[str, ...]
     interpolation: tuple[str, ...]
     noise_of: tuple[str, ...]
@@ -169,6 +170,7 @@ class ReadingOptions:
         )
         for other in others:
             record = lw.beside(record, other)
+        record = lw.mark_missing(record, self.mark_missing)
         record = lw.without_delays(record, self._known_delays)
         runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
         record = replace(record, interpolation={**record.interpolation, **runs})
@@ -247,6 +249,11 @@ class RecordOptions(ReadingOptions):
         return self.read_file(self.record, masses)
 
 
+def comma_separated(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...]:
+    """The parts of a list with commas; none for no text."""
+    return () if text is None else tuple(part.strip() for part in text.split(","))
+
+
 READING = (
     click.option(
         "--channel",
@@ -262,10 +269,18 @@ READING = (
     click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
     click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
     click.option(
+        "--mark-missing",
+        metavar="KINDS",
+        default=None,
+        callback=comma_separated,
+        help="Take samples with these faults as missing: clipped, spikes.",
+    ),
+    click.option(
         "--delay",
         metavar="CHANNEL[=TIME]",
         multiple=True,
-        help="A channel that is late, and by how much, in s or as in 2ms; without a time identify finds it (ml). Repeatable.",
+        help="A channel that is late, and by how much, in s or as in 2ms; without a time identify and discover find "
+        "it. Repeatable.",
     ),
     click.option(
         "--interpolation",

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from linkwise.cli.options import RecordOptions, pairs
+from linkwise.cli.options import RecordOptions, comma_separated, pairs
 
 
 def _calibration(
@@ -23,10 +23,6 @@ def _percentage(text: str) -> float:
         return float(text.strip().removesuffix("%"))
     except ValueError:
         raise click.UsageError(f"--calibration takes a percentage, such as x:m1=1%, got {text!r}.") from None
-
-
-def _kinds(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...] | None:
-    return None if text is None else tuple(kind.strip() for kind in text.split(","))
 
 
 def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
@@ -58,7 +54,7 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             "--let",
             "admit",
             metavar="gain,offset,delay",
-            callback=_kinds,
+            callback=comma_separated,
             help=f"Errors of sensors that are taken into the model where the diagnosis names them{remark}.",
         ),
     )

@@ -6,13 +6,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from linkwise.arrays import Bools
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.channel_signal import ChannelSignal
 from linkwise.inspection.record_signals import RecordSignals
+from linkwise.signals.smooth import smoothing_spline
 
 _FEWEST = 4  # samples at an end
 _CROWDED = 6.0  # times as many at the end of a range as on the level before it: a sine has 2.4
 _FINE = 1e-7  # of the range: with finer steps no two samples are equal by chance
+_REACH = 3.0  # standard deviations of the noise, which a sample exceeds once in 700
 _FLAT = (
     0.5  # of the samples at the ends of a range: a signal that switches between two levels, not a clipped one
 )
@@ -21,17 +24,42 @@ _FLAT = (
 def clipped(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels with samples at an end of their range."""
     for signal in signals.moving:
-        ends = [(count, value) for value in _ends(signal) if (count := _at_end(signal, value))]
-        total = sum(count for count, _ in ends)
-        if not total or total > _FLAT * len(signal.seen):
+        ends = _clipped_ends(signal)
+        if not ends:
             continue
+        total = sum(count for count, _ in ends)
         where = " and ".join(f"{count} at {value:.4g} {signal.channel.unit}" for count, value in ends)
         message = (
             f"{total} samples are at the end of the range ({where}): the sensor or the amplifier was overloaded, and "
-            "stiffness and damping at large motion come out wrong; mark these samples as missing, or measure with a larger "
-            "range"
+            "stiffness and damping at large motion come out wrong; mark these samples as missing (mark_missing), or measure "
+            "with a larger range"
         )
-        yield Alert("clipped", signal.name, message, float(total / len(signal.seen)) ** 0.5)
+        error = float(total / len(signal.seen)) ** 0.5
+        yield Alert("clipped", signal.name, message, error, arguments=("mark_missing",))
+
+
+def clipped_samples(signal: ChannelSignal) -> Bools:
+    """Which samples (N,) are clipped, or would have been with another noise.
+
+    Were those beside a clipped one kept that only their noise has held inside of the range, the noise of the samples that are
+    left would no longer have a mean of zero.
+    """
+    values = [value for _, value in _clipped_ends(signal)]
+    clipped = np.isin(signal.values, values)
+    if not values:
+        return clipped
+    motion = smoothing_spline(signal.filled, signal.rate).value()[:, 0]
+    reach = _REACH * float(np.nan_to_num(signal.sigma))
+    for value in values:
+        side = 1.0 if value == signal.levels[-1] else -1.0
+        clipped |= side * (motion - value) > -reach
+    return clipped & signal.present
+
+
+def _clipped_ends(signal: ChannelSignal) -> list[tuple[int, float]]:
+    """The ends of the range at which samples are clipped, each with their number."""
+    ends = [(count, value) for value in _ends(signal) if (count := _at_end(signal, value))]
+    return ends if sum(count for count, _ in ends) <= _FLAT * len(signal.seen) else []
 
 
 def _ends(signal: ChannelSignal) -> tuple[float, float]:

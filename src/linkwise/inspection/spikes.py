@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.channel_signal import ChannelSignal
 from linkwise.inspection.record_signals import RecordSignals
@@ -27,8 +27,6 @@ _LEFT = (
 def spikes(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses, and of the motion of the base, with outliers."""
     for signal in signals.moving:
-        if signal.channel.kind in ("force", "f") or len(signal.values) < 4 * _BLOCK:
-            continue
         indices = _spikes(signal)
         if not len(indices):
             continue
@@ -38,10 +36,10 @@ def spikes(signals: RecordSignals) -> Iterator[Alert]:
         message = (
             f"{len(indices)} sample{'s lie' if len(indices) > 1 else ' lies'} far from the neighbours, the farthest by "
             f"{size[largest]:.3g} {signal.channel.unit} at {when:.6g} s: least squares follows such samples, and noise and "
-            "intervals come out too wide; mark them as missing, or use a robust loss"
+            "intervals come out too wide; mark them as missing (mark_missing), or use a robust loss"
         )
         error = float(np.sqrt(np.sum(size**2) / len(signal.values))) / signal.rms
-        yield Alert("spikes", signal.name, message, error, arguments=("loss",))
+        yield Alert("spikes", signal.name, message, error, arguments=("mark_missing", "loss"))
 
 
 def _deviations(values: Floats) -> Floats:
@@ -51,8 +49,17 @@ def _deviations(values: Floats) -> Floats:
     return deviations
 
 
+def spiked_samples(signal: ChannelSignal) -> Bools:
+    """Which samples (N,) are spikes."""
+    spiked = np.zeros(len(signal.values), dtype=bool)
+    spiked[_spikes(signal)] = True
+    return spiked
+
+
 def _spikes(signal: ChannelSignal) -> Indices:
-    """The samples that are outliers."""
+    """The samples that are outliers; none of a force, which may jump, and of a short record."""
+    if signal.channel.kind in ("force", "f") or len(signal.values) < 4 * _BLOCK:
+        return np.zeros(0, dtype=int)
     values = signal.filled
     deviations = _deviations(values)
     near_gap = np.convolve(~signal.present, np.ones(2 * _HALF + 1), "same") > 0.5

@@ -1,0 +1,75 @@
+"""Samples that show a fault of the sensor or the logger in place of the motion, marked as missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from linkwise.arrays import Bools
+from linkwise.errors import RecordError
+from linkwise.inspection.channel_signal import ChannelSignal
+from linkwise.inspection.clipped import clipped_samples
+from linkwise.inspection.record_signals import RecordSignals
+from linkwise.inspection.spikes import spiked_samples
+from linkwise.records.record import Record
+from linkwise.registry import Registry
+
+FAULTY_SAMPLES: Registry[Callable[[ChannelSignal], Bools]] = Registry(
+    "fault of samples", {"clipped": clipped_samples, "spikes": spiked_samples}, RecordError
+)
+"""Functions of the signal of a channel that give which of its samples (N,) have the fault."""
+
+
+def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spikes")) -> Record:
+    """Mark samples that show a fault in place of the motion as missing.
+
+    Maximum likelihood goes by the samples that are left: what lies beyond the range of a sensor costs information, and no
+    longer pulls stiffness and damping.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    faults : str or sequence of {"clipped", "spikes"}, optional
+        Which samples: those at an end of the range of a sensor that was overloaded, with those beside them that noise alone
+        may have held inside, and single samples far from their neighbours; both as `inspect` sees them.
+
+    Returns
+    -------
+    Record
+        The record with these samples missing and a note of how many; `record` itself where there are none.
+
+    Raises
+    ------
+    RecordError
+        If a fault is not one of those.
+
+    See Also
+    --------
+    inspect : What is wrong with the channels of a record.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> x = record.channel("x:m1")
+    >>> peak = 0.8 * np.abs(x).max()
+    >>> overloaded = {"x:m1": np.clip(x, -peak, peak), "x:m2": record.channel("x:m2")}
+    >>> lw.mark_missing(lw.Record.from_arrays(record.time, overloaded)).notes
+    ('x:m1: 49 samples were marked as missing (clipped).',)
+    """
+    names = (faults,) if isinstance(faults, str) else tuple(faults)
+    functions = {name: FAULTY_SAMPLES.lookup(name) for name in names}
+    values, notes = record.values.copy(), []
+    for signal in RecordSignals.of(record).moving:
+        for name, faulty_samples in functions.items():
+            faulty = faulty_samples(signal)
+            if faulty.any():
+                values[faulty, record.channels.index(signal.name)] = np.nan
+                notes.append(f"{signal.name}: {int(faulty.sum())} samples were marked as missing ({name}).")
+    if not notes:
+        return record
+    return replace(record, values=values, notes=(*record.notes, *notes))

@@ -1,0 +1,80 @@
+"""Samples that a sensor or a logger spoilt are taken as missing, and answers are as good as the samples that are left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import chain_record, truth
+from record_faults import chain, faulty
+
+import linkwise as lw
+
+PEAK = 0.8  # of the largest motion, at which a sensor is overloaded
+SPIKES = (400, 1200, 2900)
+
+
+def overloaded(record: lw.Record) -> tuple[lw.Record, np.ndarray]:
+    """The record with every channel clipped, and which samples (N, C) are."""
+    peak = PEAK * np.max(np.abs(record.values), axis=0)
+    return replace(record, values=np.clip(record.values, -peak, peak), simulated=None), np.abs(
+        record.values
+    ) >= peak
+
+
+def test_clipped_samples_are_marked_and_those_that_noise_alone_held_inside() -> None:
+    """A sample whose motion is 6 deviations inside of the range is never marked, by normal noise."""
+    exact, whole = chain_record(2), chain(2, 30.0)
+    record, clipped = overloaded(whole)
+    marked = lw.mark_missing(record, "clipped")
+    missing = np.isnan(marked.values)
+    assert clipped.any(axis=0).all() and missing[clipped].all()
+    np.testing.assert_array_equal(marked.values[~missing], record.values[~missing])
+    deviation = np.std(whole.values - exact.values, axis=0)
+    inside = PEAK * np.max(np.abs(whole.values), axis=0) - np.abs(exact.values)
+    assert (inside < 6.0 * deviation)[missing].all()
+    assert marked.notes[len(record.notes) :] == tuple(
+        f"{name}: {count} samples were marked as missing (clipped)."
+        for name, count in zip(record.channels, missing.sum(axis=0), strict=True)
+    )
+    assert "clipped" not in {alert.kind for alert in lw.inspect(marked).alerts}
+
+
+def test_spikes_are_marked_and_no_others() -> None:
+    def spiked(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+        values[list(SPIKES)] += 3.0 * np.std(values)
+        return values
+
+    marked = lw.mark_missing(faulty(chain(2, 30.0), "x:m1", spiked))
+    assert np.flatnonzero(np.isnan(marked.channel("x:m1"))).tolist() == list(SPIKES)
+    assert not np.isnan(marked.channel("x:m2")).any()
+
+
+def test_a_clean_record_stays() -> None:
+    record = chain(2, 30.0)
+    assert lw.mark_missing(record) is record
+
+
+def test_an_unknown_fault_is_refused() -> None:
+    with pytest.raises(lw.RecordError, match=r"unknown fault of samples 'cliped'.*'clipped'"):
+        lw.mark_missing(chain(2, 30.0), "cliped")
+
+
+@pytest.mark.parametrize("snr_db", [20.0, 40.0])
+def test_errors_are_those_of_the_record_without_clipping(snr_db: float) -> None:
+    """Few samples are clipped: standard errors grow by less than 1.5, and the truth is within 4.5 of them.
+
+    Chance exceeds that once in 30 000 for each of the five coefficients.
+    """
+    whole = chain_record(2).with_noise(snr_db, seed=21)
+    chain_of_two = lw.bnes_chain(2)
+    fits = [
+        lw.identify(record, chain_of_two.unknown("all"))
+        for record in (whole, lw.mark_missing(overloaded(whole)[0]))
+    ]
+    before, after = (np.sqrt(fit.covariance.diagonal()) for fit in fits)
+    true = truth(chain_of_two, fits[1].given_structure)
+    assert fits[1].trusted
+    assert (after < 1.5 * before).all()
+    assert (np.abs(fits[1].values - true) < 4.5 * after).all()
