@@ -11,6 +11,7 @@ from time import perf_counter
 
 import numpy as np
 import pytest
+from paper_weak_fits import LEVELS, check_cover, check_sinks
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -125,3 +126,15 @@ def test_accuracy(decibel: float, limit: float) -> None:
             f"z rms {np.sqrt(np.mean(np.square(z))):.2f}{beside}"
         )
         assert np.median(nmse) <= limit
+
+
+@pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
+@pytest.mark.parametrize("decibel", LEVELS)
+def test_sinks_and_standard_errors(n: int, decibel: float) -> None:
+    """What the suite asks of eight seeds, of twenty."""
+    check_sinks(n, decibel, SEEDS)
+
+
+def test_intervals_and_bands_cover() -> None:
+    """What the suite asks of 80 records, of 200."""
+    check_cover(200)
