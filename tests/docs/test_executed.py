@@ -42,19 +42,43 @@ Page
 """
 
 
-def built(folder: Path, page: str) -> subprocess.CompletedProcess[str]:
-    """A site of one page, built with warnings as errors."""
-    conf = f"import sys\nsys.path.insert(0, {str(EXTENSIONS)!r})\nextensions = ['executed']\n"
-    (folder / "conf.py").write_text(conf, encoding="utf-8")
-    (folder / "index.rst").write_text(page, encoding="utf-8")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", str(folder), str(folder / "site")]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+FAULTS = (  # what stands in the page, what in its place, and what is told
+    ("1 + 2", "1 + None", "expected no error, got TypeError"),
+    ("ZeroDivisionError", "KeyError", "expected KeyError, got ZeroDivisionError"),
+    ("total / 0", "total / 1", "expected ZeroDivisionError, got None"),
+    ("--dof 2", "--dof 3", "exit codes"),
+    ("linkwise structure", "other structure", "not all commands of linkwise"),
+    ("shown:: chain", "shown:: chains", "no block before has written chains.toml"),
+)
+BUILD = """
+import sys
+from contextlib import redirect_stderr
+from pathlib import Path
+from sphinx.cmd.build import main
+
+for folder in map(Path, sys.argv[1:]):
+    with (folder / "stderr").open("w", encoding="utf-8") as file, redirect_stderr(file):
+        code = main(["-q", "-W", "-b", "html", str(folder), str(folder / "site")])
+    (folder / "code").write_text(str(code))
+"""
 
 
-def test_output_stands_below_the_code(tmp_path: Path) -> None:
-    done = built(tmp_path, GOOD)
-    assert done.returncode == 0, done.stderr
-    page = (tmp_path / "site" / "index.html").read_text(encoding="utf-8")
+@pytest.fixture(scope="module")
+def sites(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Sites of one page each, built with warnings as errors: the good one, then those with a fault; one process builds all."""
+    folders = []
+    for page in (GOOD, *(GOOD.replace(old, new) for old, new, _ in FAULTS)):
+        folders.append(tmp_path_factory.mktemp("site"))
+        conf = f"import sys\nsys.path.insert(0, {str(EXTENSIONS)!r})\nextensions = ['executed']\n"
+        (folders[-1] / "conf.py").write_text(conf, encoding="utf-8")
+        (folders[-1] / "index.rst").write_text(page, encoding="utf-8")
+    subprocess.run([sys.executable, "-c", BUILD, *map(str, folders)], check=True)
+    return folders
+
+
+def test_output_stands_below_the_code(sites: list[Path]) -> None:
+    assert (sites[0] / "code").read_text() == "0", (sites[0] / "stderr").read_text(encoding="utf-8")
+    page = (sites[0] / "site" / "index.html").read_text(encoding="utf-8")
     for shown in (
         "the sum is 3",
         "ZeroDivisionError: division by zero",
@@ -64,18 +88,10 @@ def test_output_stands_below_the_code(tmp_path: Path) -> None:
         assert shown in page
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [
-        ("1 + 2", "1 + None", "expected no error, got TypeError"),
-        ("ZeroDivisionError", "KeyError", "expected KeyError, got ZeroDivisionError"),
-        ("total / 0", "total / 1", "expected ZeroDivisionError, got None"),
-        ("--dof 2", "--dof 3", "exit codes"),
-        ("linkwise structure", "other structure", "not all commands of linkwise"),
-        ("shown:: chain", "shown:: chains", "no block before has written chains.toml"),
-    ],
-)
-def test_a_block_that_fails_fails_the_build(tmp_path: Path, old: str, new: str, told: str) -> None:
+@pytest.mark.parametrize("number", range(len(FAULTS)))
+def test_a_block_that_fails_fails_the_build(sites: list[Path], number: int) -> None:
+    old, _, told = FAULTS[number]
     assert GOOD.count(old) == 1
-    done = built(tmp_path, GOOD.replace(old, new))
-    assert done.returncode != 0 and told in done.stderr and "index.rst" in done.stderr
+    site = sites[1 + number]
+    said = (site / "stderr").read_text(encoding="utf-8")
+    assert (site / "code").read_text() != "0" and told in said and "index.rst" in said
