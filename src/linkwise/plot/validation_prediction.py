@@ -46,7 +46,7 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> lw.plot.prediction(lw.validate(record, chain), "x:m1").get_xlabel()
     'time, s'
     """
@@ -94,7 +94,7 @@ def prediction_error(
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> lw.plot.prediction_error(lw.validate(record, chain), "x:m1").get_xlabel()
     'time, s'
     """
@@ -135,7 +135,7 @@ def prediction_figure(validation: Validation) -> Figure:
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> result = lw.validate(record, chain)
     >>> len(lw.plot.prediction_figure(result).axes)
     2
@@ -163,7 +163,7 @@ def prediction_error_figure(validation: Validation) -> Figure:
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> result = lw.validate(record, chain)
     >>> len(lw.plot.prediction_error_figure(result).axes)
     2

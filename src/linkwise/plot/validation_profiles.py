@@ -41,7 +41,7 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> lw.plot.prediction_profile(lw.validate(record, chain), "d of nes1").get_ylabel()
     'error, % of the motion'
     """
@@ -93,7 +93,7 @@ def prediction_spectrum(
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> lw.plot.prediction_spectrum(lw.validate(record, chain), "x:m1").get_xlabel()
     'frequency, Hz'
     """
@@ -133,7 +133,7 @@ def prediction_profile_figure(validation: Validation) -> Figure:
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> result = lw.validate(record, chain)
     >>> len(lw.plot.prediction_profile_figure(result).axes)
     4
@@ -165,7 +165,7 @@ def prediction_spectrum_figure(validation: Validation) -> Figure:
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> result = lw.validate(record, chain)
     >>> len(lw.plot.prediction_spectrum_figure(result).axes)
     2

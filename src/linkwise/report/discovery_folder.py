@@ -60,7 +60,7 @@ def write_discovery(
     --------
     >>> import tempfile
     >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     written = lw.write_discovery(discovery, f"{folder}/discovery")

@@ -42,7 +42,7 @@ def write_validation(validation: Validation, folder: str | Path, *, progress: Pr
     >>> import tempfile
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> result = lw.validate(record, chain)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     written = lw.write_validation(result, f"{folder}/validation")

@@ -25,7 +25,7 @@ def validation_of(validation: Validation) -> dict[str, Any]:
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> result = lw.validation_of(lw.validate(record, chain))
     >>> result["free_run"], result["channels"]["x:m1"]["unit"]
     (True, 'm')

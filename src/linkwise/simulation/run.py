@@ -131,8 +131,10 @@ class _Run:
             while self.next < limit and self.times[self.next] <= start:
                 self.store(state[None])
             wanted = self.times[self.next : min(limit, self.before_interruption())]
+            stops = np.empty(len(wanted) + 1)
+            stops[:-1], stops[-1] = wanted, end
             result = self.integrator.propagate(
-                np.append(wanted, end),
+                stops,
                 most_steps=self.step_limit(),
                 longest_step=self.options.longest_step,
                 log=self.options.log,

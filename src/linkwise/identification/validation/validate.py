@@ -85,7 +85,7 @@ def validate(
     --------
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=4.0, rate=500.0).with_noise(40.0, seed=1)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> validation = lw.validate(record, chain)
     >>> validation.trusted, validation.free_run
     (True, True)

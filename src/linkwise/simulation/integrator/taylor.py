@@ -108,10 +108,12 @@ class TaylorIntegrator:
         longest_step: float = np.inf,
         log: list[float] | None = None,
     ) -> Propagation:
-        grid = np.concatenate([[self._taylor.time], times]).astype(self.dtype)
+        dtype = self.dtype
+        grid = np.empty(1 + len(times), dtype)
+        grid[0], grid[1:] = self._taylor.time, times
         callback = None if log is None else _StepLog(log)
         code, _, _, steps, *_, states = self._taylor.propagate_grid(
-            grid, most_steps, self.dtype(longest_step), callback
+            grid, most_steps, dtype(longest_step), callback
         )
         return Propagation(states[1:], steps, _OUTCOMES.get(code, Outcome.KINK))
 
