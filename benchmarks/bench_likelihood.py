@@ -11,10 +11,15 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
+import paper_fits
+import pytest
+from paper_fits import identified
 
 import linkwise as lw
 
 FIRST, SEEDS = 1000, 20
+MANY = 250  # records of the statistics of one structure
+CHANCE = 0.014  # on each side of a share of them: two deviations, from 0.92 to 0.98
 DURATION, RATE = 6.0, 1000.0
 
 
@@ -93,6 +98,27 @@ def test_other_sensors(unit: float) -> None:
     for what, sensors in (("velocities", ("v",)), ("accelerations", ("a",))):
         for n in (2, 4):
             print(Figures.of(n, 30.0, sensors).row(f"{what}, n = {n}", unit), flush=True)
+
+
+@pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
+def test_errors_and_chi_square_at_20_db(n: int) -> None:
+    """What the suite asks of four to twelve seeds, of all twenty."""
+    paper_fits.check_sinks_at_20_db(identified(n, 20.0, SEEDS))
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_velocities_cover(n: int) -> None:
+    """What the suite asks of eight and four seeds, of all twenty."""
+    paper_fits.check_velocities(identified(n, 30.0, SEEDS, "v"))
+
+
+def test_statistics_of_many_records() -> None:
+    """Errors, intervals, the band of a force and the bound, which the suite asks of 110 records."""
+    many = identified(2, 20.0, MANY)
+    paper_fits.check_standard_errors(many)
+    paper_fits.check_intervals(many, CHANCE)
+    paper_fits.check_force_band(many, CHANCE)
+    paper_fits.check_bound(many)
 
 
 def test_cost_is_linear_in_samples(unit: float) -> None:

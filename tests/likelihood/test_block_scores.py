@@ -80,7 +80,10 @@ def test_too_few_segments_have_no_blocks(chain_fit: LikelihoodFit) -> None:
 
 
 def test_pieces_of_a_servo_axis_scatter_as_the_whole_says(shared_data: Path) -> None:
-    """EMPS: five pieces scattered 4 to 15 times the stated errors while the law's error was taken for white noise."""
+    """EMPS: five pieces scattered 4 to 15 times the stated errors while the law's error was taken for white noise.
+
+    Three of them here; all five are those of benchmarks/bench_inexact_laws.py.
+    """
     data = scipy.io.loadmat(shared_data / "emps.mat")
     force = data["vir"].ravel() * float(data["gtau"].item())
     record = lw.Record.from_arrays(data["t"].ravel(), {"x:m1": data["qm"].ravel(), "force:m1": force})
@@ -98,9 +101,10 @@ def test_pieces_of_a_servo_axis_scatter_as_the_whole_says(shared_data: Path) -> 
         low, high = whole.coefficient(name).interval or (np.nan, np.nan)
         assert low < value < high
     length = len(record) // 5
-    pieces = [lw.identify(record[k * length : (k + 1) * length], axis) for k in range(5)]
+    pieces = [lw.identify(record[k * length : (k + 1) * length], axis) for k in (0, 2, 4)]
     scatter = np.std([piece.values for piece in pieces], axis=0, ddof=1)
     errors = np.sqrt(whole.covariance.diagonal())
-    assert np.all(scatter < 1.5 * np.sqrt(5.0) * errors)
+    # three normal numbers scatter beyond 1.7 deviations in 6 % of cases, as five do beyond 1.5: chi-square of 2 and 4
+    assert np.all(scatter < 1.7 * np.sqrt(5.0) * errors)
     stated = np.sqrt(np.mean([piece.covariance.diagonal() for piece in pieces], axis=0))
-    assert np.all(scatter < 1.5 * stated)
+    assert np.all(scatter < 1.7 * stated)
