@@ -138,7 +138,7 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
     true = lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(0.02)),), (link,))
     forces = {"m1": multisine(0.25, 90.0)}
     record = lw.simulate(
-        true, duration=6.0, rate=500.0, sensors=["x", "state"], forces=forces, release={"x:m1": 0.02}
+        true, duration=3.0, rate=500.0, sensors=["x", "state"], forces=forces, release={"x:m1": 0.02}
     )
     noisy = record.with_noise(30.0, seed=2)
     fit = lw.identify(noisy, true.unknown("piezo"))

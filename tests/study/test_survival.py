@@ -1,4 +1,4 @@
-"""Studies that are killed, six times at random moments, end as those that are not; the benchmark kills thirty times."""
+"""Studies that are killed, four times at random moments, end as those that are not; the benchmark kills thirty times."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ import linkwise as lw
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="workers are found in /proc")
 
 
-def test_killed_six_times_it_ends_as_if_undisturbed(tmp_path: Path) -> None:
-    file = small(tmp_path, cycles=10)
+def test_killed_four_times_it_ends_as_if_undisturbed(tmp_path: Path) -> None:
+    file = small(tmp_path, cycles=4)
     undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=2)
-    out = killed(file, tmp_path / "killed", kills=6, most=4)
-    assert "120 of 120 cases done, 0 failed" in out
+    out = killed(file, tmp_path / "killed", kills=4, most=4)
+    assert "48 of 48 cases done, 0 failed" in out
     assert lw.read_rows(tmp_path / "killed") == undisturbed
 
 
