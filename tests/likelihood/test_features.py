@@ -389,7 +389,8 @@ def test_steps_that_run_out_give_no_interval(
 ) -> None:
     module = __import__("linkwise.likelihood.fit", fromlist=["Schedule"])
     monkeypatch.setattr(module, "_NEAR", replace(module._NEAR, max_steps=2))
-    monkeypatch.setattr(module, "with_model_error", lambda *_: None)  # which would look for a looser fit
+    explained = __import__("linkwise.likelihood.explained_fit", fromlist=["with_model_error"])
+    monkeypatch.setattr(explained, "with_model_error", lambda *_: None)  # which would look for a looser fit
     fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=18), chain.unknown("all"))
     assert fit.status == "not converged" and "ran out" in fit.message
     assert all(each.interval is None for link in some(fit.links) for each in link.coefficients)
