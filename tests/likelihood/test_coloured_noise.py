@@ -72,15 +72,28 @@ def test_intervals_allow_for_coloured_noise(noise: str) -> None:
     assert low < np.mean(np.square(z)) < high
 
 
+def test_a_search_that_the_colour_kept_from_converging_is_taken_up() -> None:
+    """Four masses: the channel's floor at high frequencies says a quarter of its noise where the chaotic motion is."""
+    chain = lw.bnes_chain(4)
+    clean = chain_record(4)
+    errors = np.random.default_rng(1).normal(size=clean.values.shape)
+    errors[:, :2] = autoregressive(np.random.default_rng(2), (len(clean), 2), 0.9)
+    size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0 ** (-20.0 / 20.0)
+    asked = chain.unknown("all")
+    fit = lw.identify(replace(clean, values=clean.values + size * errors), asked)
+    assert fit.verdicts == (lw.Verdict.CONVERGED,) and "in x:m1; all" in fit.message
+    z = (fit.values - truth(chain, asked)) / np.sqrt(fit.covariance.diagonal())
+    assert np.max(np.abs(z)) < 4.0  # standard errors: of 10 by chance once in 1600
+
+
 def test_a_profile_counts_the_colour() -> None:
     record, asked = noisy("AR(1) of 0.9", 3), lw.bnes_chain(2).unknown("nes")
     theta, spread = starting_values([record], asked)
     fit = likelihood_fit([record], asked, theta, spread=spread)
-    assert fit.optimum.widening is not None
-    wider = replace(fit.optimum, widening=2.0 * fit.optimum.widening)
-    for optimum, factor in ((fit.optimum, 1.0), (wider, 2.0)):
+    assert fit.optimum.of_white is not None
+    for factor in (1.0, 2.0):
         deviation = factor * float(np.sqrt(fit.covariance[0, 0]))
-        lower, upper = profile_ends(optimum, "nes1.alpha", deviation, silent)
+        lower, upper = profile_ends(fit.optimum, "nes1.alpha", deviation, silent)
         assert (upper - lower) / (2.0 * 1.96 * deviation) == pytest.approx(1.0, abs=0.05)  # a parabola nearly
 
 

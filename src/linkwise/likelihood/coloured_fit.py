@@ -16,7 +16,7 @@ from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingSchedule
 from linkwise.likelihood.coloured_noise import ColouredNoise, in_time
 from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.model_error import evidence
+from linkwise.likelihood.model_error import degrees_of_freedom, evidence
 from linkwise.likelihood.segments import Segments
 
 _REWEIGHTED = AnnealingSchedule(initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0)
@@ -49,17 +49,13 @@ class ColouredFit:
         squares = np.sum(self.fit.misfit.residuals**2, axis=(0, 2))
         return float(np.sum(squares / self.noise.variances) / self.noise.samples.sum())
 
-    @property
-    def widening(self) -> Floats:
-        """(p + o + g,) factor on the standard errors over those of white noise; 1 at bounds."""
-        white = self.fit.covariance.diagonal()
-        ratios = self.covariance.diagonal() / np.where(white > 0.0, white, 1.0)
-        return np.sqrt(np.where(white > 0.0, ratios, 1.0))
-
 
 def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Annealer) -> ColouredFit | None:
-    """The fit with noise as coloured as the residuals of `fit`; None where they are white, or not such noise."""
-    if fit.status is not AnnealingStatus.CONVERGED or not isinstance(annealer.loss, Gaussian):
+    """The fit with noise as coloured as the residuals of `fit`; None where they are white, or not such noise.
+
+    `fit` need not have converged: too tight a weight on a coloured channel may be the cause.
+    """
+    if fit.status is AnnealingStatus.INTERRUPTED or not isinstance(annealer.loss, Gaussian):
         return None
     first = ColouredNoise.of(fit.misfit.residuals, segments.linked)
     if first is None:
@@ -78,13 +74,15 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
     covariance = None if noise is None else _covariance(segments, again, noise, annealer)
     if noise is None or covariance is None:
         return None
-    factor, cost = evidence(segments, fit, fit.q, annealer.loss)
-    white = 2.0 * np.log(factor) * float(first.samples.sum())
+    factor, cost = evidence(segments, again, again.q, annealer.loss)
+    cost -= 2.0 * degrees_of_freedom(segments, again) * np.log(factor)
+    in_first_units = 2.0 * noise.samples @ np.log(scales.sigma / fit.scales.sigma)
+    searched = fit.path if fit.status is AnnealingStatus.CONVERGED else ()
     return ColouredFit(
-        replace(again, path=max(fit.path, again.path, key=len)),
+        replace(again, path=max(searched, again.path, key=len)),
         noise,
         covariance,
-        cost - white + first.information,
+        float(cost + noise.information + in_first_units),
     )
 
 

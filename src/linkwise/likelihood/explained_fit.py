@@ -45,8 +45,6 @@ class ExplainedFit:
         With a model error, the factor on the standard errors over those of white model error; None for too short records.
     coloured : ColouredNoise or None
         The noise where it is coloured.
-    widening : array of shape (P,) or None
-        The factor on the standard errors over those of white noise, where it is coloured.
     """
 
     fit: AnnealingFit
@@ -57,7 +55,6 @@ class ExplainedFit:
     noise: float
     error_ratios: Floats | None
     coloured: ColouredNoise | None = None
-    widening: Floats | None = None
 
 
 def explained_fit(
@@ -124,7 +121,6 @@ def _with_coloured_noise(coloured: ColouredFit, *, off: bool) -> ExplainedFit:
         1.0,
         np.ones(len(coloured.covariance)),
         coloured.noise,
-        coloured.widening,
     )
 
 

@@ -91,11 +91,11 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
 def _rises(fit: LikelihoodFit, column: int) -> bool:
     """Whether the cost rises on both sides of the estimate, everything else fitted again."""
     optimum = fit.optimum
-    deviation = float(np.sqrt(fit.covariance[column, column]))
+    covariance = fit.covariance if optimum.of_white is None else optimum.of_white
+    deviation = float(np.sqrt(covariance[column, column]))
     if not 0.0 < deviation < np.inf:
         return True
-    widening = 1.0 if optimum.widening is None else float(optimum.widening[column])
-    step = _DISTANCE * fit.covariance[column] / deviation
+    step = _DISTANCE * covariance[column] / deviation
     held = np.arange(len(step)) == column
     limits = optimum.segments.system.parameters
     for side in (step, -step):
@@ -106,7 +106,7 @@ def _rises(fit: LikelihoodFit, column: int) -> bool:
             moved = fitted_with(optimum, theta, held)
         except IdentificationError:  # the motion runs to infinity
             continue
-        rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / (optimum.noise * widening) ** 2
+        rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
         if not rise > _LOW * _DISTANCE**2:
             return False
     return True

@@ -66,8 +66,8 @@ class Optimum:
         Loss of a residual.
     coloured : ColouredNoise or None
         The noise where it is coloured; the cost takes it for white.
-    widening : array of shape (p,) or None
-        By how much colour of the noise widens the standard errors that the cost alone gives; None for 1.
+    of_white : array of shape (p, p) or None
+        The covariance that the cost alone gives, where the noise is coloured.
     """
 
     segments: Segments
@@ -77,7 +77,7 @@ class Optimum:
     noise: float
     loss: Loss
     coloured: ColouredNoise | None = None
-    widening: Floats | None = None
+    of_white: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +248,7 @@ def _fitted(
     allowed = AllowedErrors(options.model_error, options.coloured_noise, options.relaxation is not None)
     explained = explained_fit(segments, start, fit, annealer, limit=limit, stated=stated, allowed=allowed)
     fit, p = explained.fit, segments.system.parameters.size
-    ratios, widening = explained.error_ratios, explained.widening
+    ratios = explained.error_ratios
     frame, point = sensing.frames[0], fit.point
     return LikelihoodFit(
         values=point.theta,
@@ -277,7 +277,7 @@ def _fitted(
             explained.noise,
             annealer.loss,
             explained.coloured,
-            None if widening is None else widening[:p],
+            None if explained.coloured is None else fit.covariance[:p, :p],
         ),
         prior_conflicts=_prior_conflicts(segments, explained),
     )
@@ -294,8 +294,8 @@ def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:
     if segments.prior is None:
         return np.zeros(len(border))
     variances = explained.noise**2 * explained.fit.covariance.diagonal()
-    if explained.widening is not None:
-        variances = variances * explained.widening**2
+    if explained.coloured is not None:
+        variances = explained.covariance.diagonal()
     return segments.prior.conflicts(border, variances)
 
 

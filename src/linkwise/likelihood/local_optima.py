@@ -90,9 +90,8 @@ def is_regular(fit: LikelihoodFit) -> bool:
     if len(fit.path) > _EXHAUSTED:
         return False
     free = np.flatnonzero(fit.free)
-    covariance = fit.covariance[np.ix_(free, free)]
-    if fit.optimum.widening is not None:  # the cost takes the noise for white
-        covariance = covariance / np.outer(fit.optimum.widening[free], fit.optimum.widening[free])
+    of_white = fit.optimum.of_white  # as which the cost takes the noise
+    covariance = (fit.covariance if of_white is None else of_white)[np.ix_(free, free)]
     if not len(free) or not np.isfinite(covariance).all():
         return True
     size = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))

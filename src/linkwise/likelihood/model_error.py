@@ -78,15 +78,20 @@ def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tup
     factor = linear.equations(q).factor()
     if factor is None:
         return 1.0, np.inf
+    freedom = degrees_of_freedom(segments, fit)
     defects = segments.system.dimension * int(segments.linked.sum())
-    nodes = segments.system.dimension * int((~segments.unconstrained).sum())
-    free = ~fit.at_bound
-    known = 0 if segments.prior is None else segments.prior.count
-    freedom = fit.samples + known + defects - nodes - int(free.sum())
     noise = np.sqrt(fit.misfit.cost(q) / (freedom * loss.expected))
     return float(noise), float(
-        2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(free)
+        2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(~fit.at_bound)
     )
+
+
+def degrees_of_freedom(segments: Segments, fit: AnnealingFit) -> int:
+    """Residuals, priors and defects less nodes and parameters."""
+    defects = segments.system.dimension * int(segments.linked.sum())
+    nodes = segments.system.dimension * int((~segments.unconstrained).sum())
+    known = 0 if segments.prior is None else segments.prior.count
+    return fit.samples + known + defects - nodes - int((~fit.at_bound).sum())
 
 
 def lag_one_autocorrelation(misfit: Misfit) -> float:

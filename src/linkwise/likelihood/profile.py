@@ -109,7 +109,7 @@ def profile_ends(optimum: Optimum, name: str, deviation: float, progress: Progre
         If a fit with the parameter held does not converge.
     """
     column = optimum.segments.system.parameters.names.index(name)
-    profile = _Profile(optimum, name, column, progress)
+    profile = _Profile(optimum, name, column, deviation, progress)
     return profile.end(-deviation), profile.end(deviation)
 
 
@@ -123,9 +123,13 @@ def _column(estimate: Estimate, name: str) -> int:
 class _Profile:
     """The cost along one parameter, minimised over everything else."""
 
-    def __init__(self, optimum: Optimum, name: str, column: int, progress: Progress) -> None:
+    def __init__(
+        self, optimum: Optimum, name: str, column: int, deviation: float, progress: Progress
+    ) -> None:
         self.optimum, self.name, self.column, self.progress = optimum, name, column, progress
-        self.noise = optimum.noise * (1.0 if optimum.widening is None else float(optimum.widening[column]))
+        self.noise = optimum.noise
+        if optimum.of_white is not None:  # as which the cost takes the noise
+            self.noise *= deviation / float(np.sqrt(optimum.of_white[column, column]))
         self.best = self._fitted(optimum.point)
         self.value = float(self.best.point.theta[column])
 
