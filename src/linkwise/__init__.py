@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
     from linkwise.estimates.link_motion import LinkMotion
     from linkwise.estimates.noise_estimate import NoiseEstimate
+    from linkwise.estimates.random_force import RandomForceEstimate
     from linkwise.estimates.uncertainty import Posterior, read_posterior
     from linkwise.expression.tree import Expression
     from linkwise.files import read_record, write_record
@@ -219,6 +220,7 @@ __all__ = [
     "Progress",
     "ProgressReport",
     "QuantityInterval",
+    "RandomForceEstimate",
     "Record",
     "RecordError",
     "RegressionFit",

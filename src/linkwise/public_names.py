@@ -35,6 +35,7 @@ HOMES = {
     "estimates.estimator": ("Estimator",),
     "estimates.cause": ("Cause",),
     "estimates.noise_estimate": ("NoiseEstimate",),
+    "estimates.random_force": ("RandomForceEstimate",),
     "estimates.link_estimate": ("CoefficientEstimate", "DerivedQuantity", "LinkEstimate"),
     "estimates.link_motion": ("LinkMotion",),
     "estimates.uncertainty": ("Posterior", "read_posterior"),

@@ -17,7 +17,8 @@ from linkwise.discovery.evidence import exchange_remarks, term_evidence
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.selection import Selection
-from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
 
 #: Of cost: where two fits end within 0.02 of their least cost each, and the parabola is one to the third order.
 WITHIN = 0.05

@@ -164,6 +164,7 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
         "trusted",
         "model_error_percent",
         "diagnosis",
+        "random_forces",
         "alerts",
     }
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}

@@ -11,9 +11,10 @@ from present import present
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.loss import Gaussian
 from linkwise.likelihood.normal_equations import linearise
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.residuals import evaluate
 

@@ -13,8 +13,9 @@ from problems import THREE, chain_record
 
 import linkwise as lw
 from linkwise.likelihood import score_test as module
-from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.flow import Inputs, Trajectories
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
 from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.system import System

@@ -17,6 +17,7 @@ FLAGS = {
     "latest": "--to S",
     "mark_missing": "--mark-missing clipped,spikes",
     "burn": "--burn S",
+    "ambient": "--ambient MASS",
     "sinks": "--sink LINK",
     "without": "--without removed|locked",
     "draws": "--draws N",

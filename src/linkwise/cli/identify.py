@@ -23,6 +23,7 @@ from linkwise.cli.options import (
     record_options,
     truth_option,
 )
+from linkwise.cli.random_force_options import RANDOM_FORCE_OPTIONS
 from linkwise.cli.sensor_options import sensor_options, with_delays
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
@@ -77,6 +78,7 @@ method_options = grouped(
 ml_options = keyword_group(
     "ml",
     *sensor_options(" (ml)"),
+    *RANDOM_FORCE_OPTIONS,
     click.option(
         "--robust",
         "loss",
@@ -131,6 +133,8 @@ def identify(
       linkwise identify run.csv unknown.toml --with run2.csv --offset x:m1 --profile
       linkwise identify run.csv unknown.toml --calibration all=1%
       linkwise identify run.csv unknown.toml --delay x:m2
+      linkwise identify run.csv unknown.toml --ambient all
+      linkwise identify run.csv unknown.toml --input-noise force:m1=0.5
       linkwise identify run.csv unknown.toml --let offset,gain,delay
       linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
       linkwise identify run.csv unknown.toml --method sindy --regressor l1

@@ -23,7 +23,7 @@ from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
-from linkwise.likelihood.fit import LikelihoodOptions
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.link import Link, Mass

@@ -21,6 +21,7 @@ from linkwise.estimates.findings import link_findings
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.inspect import inspect
@@ -75,6 +76,8 @@ class Estimate(JudgedView):
         gain in likelihood first.
     more_records : tuple of Record
         The records that were fitted together with `record`.
+    random_forces : tuple of RandomForceEstimate
+        Ambient forces and noise of applied forces that were counted in.
 
     Examples
     --------
@@ -110,6 +113,7 @@ class Estimate(JudgedView):
     model_error: float = 0.0
     diagnosis: tuple[Cause, ...] = ()
     more_records: tuple[Record, ...] = ()
+    random_forces: tuple[RandomForceEstimate, ...] = ()
 
     asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
     moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))
@@ -293,6 +297,7 @@ class Estimate(JudgedView):
             "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
             "model_error_percent": 100.0 * self.model_error,
             "diagnosis": [cause.to_dict() for cause in self.diagnosis],
+            "random_forces": [force.to_dict() for force in self.random_forces],
             "alerts": [alert.to_dict() for alert in self.alerts],
             "findings": list(self.findings),
             "notes": list(self.notes),

@@ -13,7 +13,8 @@ import numpy as np
 
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingStatus
-from linkwise.likelihood.fit import LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law

@@ -104,5 +104,5 @@ def freedom(segments: Segments) -> float:
         Their number.
     """
     known = 0 if segments.prior is None else segments.prior.count
-    states = segments.chains * segments.system.dimension
+    states = segments.chains * int(segments.continuous.sum())  # a random force is known as a residual is
     return float(int(segments.observed.sum()) + known - states - segments.parameters)

@@ -17,6 +17,7 @@ from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.score_test import (
     AugmentedQuadratic,
@@ -35,6 +36,7 @@ from linkwise.runtime import one_blas_thread
 _TERMS = tuple(
     map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
 )
+_JUMPS = ("sign(v)",)  # terms without a slope, which the log determinant does not see
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a cause beside the coefficients of the laws
 _RELATIVE = ("gain", "crosstalk", "mass", "force gain")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
@@ -72,7 +74,10 @@ def diagnose(
     """
     try:
         with one_blas_thread():
-            tested = _diagnosed(fit.optimum, identified, channels, terms)
+            if any(force.ambient for force in fit.random_forces):
+                tested = _missing_terms(fit, identified)
+            else:
+                tested = _diagnosed(fit.optimum, identified, channels, terms)
     except np.linalg.LinAlgError:
         tested = ()
     return tuple(sorted((*tested, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
@@ -134,7 +139,7 @@ def _diagnosed(
     small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
     significant = small & (gains > _CHANCE + 2.0 * np.log(len(gains)))
     order = [number for number in np.argsort(-gains).tolist() if significant[number]]
-    forces = dict(zip((link.name for link in identified.links), link_forces(optimum, misfit), strict=True))
+    forces = _force_of_links(optimum, misfit, identified)
     return tuple(
         replace(
             _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces),
@@ -142,6 +147,52 @@ def _diagnosed(
         )
         for number in order
     )
+
+
+@np.errstate(over="ignore", invalid="ignore")  # as in `_diagnosed`
+def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
+    """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
+    optimum, sensors = fit.optimum, fit.segments.sensors
+    if not sensors.of_masses.all():
+        return ()
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    hypotheses, forces = _terms(identified)
+    candidates, norms = candidate_forces(optimum, misfit, forces)
+    augmented = augmented_quadratic(optimum, misfit, candidates)
+    curvature, slope = augmented.curvature, augmented.slope.copy()
+    parameters = optimum.segments.system.parameters.size
+    deviations = _single_tests(curvature, slope, curvature, parameters)[2]
+    masses = [force.where.removeprefix("force:") for force in fit.random_forces]
+    smooth = [number for number, each in enumerate(hypotheses) if each.term not in _JUMPS]
+    slopes = determinant_slopes(
+        optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
+    )
+    slope[parameters + np.array(smooth)] += slopes * norms[smooth]
+    gains, sizes, deviations = _single_tests(curvature, slope, curvature, parameters)
+    powers = _force_of_links(optimum, misfit, identified)
+    return tuple(
+        _cause(hypotheses[number], gains[number], sizes[number], deviations[number], powers)
+        for number in sorted(smooth, key=lambda number: -gains[number])
+        if gains[number] > _CHANCE + 2.0 * np.log(len(smooth))
+    )
+
+
+def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> dict[str, float]:
+    """Root mean square of the force in each link, in N; random forces, which come last among the links, left out."""
+    sizes = link_forces(optimum, misfit)[: len(identified.links)]
+    return dict(zip((link.name for link in identified.links), sizes, strict=True))
+
+
+def _terms(identified: Structure) -> tuple[list[_Hypothesis], list[CandidateForce]]:
+    """Terms that links may lack."""
+    pairs = [
+        (_Hypothesis("term", link.name, "N", law.text), CandidateForce(first, second, law))
+        for link, (first, second) in zip(
+            identified.links[:_LINKS], identified.topology.ends.tolist(), strict=False
+        )
+        for law in _TERMS
+    ]
+    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
 
 
 def _remark(hypothesis: _Hypothesis, size: float, optimum: Optimum) -> str:
@@ -238,15 +289,7 @@ def _forces(
     optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
 ) -> tuple[list[_Hypothesis], CandidateForces, Floats]:
     """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
-    hypotheses: list[_Hypothesis] = []
-    forces: list[CandidateForce] = []
-    if terms:
-        for link, (first, second) in zip(
-            identified.links[:_LINKS], identified.topology.ends.tolist(), strict=False
-        ):
-            for law in _TERMS:
-                hypotheses.append(_Hypothesis("term", link.name, "N", law.text))
-                forces.append(CandidateForce(first, second, law))
+    hypotheses, forces = _terms(identified) if terms else ([], [])
     of_terms, _ = candidate_forces(optimum, misfit, forces)
     units = [1.0] * len(
         forces

@@ -15,11 +15,13 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
+from linkwise.likelihood.random_forces import Deviations, random_forces
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.segmentation import require_units_of_states
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
@@ -45,6 +47,8 @@ class LikelihoodKeywords(TypedDict, total=False):
     gains: Sequence[str]
     calibration: Mapping[str, float] | None
     delays: Sequence[str]
+    ambient: Deviations
+    input_noise: Deviations
     admit: Sequence[str]
     loss: Loss | None
 
@@ -71,6 +75,13 @@ class MaximumLikelihood(Estimator):
         share. Gains are then found with the rest, with these priors, and every interval counts them.
     delays : sequence of str, optional
         Channels with an unknown delay, estimated with the rest.
+    ambient : sequence of str or mapping of str to float or None, optional
+        Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
+        other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found for the masses in a sequence, and for
+        those mapped to None; ``"all"`` stands for every mass.
+    input_noise : sequence of str or mapping of str to float or None, optional
+        Channels of applied forces with white noise, such as ``"force:m1"``, and its standard deviation in N, found where there
+        is none; ``"all"`` stands for every applied force.
     admit : sequence of {"gain", "offset", "delay"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.
@@ -98,6 +109,8 @@ class MaximumLikelihood(Estimator):
     gains: Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: Sequence[str] = ()
+    ambient: Deviations = ()
+    input_noise: Deviations = ()
     admit: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
 
@@ -130,6 +143,7 @@ class MaximumLikelihood(Estimator):
             self.gains,
             by_channel(self.calibration, records[0].responses),
             self.delays,
+            random_forces(self.ambient, self.input_noise, records[0], structure),
             self.loss,
             progress=progress,
         )
@@ -195,6 +209,7 @@ def estimate_of(
         profile=partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
+        random_forces=fit.random_forces,
     )
 
 
@@ -272,4 +287,4 @@ def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]
         f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
         for values in fit.others
     ]
-    return (*of_sensors, *tied)
+    return (*(force.description for force in fit.random_forces), *of_sensors, *tied)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
+from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.likelihood.anneal import (
     Annealer,
     AnnealingFit,
@@ -20,14 +21,16 @@ from linkwise.likelihood.coloured_noise import ColouredNoise
 from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, did_not_converge, explained_fit
 from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
-from linkwise.likelihood.loss import Gaussian, Loss
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.marginal import marginal_fit, relaxation
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
+from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.system import System
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed
@@ -105,6 +108,8 @@ class LikelihoodFit:
         The segments, the residuals and defects at the maximum, and what a later search starts from.
     others : tuple of array of shape (p,)
         Values at other maxima that are as likely.
+    random_forces : tuple of RandomForceEstimate
+        Random forces on masses, stated or found.
     prior_conflicts : array of shape (P,)
         The reduction of -2 log likelihood without the prior of each parameter, offset or gain.
     """
@@ -130,48 +135,7 @@ class LikelihoodFit:
     optimum: Optimum
     prior_conflicts: Floats
     others: tuple[Floats, ...] = ()
-
-
-@dataclass(frozen=True)
-class LikelihoodOptions:
-    """Options of `likelihood_fit`.
-
-    Parameters
-    ----------
-    offsets, gains : sequence of str, optional
-        Channels with an unknown constant error or factor.
-    calibration : mapping of str to float, optional
-        Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
-    delays : sequence of str, optional
-        Channels with an unknown delay, of 1.5 samples at most.
-    loss : Loss, optional
-        Loss of a residual.
-    model_error : bool, optional
-        Relax the flow by the most likely model error where the residuals are not noise.
-    coloured_noise : bool, optional
-        With `model_error`, allow for autoregressive noise of sensors where the residuals are that.
-    progress : Progress, optional
-        Called at every step.
-    nodes : array of shape (2n + S, K), optional
-        States of another fit to the same records to start from; estimated from the channels by default.
-    ceiling : float, optional
-        Cost per sample above which the laws are wrong and the continuity is not tightened further.
-    steps : int, optional
-        Largest number of steps.
-    """
-
-    offsets: Sequence[str] = ()
-    gains: Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict)
-    delays: Sequence[str] = ()
-    loss: Loss = field(default_factory=Gaussian)
-    model_error: bool = True
-    coloured_noise: bool = True
-    progress: Progress = silent
-    nodes: Floats | None = None
-    relaxation: float | None = None
-    ceiling: float = np.inf
-    steps: int = AnnealingSchedule.max_steps
+    random_forces: tuple[RandomForceEstimate, ...] = ()
 
 
 def _workers() -> int:
@@ -232,7 +196,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     )
     calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
     sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
-    return replace(sensing, frames=tuple(frames))
+    return replace(sensing, frames=tuple(frames), random=tuple(options.random))
 
 
 def _fitted(
@@ -245,7 +209,10 @@ def _fitted(
 ) -> LikelihoodFit:
     segments, start, fit, limit = _annealed(problem, spread, options, annealer)
     stated = any(name in record.noise for record in records for name in records[0].responses)
-    allowed = AllowedErrors(options.model_error, options.coloured_noise, options.relaxation is not None)
+    if segments.random is not None:
+        segments, fit = marginal_fit(segments, fit, sensing.stated(records), annealer)
+    inexact = options.model_error and segments.random is None
+    allowed = AllowedErrors(inexact, options.coloured_noise, options.relaxation is not None)
     explained = explained_fit(segments, start, fit, annealer, limit=limit, stated=stated, allowed=allowed)
     fit, p = explained.fit, segments.system.parameters.size
     ratios = explained.error_ratios
@@ -258,7 +225,7 @@ def _fitted(
         gains=_by_channel(sensing.gains, point.gains, frame),
         delays=_by_channel(sensing.delays, point.delays, frame),
         sensor_deviations=np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0)),
-        noise=_found_noise(fit, tuple(frame.names)),
+        noise=_found_noise(segments, fit, tuple(frame.names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
         model_error=explained.model_error,
@@ -280,6 +247,7 @@ def _fitted(
             None if explained.coloured is None else fit.covariance[:p, :p],
         ),
         prior_conflicts=_prior_conflicts(segments, explained),
+        random_forces=_random_forces(segments, sensing, records[0].rate),
     )
 
 
@@ -287,6 +255,12 @@ def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> di
     """What was found, by the channels as the record names them."""
     given = {plain: name for name, plain in frame.names.items()}
     return dict(zip((given.get(name, name) for name in names), map(float, values), strict=True))
+
+
+def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:
+    if segments.random is None:
+        return ()
+    return force_estimates(sensing.random, segments.random.deviation[:, 0], rate)
 
 
 def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:
@@ -321,6 +295,9 @@ def _annealed(
     schedule = replace(
         schedule, cost_ceiling=options.ceiling, max_steps=min(schedule.max_steps, options.steps)
     )
+    if segments.random is not None:
+        tight = relaxation(segments, problem.scales, start.theta)
+        schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
     fit = annealer(segments, start, problem.scales, schedule)
     limited = options.steps < AnnealingSchedule.max_steps
     if not limited and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
@@ -359,7 +336,9 @@ def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer
     )
 
 
-def _found_noise(fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]:
+def _found_noise(segments: Segments, fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]:
+    if segments.random is not None:  # whose most likely values take a part of the noise
+        return dict(zip(channels, map(float, fit.scales.sigma), strict=True))
     squares = np.sum(fit.misfit.residuals**2, axis=(0, 2))
     counts = np.maximum(np.sum(fit.misfit.residuals != 0.0, axis=(0, 2)), 1)
     return dict(zip(channels, map(float, fit.scales.sigma * np.sqrt(squares / counts)), strict=True))

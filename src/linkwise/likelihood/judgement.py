@@ -24,6 +24,7 @@ neglected second order is 1 % of the forces at this limit, a tenth of what they 
 _LARGEST_TERM = 0.05
 """Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
 would change by more than an engineer can neglect."""
+_LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _CHANCE = 3.0  # standard deviations of chi-square within which the residuals need no diagnosis
 
 
@@ -50,11 +51,12 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         or fit.model_error > 0.0
         or fit.chi_square > 1.0 + _CHANCE * np.sqrt(2.0 / fit.samples)
     )
-    causes = diagnose(fit, identified, channels, terms=imperfect)
+    causes = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
     verdict, message = _verdict(fit, share, causes, remembering)
+    message += _of_forces(fit, verdict, channels)
     return Judgement(verdict, message, share, causes)
 
 
@@ -62,6 +64,8 @@ def _verdict(
     fit: LikelihoodFit, share: float, causes: Sequence[Cause], coloured: Sequence[str]
 ) -> tuple[Verdict, str]:
     explained = "The laws explain the record to within its noise"
+    if fit.random_forces:
+        explained = "The laws and the random forces explain the record to within its noise"
     if coloured:
         explained += f", which is correlated from sample to sample in {', '.join(coloured)}"
     if fit.model_error > 0.0:
@@ -89,7 +93,8 @@ def _verdict(
             f"{explained}, but what they leave follows the motion: {_would_explain(causes[0])}. Intervals would count that as "
             "noise, so none is given; a term or a link is missing, or a sensor is not what it is taken for."
         )
-    if not coloured and fit.model_error <= AnnealingSchedule.final_q and is_coloured(fit.misfit.residuals):
+    exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
+    if exact and not coloured and is_coloured(fit.misfit.residuals):
         return Verdict.COLOURED_RESIDUALS, (
             f"{explained}, but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so "
             "none is given. A filter or a drift of a sensor, or a term that is missing, leaves such residuals."
@@ -111,6 +116,16 @@ def _verdict(
             f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals count that in' if coloured else ''}."
+
+
+def _of_forces(fit: LikelihoodFit, verdict: Verdict, channels: Sequence[str]) -> str:
+    """What random forces leave open, or that they may be what is missing."""
+    if any(force.ambient for force in fit.random_forces):
+        return " Errors of sensors and of stated masses cannot be told from an ambient force, and are not tested for."
+    driven = any(Channel.parse(name).is_input for name in channels)
+    if not fit.random_forces and not driven and verdict in _LIKE_A_FORCE:
+        return " If a force acts that no channel shows, such as wind or traffic, state it as ambient."
+    return ""
 
 
 def _would_explain(cause: Cause) -> str:

@@ -28,7 +28,8 @@ _SEED = 20261122
 
 
 def went_straight(fit: LikelihoodFit) -> bool:
-    """Whether there is no sign of another optimum: few steps, or a model error, which smooths the likelihood.
+    """Whether there is no sign of another optimum: few steps, or a model error or a random force, which smooths the
+    likelihood.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def went_straight(fit: LikelihoodFit) -> bool:
     bool
         Whether there is none.
     """
-    return len(fit.path) <= _STRAIGHT or fit.model_error > 0.0
+    return len(fit.path) <= _STRAIGHT or fit.model_error > 0.0 or bool(fit.random_forces)
 
 
 def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) -> LikelihoodFit:

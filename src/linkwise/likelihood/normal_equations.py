@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.bordered_system import BorderedSystem, Damping
 from linkwise.likelihood.late_sensors import late_motion
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.prior import Prior
+from linkwise.likelihood.random_states import RandomStates
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, Sensors, V, X
 from linkwise.likelihood.sensor_errors import SensorErrors
@@ -62,7 +63,7 @@ class Linearization:
     defects: NormalBlocks
     state_ends: Floats  # (K - 1, m, m) end of a segment by its node
     right_ends: Floats  # (p + 1, K - 1, m) end by theta and offsets; last the defect, sign reversed
-    linked: Bools  # (K - 1,)
+    joined: Floats  # (K - 1, m) 1 where a state is continuous between linked segments, else 0
 
     def equations(self, q: float) -> BorderedSystem:
         """Normal equations with squared defects weighted by 1 / q^2."""
@@ -70,7 +71,7 @@ class Linearization:
         m = self.data.state.shape[1]
         diagonal = self.defects.state * weight
         diagonal += self.data.state
-        diagonal[1:, range(m), range(m)] += weight * self.linked[:, None]
+        diagonal[1:, range(m), range(m)] += weight * self.joined
         right = self.defects.right * weight
         right += self.data.right
         right[:, 1:] -= weight * self.right_ends
@@ -87,7 +88,7 @@ class Linearization:
         if strength == 0.0:
             return None
         nodes = np.einsum("kii->ki", self.data.state + self.defects.state)
-        nodes[1:] += self.linked[:, None]
+        nodes[1:] += self.joined
         return Damping(strength * nodes, strength * np.diag(self.data.corner + self.defects.corner))
 
 
@@ -108,7 +109,7 @@ def linearise(
     p = segments.parameters + _extra_columns(candidates, errors)
     parts = chunks(segments, p)
     data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
-    linked = np.append(segments.linked, False)
+    joined = np.append(segments.linked, False)[:, None] * segments.continuous
     defects_by_node = np.zeros((K, m))
     defects_by_node[:-1] = misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
@@ -118,7 +119,7 @@ def linearise(
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
         corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
-        ends *= linked[part, None, None]
+        ends *= joined[part, :, None]
         state_ends[part] = ends[:, :, :m]
         right_ends[:, part] = ends[:, :, m:].transpose(2, 0, 1)
         return *corner, *defects.put(part, ends.transpose(0, 2, 1) @ ends)
@@ -133,7 +134,9 @@ def linearise(
     data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
     if segments.prior is not None:
         _add_prior(data, segments.prior, misfit.point, scales)
-    return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], segments.linked)
+    if segments.random is not None:
+        _add_random_forces(data, segments.random, misfit.point, scales)
+    return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], joined[:-1])
 
 
 def _add_prior(data: NormalBlocks, prior: Prior, point: Iterate, scales: Scales) -> None:
@@ -143,6 +146,19 @@ def _add_prior(data: NormalBlocks, prior: Prior, point: Iterate, scales: Scales)
     columns[parameters:] += len(data.corner) - len(border)
     data.corner[columns, columns] += prior.curvature(scales.theta)
     data.corner_gradient[columns] += prior.gradient(border, scales.theta)
+
+
+def _add_random_forces(data: NormalBlocks, random: RandomStates, point: Iterate, scales: Scales) -> None:
+    """Add the cost of random forces to their states, and its slope to the border, whose columns are as in `_add_prior`."""
+    curvature = random.curvature(scales.state)
+    data.state[:, random.rows, random.rows] += curvature.T
+    data.right[-1][:, random.rows] -= (
+        curvature * point.nodes[random.rows] / scales.state[random.rows, None]
+    ).T
+    if random.slope is not None:
+        columns = np.arange(len(random.slope))
+        columns[len(point.theta) :] += len(data.corner) - len(random.slope)
+        data.corner_gradient[columns] -= 0.5 * random.slope * scales.theta
 
 
 def whitened_jacobian(

@@ -10,9 +10,11 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.loss import Gaussian
+from linkwise.likelihood.random_forces import first_deviations, with_random_forces
+from linkwise.likelihood.random_states import RandomStates
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.segments import Iterate, Scales, Segments
-from linkwise.likelihood.sensors import SAMPLES, SensorModel
+from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tangents import tangents
@@ -71,16 +73,18 @@ def shooting_problem(
     ShootingProblem
         The problem.
     """
-    system = System.of(structure)
+    masses = [force.mass for force in sensing.random]
+    system = System.of(with_random_forces(structure, masses))
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
-    starts = [start_states(record, valued, noise, SAMPLES) for record, noise in pairs]
+    starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
+    deviations = first_deviations(sensing.random, records[0], valued, starts[0].v)
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
     offset_units = [sensing.noise[0].get(name, 1.0) for name in sensing.offsets]
     scales = Scales(
         sensing.sigma,
-        np.min(
-            [start.scale for start in starts], axis=0
+        np.append(
+            np.min([start.scale for start in starts], axis=0), deviations
         ),  # the record with the least noise needs the tightest flow
         np.concatenate(
             [
@@ -91,15 +95,30 @@ def shooting_problem(
             ]
         ),
     )
+    nodes = segment_nodes(starts, sensing.samples)
     point = Iterate(
-        segment_nodes(starts, SAMPLES),
+        np.concatenate([nodes, np.zeros((len(masses), nodes.shape[1]))]),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
         np.zeros(len(sensing.offsets)),
         np.ones(len(sensing.gains)),
         np.zeros(len(sensing.delays)),
     )
-    segments = _fine_segments(partial(sensing.segments, records, structure, system), point, scales)
+    cut = partial(sensing.segments, records, with_random_forces(structure, masses), system)
+    segments = _fine_segments(cut, point, scales)
+    if sensing.random:
+        segments = replace(segments, random=_random_states(segments, sensing, deviations, records[0].step))
     return ShootingProblem(segments, point, scales)
+
+
+def _random_states(segments: Segments, sensing: SensorModel, deviations: Floats, step: float) -> RandomStates:
+    """Random forces with `deviations` (r,) in a record with this `step`; those of ambient ones follow the rate of each."""
+    rate = np.sqrt(step / (segments.step * segments.refine))
+    ambient = np.array([force.ambient for force in sensing.random])
+    return RandomStates(
+        rows=np.arange(segments.system.dimension - len(deviations), segments.system.dimension),
+        deviation=deviations[:, None] * np.where(ambient[:, None], rate, 1.0),
+        found=np.array([force.deviation is None for force in sensing.random]),
+    )
 
 
 def _fine_segments(segments_of: Callable[[int], Segments], point: Iterate, scales: Scales) -> Segments:
@@ -128,17 +147,9 @@ class _TestedFlow:
     @classmethod
     def of(cls, segments: Segments, point: Iterate, scales: Scales) -> _TestedFlow:
         """The flow from the nodes of `point`."""
-        which = slice(None, None, max(1, segments.count // _TESTED_SEGMENTS))
-        some = replace(
-            segments,
-            samples=segments.samples[..., which],
-            observed=segments.observed[..., which],
-            step=segments.step[which],
-            linked=np.zeros(len(segments.step[which]) - 1, dtype=bool),
-            inputs=segments.inputs.part(which),
-            relative_noise=None if segments.relative_noise is None else segments.relative_noise[:, which],
-            carried=None if segments.carried is None else segments.carried[..., which],
-        )
+        which = np.arange(segments.count)[:: max(1, segments.count // _TESTED_SEGMENTS)]
+        some = segments.chosen(which)
+        some = replace(some, linked=np.zeros(some.count - 1, dtype=bool))
         misfit = evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian())
         return cls(some, scales, misfit)
 

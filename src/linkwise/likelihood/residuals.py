@@ -31,7 +31,7 @@ class Misfit:
     data, continuity : float
         Cost of the residuals, and of the defects for q = 1.
     prior : float
-        Cost of the unknowns' distances from what is known of them beforehand.
+        Cost of the unknowns' distances from what is known of them beforehand, and of random forces.
     """
 
     point: Iterate
@@ -121,6 +121,9 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.linked
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
+    if segments.random is not None:
+        defects *= segments.continuous[:, None]
+        prior += segments.random.cost(point.nodes, point.border)
     return Misfit(
         point, orbit, residuals, defects, loss.total(residuals), float(np.vdot(defects, defects)), prior
     )

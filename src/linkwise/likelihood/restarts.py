@@ -11,7 +11,8 @@ from typing import Protocol
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.anneal import AnnealingStatus
-from linkwise.likelihood.fit import LikelihoodFit, LikelihoodOptions
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.options import LikelihoodOptions
 
 _ATTEMPTS = 3
 

@@ -7,14 +7,16 @@ has weight zero; so has the padding behind the last sample of a record.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.flow import Inputs
 from linkwise.likelihood.prior import Prior
+from linkwise.likelihood.random_states import RandomStates
 from linkwise.likelihood.system import System
 
 X, V, A, F, S = 0, 1, 2, 3, 4
@@ -82,7 +84,8 @@ class Segments:
     `samples` (M, C, K) are 0 where missing, `observed` (M, C, K) says where they are not; `step` (K,) in s; `linked` (K - 1,)
     says which neighbouring segments are continuous; `relative_noise` (C, K) is the noise of a channel over `Scales.sigma`,
     None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
-    sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any.
+    sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
+    `random` are random forces among the states, None without any.
     """
 
     system: System
@@ -97,6 +100,7 @@ class Segments:
     relative_noise: Floats | None = None
     prior: Prior | None = None
     carried: Floats | None = None
+    random: RandomStates | None = None
 
     @property
     def count(self) -> int:
@@ -114,6 +118,29 @@ class Segments:
     @property
     def parameters(self) -> int:
         return int(self.system.parameters.size + self.sensors.unknowns)
+
+    @cached_property
+    def continuous(self) -> Floats:
+        """(2n + S,) 1 for states that are continuous between linked segments, 0 for random forces."""
+        continuous = np.ones(self.system.dimension)
+        if self.random is not None:
+            continuous[self.random.rows] = 0.0
+        return continuous
+
+    def chosen(self, which: Indices) -> Self:
+        """Some of the segments; those that follow each other in the record stay linked."""
+        kept = self.linked[which[:-1]] & (np.diff(which) == 1)
+        return replace(
+            self,
+            samples=self.samples[..., which],
+            observed=self.observed[..., which],
+            step=self.step[which],
+            linked=kept,
+            inputs=self.inputs.part(which),
+            relative_noise=None if self.relative_noise is None else self.relative_noise[:, which],
+            carried=None if self.carried is None else self.carried[..., which],
+            random=None if self.random is None else self.random.chosen(which),
+        )
 
     @cached_property
     def unconstrained(self) -> Bools:

@@ -13,7 +13,7 @@ import numpy as np
 from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.anneal import AnnealingStatus
-from linkwise.likelihood.fit import LikelihoodOptions
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.segmentation import COMMON
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record

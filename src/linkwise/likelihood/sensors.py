@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.prior import Prior
+from linkwise.likelihood.random_forces import RandomForce
 from linkwise.likelihood.segmentation import cut_segments, in_moving_coordinates
 from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.system import System
@@ -39,6 +40,8 @@ class SensorModel:
         Standard deviations to which gains are known beforehand, relative, by channel.
     frames : tuple of FramedRecord
         Where the records are in coordinates that move, what these are.
+    random : tuple of RandomForce
+        Random forces on masses.
     """
 
     offsets: tuple[str, ...]
@@ -47,6 +50,7 @@ class SensorModel:
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: tuple[str, ...] = ()
     frames: tuple[FramedRecord, ...] = ()
+    random: tuple[RandomForce, ...] = ()
 
     @classmethod
     def of(
@@ -103,9 +107,18 @@ class SensorModel:
         return prior if prior.count else None
 
     @property
+    def samples(self) -> int:
+        """Samples in a segment: one with random forces, each of which is constant in a segment."""
+        return 1 if self.random else SAMPLES
+
+    @property
     def sigma(self) -> Floats:
         """(C,) standard deviations of the noise in the first record; those of others are relative to it."""
         return np.array(list(self.noise[0].values()))
+
+    def stated(self, records: Sequence[Record]) -> Bools:
+        """(C,) whether a record states the noise of a channel."""
+        return np.array([any(name in record.noise for record in records) for name in self.noise[0]])
 
     def segments(
         self, records: Sequence[Record], structure: Structure, system: System, refine: int
@@ -137,7 +150,7 @@ class SensorModel:
             records,
             structure,
             system,
-            samples=SAMPLES,
+            samples=self.samples,
             refine=refine,
             offsets=self.offsets,
             gains=self.gains,

@@ -1,0 +1,63 @@
+"""A random force on a mass, as an estimate reports it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RandomForceEstimate:
+    """A random force on a mass: an ambient one, or the noise of the channel of the applied force.
+
+    Attributes
+    ----------
+    where : str
+        The mass, or the channel.
+    ambient : bool
+        Whether it is an ambient force.
+    deviation : float
+        Standard deviation in N of samples of it at the rate of the first record.
+    spectral_density : float
+        One-sided amplitude spectral density in N/sqrt(Hz).
+    found : bool
+        Whether it was found; else it was stated.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> force = lw.RandomForceEstimate("m1", True, deviation=2.0, spectral_density=0.4, found=True)
+    >>> force.description
+    'An ambient force on m1 of 0.4 N/sqrt(Hz), found with the other unknowns, is counted in.'
+    """
+
+    where: str
+    ambient: bool
+    deviation: float
+    spectral_density: float
+    found: bool
+
+    @property
+    def description(self) -> str:
+        """In words, with its size."""
+        origin = "found with the other unknowns" if self.found else "as stated"
+        if self.ambient:
+            return f"An ambient force on {self.where} of {self.spectral_density:.3g} N/sqrt(Hz), {origin}, is counted in."
+        return f"Noise of {self.where} of {self.deviation:.3g} N, {origin}, is counted in."
+
+    def to_dict(self) -> dict[str, str | float | bool]:
+        """What result.json holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of result.json.
+        """
+        return {
+            "where": self.where,
+            "kind": "ambient" if self.ambient else "input noise",
+            "deviation": self.deviation,
+            "deviation_unit": "N",
+            "spectral_density": self.spectral_density,
+            "spectral_density_unit": "N/sqrt(Hz)",
+            "found": self.found,
+        }

@@ -1,0 +1,89 @@
+"""Scores of missing terms by the marginal likelihood, where random forces act: the part of the log determinant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.fit import Optimum
+from linkwise.likelihood.marginal import parts_of
+from linkwise.likelihood.normal_equations import linearise
+from linkwise.likelihood.random_forces import with_random_forces
+from linkwise.likelihood.residuals import evaluate
+from linkwise.likelihood.score_test import CandidateForce
+from linkwise.likelihood.system import System
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND, Link
+from linkwise.model.structure import Structure
+
+_STEP = 0.5  # deviations of its size: for the difference of the log determinant
+
+
+def determinant_slopes(
+    optimum: Optimum,
+    identified: Structure,
+    masses: Sequence[str],
+    candidates: Sequence[tuple[CandidateForce, float]],
+) -> Floats:
+    """What the log determinant of the equations of the states adds to the gradient J'r.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        The optimum, with random forces.
+    identified : Structure
+        The structure with its values there.
+    masses : sequence of str
+        The masses that the random forces act on.
+    candidates : sequence of (CandidateForce, float)
+        The c candidate terms, and the standard deviations of their coefficients.
+
+    Returns
+    -------
+    array of shape (c,)
+        The addition for each candidate, by its coefficient.
+    """
+    part, share = _part_without_unknowns(optimum)
+    still = _log_determinant(part, identified, masses)
+    slopes = []
+    for force, deviation in candidates:
+        size = _STEP * deviation
+        changed = _log_determinant(part, _with_term(identified, force, size), masses)
+        slopes.append(-0.5 * share * (changed - still) / size)
+    return np.asarray(np.nan_to_num(np.array(slopes)))
+
+
+def _part_without_unknowns(optimum: Optimum) -> tuple[Optimum, float]:
+    """Some of the segments with parameters that are numbers, and how many times as many there are."""
+    which, share = parts_of(optimum.segments)
+    segments, p = optimum.segments.chosen(which), len(optimum.point.theta)
+    assert segments.random is not None
+    return replace(
+        optimum,
+        segments=replace(segments, prior=None, random=replace(segments.random, slope=None)),
+        point=replace(optimum.point, nodes=optimum.point.nodes[:, which], theta=np.zeros(0)),
+        scales=replace(optimum.scales, theta=optimum.scales.theta[p:]),
+    ), share
+
+
+def _with_term(structure: Structure, force: CandidateForce, size: float) -> Structure:
+    names = {**dict(enumerate(structure.mass_names)), -1: GROUND, -2: BASE}
+    law = Law.parse(f"size*({force.law.text})")
+    taken, name = {link.name for link in structure.links}, "tested"
+    while name in taken:
+        name += "_"
+    ends = (names[force.first], names[force.second])
+    link = Link(name, ends, law, {"size": Coefficient.number(size)})
+    return replace(structure, links=(*structure.links, link))
+
+
+def _log_determinant(part: Optimum, structure: Structure, masses: Sequence[str]) -> float:
+    system = System.of(with_random_forces(structure, masses))
+    segments = replace(part.segments, system=system)
+    misfit = evaluate(segments, part.point, part.scales, part.loss)
+    factor = linearise(segments, misfit, part.scales, part.loss).equations(part.q).factor()
+    return float("nan") if factor is None else 2.0 * float(np.log(factor.chol[0]).sum())

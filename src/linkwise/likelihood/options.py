@@ -1,0 +1,59 @@
+"""Options of a maximum-likelihood fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.anneal import AnnealingSchedule
+from linkwise.likelihood.loss import Gaussian, Loss
+from linkwise.likelihood.random_forces import RandomForce
+from linkwise.progress import Progress, silent
+
+
+@dataclass(frozen=True)
+class LikelihoodOptions:
+    """Options of `likelihood_fit`.
+
+    Parameters
+    ----------
+    offsets, gains : sequence of str, optional
+        Channels with an unknown constant error or factor.
+    calibration : mapping of str to float, optional
+        Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
+    delays : sequence of str, optional
+        Channels with an unknown delay, of 1.5 samples at most.
+    random : sequence of RandomForce, optional
+        Random forces on masses.
+    loss : Loss, optional
+        Loss of a residual.
+    model_error : bool, optional
+        Relax the flow by the most likely model error where the residuals are not noise.
+    coloured_noise : bool, optional
+        With `model_error`, allow for autoregressive noise of sensors where the residuals are that.
+    progress : Progress, optional
+        Called at every step.
+    nodes : array of shape (2n + S, K), optional
+        States of another fit to the same records to start from; estimated from the channels by default.
+    ceiling : float, optional
+        Cost per sample above which the laws are wrong and the continuity is not tightened further.
+    steps : int, optional
+        Largest number of steps.
+    """
+
+    offsets: Sequence[str] = ()
+    gains: Sequence[str] = ()
+    calibration: Mapping[str, float] = field(default_factory=dict)
+    delays: Sequence[str] = ()
+    random: Sequence[RandomForce] = ()
+    loss: Loss = field(default_factory=Gaussian)
+    model_error: bool = True
+    coloured_noise: bool = True
+    progress: Progress = silent
+    nodes: Floats | None = None
+    relaxation: float | None = None
+    ceiling: float = np.inf
+    steps: int = AnnealingSchedule.max_steps

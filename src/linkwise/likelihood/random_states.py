@@ -1,0 +1,50 @@
+"""Random forces on masses as states of the segments: constant in a segment of one sample, independent of those around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats, Indices
+
+
+@dataclass(frozen=True, eq=False)
+class RandomStates:
+    """Random forces among the states: normal, of mean zero, and without continuity between segments.
+
+    Attributes
+    ----------
+    rows : array of int, shape (r,)
+        Their numbers among the 2n + S states.
+    deviation : array of shape (r, K)
+        Standard deviations in N.
+    found : array of bool, shape (r,)
+        Whether the deviations are to be found.
+    slope : array of shape (P,) or None
+        Gradient of the log determinant of the equations by the unknowns that all nodes share: its part of -2 log of the
+        marginal likelihood, which is linear around the optimum.
+    """
+
+    rows: Indices
+    deviation: Floats
+    found: Bools
+    slope: Floats | None = None
+
+    def cost(self, nodes: Floats, border: Floats) -> float:
+        """What the forces among `nodes` (2n + S, K) and the slope along `border` (P,) add to the cost."""
+        tilt = 0.0 if self.slope is None else float(self.slope @ border)
+        return float(np.sum((nodes[self.rows] / self.deviation) ** 2)) + tilt
+
+    def curvature(self, scale: Floats) -> Floats:
+        """(r, K) half the second derivatives of the cost by the forces, in units `scale` (2n + S,) of the states."""
+        return np.asarray((scale[self.rows, None] / self.deviation) ** 2)
+
+    def scaled(self, factors: Floats) -> Self:
+        """The same with deviations multiplied by `factors` (r,)."""
+        return replace(self, deviation=self.deviation * factors[:, None])
+
+    def chosen(self, segments: Indices) -> Self:
+        """The forces in some of the segments."""
+        return replace(self, deviation=self.deviation[:, segments])

@@ -1,0 +1,193 @@
+"""Ambient forces, which no channel shows, and noise of the channels of applied forces."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy
+from present import present
+
+import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.verdict import Verdict
+
+RATE = 100.0
+STIFFNESS, DAMPING = 1000.0, 1.0  # N/m, N s/m; masses of 1 kg
+SUBSTEPS = 4  # in a sample, over which a random force is constant
+STEADY = 2000  # samples before a record, after which its start is forgotten
+NOISE = 1e-4  # m, of displacements of some mm
+ERRORS = 5.0  # standard errors that an estimate may be off: 6e-7 of chance for each
+KNOWN = lw.Coefficient.number
+
+
+def chain(n: int, law: str = "k*d + c*v") -> lw.Structure:
+    terms = lw.Law.parse(law)
+    values = {"k": STIFFNESS, "c": DAMPING}
+    links = tuple(
+        lw.Link(
+            f"l{i}",
+            (f"m{i}", f"m{i - 1}" if i > 1 else "ground"),
+            terms,
+            {name: KNOWN(values.get(name, 0.0)) for name in terms.coefficients},
+        )
+        for i in range(1, n + 1)
+    )
+    masses = tuple(lw.Mass(f"m{i}", KNOWN(1.0)) for i in range(1, n + 1))
+    return lw.Structure("chain", masses, links)
+
+
+def motion(forces: Floats, cubic: float = 0.0) -> Floats:
+    """(N, 2 n) displacements and velocities of the chain, by the Runge-Kutta method of order 4 in its substeps."""
+    n, step = forces.shape[1], 1.0 / (RATE * SUBSTEPS)
+    incidence = np.eye(n) - np.eye(n, k=1)
+
+    def rate(state: Floats, force: Floats) -> Floats:
+        d, v = incidence.T @ state[:n], incidence.T @ state[n:]
+        return np.concatenate([state[n:], force - incidence @ (STIFFNESS * d + DAMPING * v + cubic * d**3)])
+
+    state, out = np.zeros(2 * n), np.empty((len(forces) // SUBSTEPS, 2 * n))
+    for number, force in enumerate(forces):
+        if number % SUBSTEPS == 0:
+            out[number // SUBSTEPS] = state
+        k1 = rate(state, force)
+        k2 = rate(state + 0.5 * step * k1, force)
+        k3 = rate(state + 0.5 * step * k2, force)
+        k4 = rate(state + step * k3, force)
+        state = state + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return out
+
+
+@cache
+def ambient(n: int, seconds: float, seed: int, cubic: float = 0.0) -> lw.Record:
+    """Displacements in a white force of 1 N a sample on every mass."""
+    rng, count = np.random.default_rng(seed), int(seconds * RATE)
+    forces = np.sqrt(SUBSTEPS) * rng.standard_normal(((STEADY + count) * SUBSTEPS, n))
+    x = motion(forces, cubic)[STEADY:, :n]
+    channels = tuple(f"x:m{i}" for i in range(1, n + 1))
+    return lw.Record(0.0, RATE, channels, x + NOISE * rng.standard_normal(x.shape))
+
+
+@cache
+def with_load_cell(seed: int) -> lw.Record:
+    """Two masses, a force on the first of about 1 N that is held between its samples, whose channel has noise of 0.1 N."""
+    rng, count = np.random.default_rng(seed), 2000
+    applied = np.convolve(rng.standard_normal(count), np.ones(4) / 2.0, mode="same")
+    forces = np.zeros((count * SUBSTEPS, 2))
+    forces[:, 0] = np.repeat(applied, SUBSTEPS)
+    x = motion(forces)[:, :2]
+    columns = np.column_stack(
+        [x + 1e-5 * rng.standard_normal(x.shape), applied + 0.1 * rng.standard_normal(count)]
+    )
+    return lw.Record(0.0, RATE, ("x:m1", "x:m2", "force:m1"), columns, interpolation={"force:m1": "held"})
+
+
+def assert_true_within_errors(fit: lw.Estimate, true: lw.Structure) -> None:
+    assert fit.trusted, fit.message
+    for parameter in fit.parameters:
+        found = fit.coefficient(parameter.name)
+        error = found.value - present(true.coefficient(parameter.name).value)
+        assert abs(error) < ERRORS * present(found.standard_error), parameter.name
+
+
+def test_an_ambient_record_gives_stiffness_damping_and_the_forces() -> None:
+    fit = lw.identify(ambient(2, 20.0, seed=1), chain(2).unknown("all"), ambient="all")
+    assert_true_within_errors(fit, chain(2))
+    assert [force.where for force in fit.random_forces] == ["m1", "m2"]
+    for force in fit.random_forces:
+        assert force.found
+        # 2000 samples, of which the record determines more than 500: scatter below 1 / sqrt(1000), five times that
+        assert force.deviation == pytest.approx(1.0, rel=0.16)
+        assert force.spectral_density == pytest.approx(force.deviation * np.sqrt(2.0 / RATE), rel=1e-12)
+        assert force.description in fit.findings
+    assert [force["where"] for force in fit.to_dict()["random_forces"]] == ["m1", "m2"]
+
+
+def test_without_the_forces_the_same_record_is_not_trusted() -> None:
+    assert not lw.identify(ambient(2, 20.0, seed=1), chain(2).unknown("all")).trusted
+
+
+def test_the_estimates_are_at_the_maximum_of_the_likelihood_by_a_kalman_filter() -> None:
+    record = ambient(1, 20.0, seed=2)
+    density = np.sqrt(2.0 / RATE)  # of 1 N a sample
+    stated = lw.Record(record.start, record.rate, record.channels, record.values, noise={"x:m1": NOISE})
+    fit = lw.identify(stated, chain(1).unknown("all"), ambient={"m1": density})
+    assert_true_within_errors(fit, chain(1))
+    y = record.channel("x:m1")
+    errors = np.sqrt(fit.covariance.diagonal())
+
+    def cost(moved: Floats) -> float:
+        return _kalman_cost(y, *(fit.values + moved))
+
+    for unit in np.diag(errors):
+        slope = 0.5 * (cost(unit) - cost(-unit))
+        curvature = cost(unit) + cost(-unit) - 2.0 * cost(0.0 * unit)
+        # a twentieth is where the search is said to have settled; as much for the relaxation of the flow beside the force
+        assert abs(slope / curvature) < 0.1
+        assert curvature == pytest.approx(2.0, rel=0.2)  # standard errors to a tenth, of this one unknown
+
+
+def _kalman_cost(y: Floats, stiffness: float, damping: float) -> float:
+    """-2 log likelihood of displacements of one mass in a force that is constant in each sample, with a deviation of 1 N."""
+    matrix = np.array([[0.0, 1.0, 0.0], [-stiffness, -damping, 1.0], [0.0, 0.0, 0.0]])
+    step = scipy.linalg.expm(matrix / RATE)[:2]
+    onward, pushed = step[:, :2], step[:, 2:]
+    mean, spread, total = np.zeros(2), np.diag([1e-2, 1e1]), 0.0  # at first far wider than the motion
+    for sample in y:
+        power = spread[0, 0] + NOISE**2
+        surprise = sample - mean[0]
+        total += surprise**2 / power + np.log(power)
+        gain = spread[:, 0] / power
+        mean, spread = mean + gain * surprise, spread - np.outer(gain, spread[0])
+        mean, spread = onward @ mean, onward @ spread @ onward.T + pushed @ pushed.T
+    return float(total)
+
+
+@pytest.mark.parametrize("stated", [0.1, None])
+def test_noise_of_a_load_cell_is_counted_in(stated: float | None) -> None:
+    asked = chain(2, "k*d + c*v + k3*d**3").unknown("all")
+    fit = lw.identify(with_load_cell(3), asked, input_noise={"force:m1": stated})
+    assert_true_within_errors(fit, chain(2, "k*d + c*v + k3*d**3"))
+    [force] = fit.random_forces
+    assert force.where == "force:m1"
+    assert force.found is (stated is None)
+    # of 2000 samples the record determines a hundred: scatter below 1 / sqrt(2 * 100), five times that
+    assert force.deviation == pytest.approx(0.1, rel=0.35)
+
+
+def test_a_missing_cubic_spring_is_told_beside_an_ambient_force() -> None:
+    # half the force in the spring at the largest elongation of 7 mm
+    record = ambient(1, 40.0, seed=4, cubic=2e7)
+    fit = lw.identify(record, chain(1).unknown("all"), ambient=["m1"])
+    assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,)
+    assert fit.diagnosis[0].term in ("d**3", "d**5")
+    whole = chain(1, "k*d + c*v + k3*d**3").unknown("all")
+    found = lw.identify(record, whole, ambient=["m1"])
+    assert found.trusted, found.message
+    assert abs(found.coefficient("l1.k3").value - 2e7) < ERRORS * present(
+        found.coefficient("l1.k3").standard_error
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"ambient": ["m7"]}, "no ambient force can act on m7: the masses are m1, m2"),
+        ({"ambient": {"m1": -1.0}}, "the ambient force on m1 must be a positive number in N/sqrt(Hz)"),
+        ({"input_noise": ["force:m2"]}, "no noise of force:m2"),
+        ({"input_noise": {"force:m1": 0.0}}, "the noise of force:m1 must be a positive number in N,"),
+        ({"ambient": ["m1"], "input_noise": "all"}, "are the same to the mass: state one of them"),
+    ],
+)
+def test_what_cannot_be_is_refused(options: dict[str, object], words: str) -> None:
+    with pytest.raises(lw.IdentificationError) as error:
+        lw.identify(with_load_cell(3), chain(2).unknown("all"), **options)  # type: ignore[arg-type]
+    assert words in str(error.value)
+
+
+def test_noise_of_an_input_that_no_record_has_is_refused() -> None:
+    with pytest.raises(lw.IdentificationError, match="the record has no applied force"):
+        lw.identify(ambient(1, 20.0, seed=2), chain(1).unknown("all"), input_noise=["force:m1"])
+    with pytest.raises(lw.IdentificationError, match='ambient are for method "ml"'):
+        lw.identify(ambient(1, 20.0, seed=2), chain(1).unknown("all"), method="weak", ambient="all")
