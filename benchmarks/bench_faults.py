@@ -3,7 +3,8 @@
 Every fault of `fault_catalogue` in chains of 2 and 6 masses at 20 and 40 dB, by `ml`, `weak` and `discover`. An answer is
 wrong where a coefficient is more than `FAR` of its standard errors off or a false term is certain. It misleads where it is
 trusted though wrong, and neither an alert of its records nor one of the first two causes of its diagnosis names the fault.
-LINKWISE_MASSES=2 runs the small chain only, LINKWISE_SEEDS how many seeds (default 1).
+LINKWISE_MASSES=2 runs the small chain only, LINKWISE_SEEDS says how many seeds (default 1), LINKWISE_CLEAN how many records
+without a fault (default 100; 1000 are asked).
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from fault_catalogue import FAULTS, Fault, Test, make_test
+from fault_catalogue import DURATION, FAULTS, RATE, SPEEDS, Fault, Test, make_test
 
 import linkwise as lw
 from linkwise.errors import LinkwiseError
 
 MASSES = tuple(int(count) for count in os.environ.get("LINKWISE_MASSES", "2,6").split(","))
 SEEDS = int(os.environ.get("LINKWISE_SEEDS", "1"))
+CLEAN = int(os.environ.get("LINKWISE_CLEAN", "100"))
+FALSE_ALARMS = 0.01  # share of records without a fault
 FIRST = 3000  # seeds from here on were never tuned on
 DECIBELS = (20.0, 40.0)
 FAR = 4.0  # standard errors
@@ -166,3 +169,18 @@ def report(table: dict[str, list[Answer]]) -> None:
         f"of {len(told)} answers to faults that the equations can tell {sum(answer.misleads for answer in told)} mislead; "
         f"right cause first in {sum(first)} of {len(first)} with a diagnosis; * cannot be told"
     )
+
+
+def test_clean_records_raise_no_alarm() -> None:
+    chain = lw.bnes_chain(2)
+    clean = lw.simulate(chain, release={"v:m1": SPEEDS[2]}, duration=DURATION, rate=RATE)
+    asked = chain.unknown("all")
+    alarms = []
+    for seed in range(FIRST, FIRST + CLEAN):
+        snr_db = float(np.random.default_rng([seed, 5]).uniform(15.0, 50.0))
+        fit = lw.identify(clean.with_noise(snr_db, seed=seed), asked)
+        named = [str(each) for each in (*fit.alerts, *fit.diagnosis)]
+        if named:
+            alarms.append(f"seed {seed}, {snr_db:.0f} dB: {'; '.join(named)}")
+    print(f"\n{len(alarms)} of {CLEAN} records without a fault with an alert or a cause", *alarms, sep="\n  ")
+    assert len(alarms) <= max(1.0, FALSE_ALARMS * CLEAN)
