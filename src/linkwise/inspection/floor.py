@@ -61,9 +61,8 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
             continue
         message = (
             f"has noise at rest of {sigma:.3g} {signal.channel.unit} whose neighbouring samples are correlated by "
-            f"{correlation:.2g}: intervals assume white noise, and come out too "
-            f"{'narrow' if correlation > 0.0 else 'wide'}; use a filter that only removes what is above half the sampling "
-            "rate, or reduce the rate until the noise is white"
+            f"{correlation:.2g}: the weak form takes noise for white, and its values and intervals come out wrong; use "
+            "maximum likelihood, which allows for such noise, or reduce the rate until the noise is white"
         )
         yield Alert("coloured", signal.name, message, sigma / signal.rms)
 
