@@ -26,8 +26,9 @@ _LOW = 0.25  # of the rise of the cost that the curvature promises there
 def undetermined_far_away(fit: LikelihoodFit) -> tuple[str, ...]:
     """Names of the coefficients of faint links that may as well be far away.
 
-    Those of a link whose elongation is not above the noise at all, where it has no coefficient that is known, and those that
-    may as well be eight standard errors away, tested one by one. Coefficients that other links share are not among them.
+    Those of a link whose elongation is not above the noise at all, where it has no coefficient that is known; without such a
+    link those that may as well be eight standard errors away, tested one by one. Coefficients that other links share are not
+    among them.
 
     Parameters
     ----------
@@ -45,14 +46,13 @@ def undetermined_far_away(fit: LikelihoodFit) -> tuple[str, ...]:
     in_links: dict[int, list[int]] = {}
     for link, column, _ in system.interactions:
         in_links.setdefault(column, []).append(link)
+    own = [column for column, links in sorted(in_links.items()) if (energy[links] < _FAINT).all()]
+    free = [column for column in own if fit.free[column]]
     unseen = (energy < _UNSEEN) & system.wholly_unknown
-    return tuple(
-        system.parameters.names[column]
-        for column, links in sorted(in_links.items())
-        if fit.free[column]
-        and (energy[links] < _FAINT).all()
-        and (unseen[links].all() or not _rises(fit, column))
-    )
+    undetermined = [column for column in free if unseen[in_links[column]].all()]
+    if not undetermined:
+        undetermined = [column for column in free if not _rises(fit, column)]
+    return tuple(system.parameters.names[column] for column in undetermined)
 
 
 def elongation_energy(fit: LikelihoodFit) -> Floats:
