@@ -70,6 +70,19 @@ def ambient(n: int, seconds: float, seed: int, cubic: float = 0.0) -> lw.Record:
 
 
 @cache
+def accelerations(seed: int, seconds: float = 20.0) -> lw.Record:
+    """Accelerations of two masses in white forces of 1 N, constant in each sample, with noise of 0.01 m/s^2."""
+    rng, count = np.random.default_rng(seed), int(seconds * RATE)
+    forces = rng.standard_normal((STEADY + count, 2))
+    states = motion(np.repeat(forces, SUBSTEPS, axis=0))
+    incidence = np.eye(2) - np.eye(2, k=1)
+    pulls = STIFFNESS * states[:, :2] @ incidence + DAMPING * states[:, 2:] @ incidence
+    shown = (forces - pulls @ incidence.T)[STEADY:]
+    noisy = shown + 0.01 * rng.standard_normal(shown.shape)
+    return lw.Record(0.0, RATE, ("a:m1", "a:m2"), noisy)
+
+
+@cache
 def with_load_cell(seed: int) -> lw.Record:
     """Two masses, a force on the first of about 1 N that is held between its samples, whose channel has noise of 0.1 N."""
     rng, count = np.random.default_rng(seed), 2000
@@ -102,6 +115,13 @@ def test_an_ambient_record_gives_stiffness_damping_and_the_forces() -> None:
         assert force.spectral_density == pytest.approx(force.deviation * np.sqrt(2.0 / RATE), rel=1e-12)
         assert force.description in fit.findings
     assert [force["where"] for force in fit.to_dict()["random_forces"]] == ["m1", "m2"]
+
+
+def test_accelerations_alone_in_ambient_forces_give_stiffness_and_damping() -> None:
+    fit = lw.identify(accelerations(6), chain(2).unknown("all"), ambient="all")
+    assert_true_within_errors(fit, chain(2))
+    for force in fit.random_forces:  # accelerations show nearly all 2000 of them: five times 1 / sqrt(4000)
+        assert force.deviation == pytest.approx(1.0, rel=0.08)
 
 
 def test_without_the_forces_the_same_record_is_not_trusted() -> None:

@@ -174,6 +174,8 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
         _cause(hypotheses[number], gains[number], sizes[number], deviations[number], powers)
         for number in sorted(smooth, key=lambda number: -gains[number])
         if gains[number] > _CHANCE + 2.0 * np.log(len(smooth))
+        and abs(sizes[number])
+        < powers[hypotheses[number].where]  # more is a term that the law has, but for rounding
     )
 
 

@@ -13,6 +13,8 @@ log det H: that of a force is the root of its sum of squares over the number of 
 
 References
 ----------
+A. C. Aitken, Proc. R. Soc. Edinb. 46, 289 (1926).
+
 D. J. C. MacKay, Neural Computation 4, 415 (1992).
 
 L. Tierney and J. B. Kadane, J. Am. Stat. Assoc. 81, 82 (1986), for the Laplace approximation.
@@ -38,6 +40,8 @@ _LOG_STEP = 0.05  # for those by the logarithm of a deviation
 _ROUNDS = 30
 _SETTLED = 0.05  # standard errors, or of the logarithm of a deviation over `_LOG_WEIGHT`
 _LOG_WEIGHT = 5.0
+_SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
+_TOLD = 0.02  # of the samples: fewer errors of samples that a record determines do not tell their deviation
 _LARGEST_CHANGE = 1.5  # of the logarithm of a deviation in one round
 _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow stands for beside it
 _LOOSEST = 0.02  # relaxation
@@ -94,13 +98,15 @@ def marginal_fit(
     fit : AnnealingFit
         The fit at the maximum, exhausted where it did not settle.
     """
-    path = fit.path
+    path, before = fit.path, None
     for _ in range(_ROUNDS):
         if fit.status is not AnnealingStatus.CONVERGED:
             return segments, replace(fit, path=path)
-        change, segments, start, scales = _next_round(segments, fit, known_noise, annealer)
+        change, logs, slope, border = _changes(segments, fit, known_noise, annealer)
         if change < _SETTLED:
             return segments, replace(fit, path=path)
+        logs, before = _extrapolated(logs, before)
+        segments, start, scales = _changed(segments, fit, logs, slope, border)
         q = relaxation(segments, scales, start.theta)
         fit = annealer(segments, start, scales, AnnealingSchedule(initial_q=q, final_q=q))
         path = (*path, *fit.path)
@@ -130,35 +136,55 @@ def parts_of(segments: Segments) -> tuple[Indices, float]:
     return which, count / len(which)
 
 
-def _next_round(
+def _changes(
     segments: Segments, fit: AnnealingFit, known_noise: Bools, annealer: Annealer
-) -> tuple[float, Segments, Iterate, Scales]:
-    """The largest change, and segments, start and scales of the next fit."""
+) -> tuple[float, Floats, Floats, Floats]:
+    """The largest change; those of the logarithms of deviations (C + r,), the new slope (P,) and unknowns (P,)."""
     random = segments.random
     assert random is not None
     determinant = _LogDeterminant.of(segments, fit, annealer)
-    border, deviation = fit.point.border, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    deviation = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     slope = determinant.slope(~fit.at_bound, deviation)
     before = 0.0 if random.slope is None else random.slope
     shift = -0.5 * fit.covariance @ (slope - before)
     noise, force = determinant.freedoms(known_noise)
-    of_noise = np.where(known_noise, 1.0, _ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise))
+    told = ~known_noise & (noise > _TOLD * segments.observed.sum(axis=(0, 2)))
+    of_noise = np.where(told, _log_ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise), 0.0)
     forces = fit.point.nodes[random.rows] / random.deviation
-    of_force = np.where(random.found, _ratio(np.sum(forces**2, axis=1), force), 1.0)
+    of_force = np.where(random.found, _log_ratio(np.sum(forces**2, axis=1), force), 0.0)
     moved = np.abs(shift[deviation > 0.0]) / deviation[deviation > 0.0]
-    logs = np.log(np.concatenate([of_noise, of_force]))
+    logs = np.concatenate([of_noise, of_force])
     change = max(float(moved.max(initial=0.0)), _LOG_WEIGHT * float(np.abs(logs).max()))
+    return change, logs, slope, fit.point.border + shift
+
+
+def _extrapolated(logs: Floats, before: Floats | None) -> tuple[Floats, Floats | None]:
+    """Changes, those that shrink slowly from round to round summed to their end in every second one (Aitken 1926)."""
+    if before is None:
+        return logs, logs
+    ratio = np.divide(logs, before, out=np.zeros_like(logs), where=before != 0.0)
+    factor = np.where(ratio > 0.0, 1.0 / (1.0 - np.clip(ratio, 0.0, _SLOWEST)), 1.0)
+    return np.clip(factor * logs, -_LARGEST_CHANGE, _LARGEST_CHANGE), None
+
+
+def _changed(
+    segments: Segments, fit: AnnealingFit, logs: Floats, slope: Floats, border: Floats
+) -> tuple[Segments, Iterate, Scales]:
+    """Segments, start and scales of the next fit."""
+    random, channels = segments.random, len(fit.scales.sigma)
+    assert random is not None
+    of_noise, of_force = np.split(np.exp(logs), [channels])
     state = fit.scales.state.copy()
     state[random.rows] *= of_force
     scales = replace(fit.scales, sigma=fit.scales.sigma * of_noise, state=state)
     following = replace(segments, random=replace(random.scaled(of_force), slope=slope))
-    return change, following, fit.point.moved(fit.point.nodes, border + shift), scales
+    return following, fit.point.moved(fit.point.nodes, border), scales
 
 
-def _ratio(squares: Floats, freedom: Floats) -> Floats:
-    """Factors on deviations, from sums of squares in their units and the numbers that the record determines."""
-    found = np.sqrt(squares / np.maximum(freedom, 1.0))
-    return np.clip(found, np.exp(-_LARGEST_CHANGE), np.exp(_LARGEST_CHANGE))
+def _log_ratio(squares: Floats, freedom: Floats) -> Floats:
+    """Logarithms of factors on deviations, from sums of squares in their units and the numbers that the record determines."""
+    found = 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny) / np.maximum(freedom, 1.0))
+    return np.clip(found, -_LARGEST_CHANGE, _LARGEST_CHANGE)
 
 
 @dataclass(frozen=True, eq=False)
