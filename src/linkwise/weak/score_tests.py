@@ -43,7 +43,7 @@ _LARGEST = 48  # masses of a structure whose equations are tested
 _COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
 _NOISE_POWER = 0.03  # relative error of the power of noise that is found; of stated noise, what its residuals say is added
 _CANCELLED = 0.1  # of what white noise would give: a smaller variance is the difference of large ones that are not exact
-_CHANCE = 25.0  # square of the standard errors that one score reaches by chance once in 1.7 million
+_CHANCE = 12.0  # with twice the logarithm of the number of scores: chance gives one in 2 000 fits
 
 
 @dataclass(frozen=True)
