@@ -115,6 +115,8 @@ def test_an_ambient_record_gives_stiffness_damping_and_the_forces() -> None:
         assert force.spectral_density == pytest.approx(force.deviation * np.sqrt(2.0 / RATE), rel=1e-12)
         assert force.description in fit.findings
     assert [force["where"] for force in fit.to_dict()["random_forces"]] == ["m1", "m2"]
+    # of 4000 samples, with the noise found: what is lost is that of the relaxed flow, and chi-square scatters by 0.02
+    assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.05)
 
 
 def test_accelerations_alone_in_ambient_forces_give_stiffness_and_damping() -> None:

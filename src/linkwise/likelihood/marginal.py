@@ -177,7 +177,8 @@ def _changed(
     state = fit.scales.state.copy()
     state[random.rows] *= of_force
     scales = replace(fit.scales, sigma=fit.scales.sigma * of_noise, state=state)
-    following = replace(segments, random=replace(random.scaled(of_force), slope=slope))
+    tilted = replace(random.scaled(of_force), slope=slope, origin=border)
+    following = replace(segments, random=tilted)
     return following, fit.point.moved(fit.point.nodes, border), scales
 
 

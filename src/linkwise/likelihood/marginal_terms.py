@@ -64,7 +64,7 @@ def _part_without_unknowns(optimum: Optimum) -> tuple[Optimum, float]:
     assert segments.random is not None
     return replace(
         optimum,
-        segments=replace(segments, prior=None, random=replace(segments.random, slope=None)),
+        segments=replace(segments, prior=None, random=replace(segments.random, slope=None, origin=None)),
         point=replace(optimum.point, nodes=optimum.point.nodes[:, which], theta=np.zeros(0)),
         scales=replace(optimum.scales, theta=optimum.scales.theta[p:]),
     ), share

@@ -25,16 +25,21 @@ class RandomStates:
     slope : array of shape (P,) or None
         Gradient of the log determinant of the equations by the unknowns that all nodes share: its part of -2 log of the
         marginal likelihood, which is linear around the optimum.
+    origin : array of shape (P,) or None
+        Where that part is counted as zero.
     """
 
     rows: Indices
     deviation: Floats
     found: Bools
     slope: Floats | None = None
+    origin: Floats | None = None
 
     def cost(self, nodes: Floats, border: Floats) -> float:
         """What the forces among `nodes` (2n + S, K) and the slope along `border` (P,) add to the cost."""
-        tilt = 0.0 if self.slope is None else float(self.slope @ border)
+        tilt = 0.0
+        if self.slope is not None and self.origin is not None:
+            tilt = float(self.slope @ (border - self.origin))
         return float(np.sum((nodes[self.rows] / self.deviation) ** 2)) + tilt
 
     def curvature(self, scale: Floats) -> Floats:
