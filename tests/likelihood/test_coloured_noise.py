@@ -62,7 +62,7 @@ def test_intervals_allow_for_coloured_noise(noise: str) -> None:
     chain = lw.bnes_chain(2)
     asked = chain.unknown("all")
     z = []
-    for seed in range(6):
+    for seed in range(4):
         fit = lw.identify(noisy(noise, seed), asked)
         assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
         coloured = "x:m1, x:m2" if noise == "differenced" else "x:m1"
