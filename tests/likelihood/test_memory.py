@@ -157,6 +157,11 @@ def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
         ))  # fmt: skip
 
 
+INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
+"""Relative: Newmark's average acceleration, with which the authors made the benchmark at 15 kHz, moves as the exact equations do
+at the frequency 2/h tan(w h/2), so a mass seems larger by (w h)**2 / 6; this at 150 Hz, where their multisine ends."""
+
+
 def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> None:
     with h5py.File(shared_data / "bouc_wen_train.h5") as file:
         force, shown = (np.ravel(file[f"multisine/{name}"][:])[:8192] for name in ("u", "y"))
@@ -175,4 +180,5 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> Non
     assert fit.trusted, fit.explanation
     for name, value in TRUE.items():
         low, high = present(fit.coefficient(name).interval)
-        assert low < value < high, name
+        most = (1.0 + INERTIA_OF_AVERAGING) * value if name == "m1.mass" else value
+        assert low < most and value < high, name
