@@ -76,15 +76,18 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
         own = np.full(len(incidence), np.inf)
         chosen = sensors.kind == kind
         own[sensors.mass[chosen]] = variances[chosen]
+        shown = np.ones(len(incidence))
+        shown[sensors.mass[chosen]] = segments.observed[:, chosen].mean(axis=(0, 2))
         with_ends = incidence != 0.0
         variance = np.where(with_ends, own[:, None], 0.0).sum(axis=0)
         measured = np.isfinite(variance)
         seen |= measured
-        about_mean = np.var(motion, axis=(0, 2)) * motion.shape[0] * motion.shape[2]
+        present = np.where(with_ends, shown[:, None], 1.0).min(axis=0)
+        about_mean = np.var(motion, axis=(0, 2)) * motion.shape[0] * motion.shape[2] * present
         energy += np.where(measured, about_mean / np.where(measured, variance, 1.0), 0.0)
     energy[~seen] = np.inf
-    if (sensors.kind == F).any() or (sensors.kind == S).any():
-        energy[:] = np.inf
+    energy[sensors.mass[sensors.kind == F]] = np.inf
+    energy[segments.system.state_links[sensors.mass[sensors.kind == S]]] = np.inf
     return energy
 
 
