@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record, truth
-from record_faults import chain, faulty
+from record_faults import chain, faulty, forced
 
 import linkwise as lw
 
@@ -49,6 +49,15 @@ def test_spikes_are_marked_and_no_others() -> None:
     marked = lw.mark_missing(faulty(chain(2, 30.0), "x:m1", spiked))
     assert np.flatnonzero(np.isnan(marked.channel("x:m1"))).tolist() == list(SPIKES)
     assert not np.isnan(marked.channel("x:m2")).any()
+
+
+def test_inputs_stay_as_they_are() -> None:
+    record = forced(40.0)
+    limited = np.clip(record.channel("force:m1"), -3.0, 3.0)  # of a force of 6 N
+    values = record.values.copy()
+    values[:, record.channels.index("force:m1")] = limited
+    marked = lw.mark_missing(replace(record, values=values))
+    np.testing.assert_array_equal(marked.channel("force:m1"), limited)
 
 
 def test_a_clean_record_stays() -> None:

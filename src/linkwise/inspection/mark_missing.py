@@ -34,12 +34,14 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
         The record.
     faults : str or sequence of {"clipped", "spikes"}, optional
         Which samples: those at an end of the range of a sensor that was overloaded, with those beside them that noise alone
-        may have held inside, and single samples far from their neighbours; both as `inspect` sees them.
+        may have held inside, and single samples far from their neighbours; both as `inspect` sees them, which needs several
+        samples at the end of the range.
 
     Returns
     -------
     Record
-        The record with these samples missing and a note of how many; `record` itself where there are none.
+        The record with these samples of its responses missing and a note of how many; `record` itself where there are none.
+        Inputs stay as they are: what moves the structure must be known at all times.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
     names = (faults,) if isinstance(faults, str) else tuple(faults)
     functions = {name: FAULTY_SAMPLES.lookup(name) for name in names}
     values, notes = record.values.copy(), []
-    for signal in RecordSignals.of(record).moving:
+    for signal in RecordSignals.of(record).responses:
         for name, faulty_samples in functions.items():
             faulty = faulty_samples(signal)
             if faulty.any():
