@@ -222,6 +222,8 @@ def _tapered(innovations: Floats) -> Floats:
 def _is_steady(innovations: Floats) -> bool:
     """Whether the innovations of consecutive blocks have the same power."""
     kept = innovations[np.isfinite(innovations)] ** 2
+    if len(kept) < _BLOCKS:
+        return False
     blocks = np.array_split(kept / kept.mean(), _BLOCKS)
     power, count = np.array([block.mean() for block in blocks]), np.array([len(block) for block in blocks])
     departure = float(np.sum(0.5 * count * (power - 1.0) ** 2))
