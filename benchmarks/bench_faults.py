@@ -29,7 +29,6 @@ FIRST = 3000  # seeds from here on were never tuned on
 DECIBELS = (20.0, 40.0)
 FAR = 4.0  # standard errors
 MISLEADING = 0.02  # share of the answers to faults that the equations can tell
-NAMED_FIRST = 0.8
 METHODS: tuple[Literal["ml", "weak"], ...] = ("ml", "weak")
 
 

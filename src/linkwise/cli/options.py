@@ -195,7 +195,7 @@ class ReadingOptions:
 
     @property
     def _known_delays(self) -> dict[str, float]:
-        """Delays in s by channel; UsageError for one without a time, which `identify` alone finds."""
+        """Delays in s by channel; UsageError for one without a time, which `identify` and `discover` find."""
         if self.unknown_delays:
             name = self.unknown_delays[0]
             raise click.UsageError(

@@ -227,9 +227,10 @@ def check_discovery(
     >>> lw.check_discovery(record, {"m1": 1.0, "m2": 0.01})
     ('102 samples for 12 candidates are few: weak terms will be missed; record for longer.',)
     """
-    terms = DiscoveryOptions.given(options, keywords).terms
+    chosen = DiscoveryOptions.given(options, keywords)
     records = [record] if isinstance(record, Record) else list(record)
-    candidates = candidates_for(records, masses, terms)
+    candidates = candidates_for(records, masses, chosen.terms)
+    by_channel(chosen.calibration, records[0].responses)  # refuses those of other channels
     return _checked(records, candidates).remarks
 
 

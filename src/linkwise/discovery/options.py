@@ -68,9 +68,9 @@ class DiscoveryOptions:
         terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)
         object.__setattr__(self, "terms", terms)
         for name in ("offsets", "gains", "delays", "admit"):
-            given = getattr(self, name)
+            given = getattr(self, name) or ()
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
-        object.__setattr__(self, "calibration", dict(self.calibration))
+        object.__setattr__(self, "calibration", dict(self.calibration or {}))
         parse_terms(terms)  # raises what is wrong with them
 
     @classmethod
