@@ -158,8 +158,8 @@ def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
 
 
 INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
-"""Relative: Newmark's average acceleration, with which the authors made the benchmark at 15 kHz, moves as the exact equations do
-at the frequency 2/h tan(w h/2), so a mass seems larger by (w h)**2 / 6; this at 150 Hz, where their multisine ends."""
+"""Relative: Newmark's average acceleration, with which the authors made the benchmark at 15 kHz, moves as the exact equations
+do at the frequency 2/h tan(w h/2), so a mass seems larger by (w h)**2 / 6; this at 150 Hz, where their multisine ends."""
 
 
 def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> None:

@@ -200,12 +200,54 @@ def test_a_missing_cubic_spring_is_told_beside_an_ambient_force() -> None:
         ({"input_noise": ["force:m2"]}, "no noise of force:m2"),
         ({"input_noise": {"force:m1": 0.0}}, "the noise of force:m1 must be a positive number in N,"),
         ({"ambient": ["m1"], "input_noise": "all"}, "are the same to the mass: state one of them"),
+        ({"ambient": {"m1": "0.5"}}, "the ambient force on m1 must be a positive number in N/sqrt(Hz)"),
+        ({"ambient": {"m1": True}}, "the ambient force on m1 must be a positive number in N/sqrt(Hz)"),
+        ({"ambient": 0.5}, 'random forces are stated by name, as in ["m1"]'),
+        (
+            {"ambient": ["m2"], "delays": ["x:m2"]},
+            "random forces and a delay of x:m2 cannot be found together yet",
+        ),
+        ({"ambient": ["m2"], "admit": ["gain"]}, "random forces and errors of sensors to be admitted (gain)"),
+        (
+            {"ambient": ["m2"], "loss": lw.Student()},
+            "random forces and a robust loss cannot be found together",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(options: dict[str, object], words: str) -> None:
     with pytest.raises(lw.IdentificationError) as error:
         lw.identify(with_load_cell(3), chain(2).unknown("all"), **options)  # type: ignore[arg-type]
     assert words in str(error.value)
+
+
+def test_a_spring_that_is_left_out_is_told_beside_an_ambient_force() -> None:
+    """A term may be larger than all of the force that the law has."""
+    fit = lw.identify(ambient(1, 15.0, seed=5), chain(1, "c*v").unknown("all"), ambient="all")
+    assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,)
+    assert fit.diagnosis[0].term == "d"
+
+
+def test_an_error_of_the_law_is_not_told_as_noise_of_the_load_cell() -> None:
+    """Cogging that is as large as the applied force."""
+    rng = np.random.default_rng(6)
+    law = "k*d + c*v + F*sin(d/s)"
+    values = {"k": STIFFNESS, "c": DAMPING, "F": 1.0, "s": 1e-3}
+    given = {name: KNOWN(value) for name, value in values.items()}
+    link = lw.Link("l1", ("m1", "ground"), lw.Law.parse(law), given)
+    structure = lw.Structure("cogging", chain(1).masses, (link,))
+    force = np.convolve(rng.standard_normal(1500), 0.5 * np.ones(4), "same")
+    record = lw.simulate(structure, forces={"m1": lw.Sampled(0.0, RATE, force)}, duration=14.99, rate=RATE)
+    noisy = record.with_noise(40.0, seed=6)
+    fit = lw.identify(noisy, chain(1).unknown("all"), input_noise="all")
+    assert not fit.trusted
+
+
+def test_channels_of_links_are_refused() -> None:
+    record = ambient(1, 4.0, seed=2)
+    force = STIFFNESS * record.values[:, :1]
+    both = lw.Record(0.0, RATE, ("x:m1", "f:l1"), np.hstack([record.values[:, :1], force]))
+    with pytest.raises(lw.IdentificationError, match="random forces and f:l1 cannot be found together"):
+        lw.identify(both, chain(1).unknown("all"), ambient="all")
 
 
 def test_noise_of_an_input_that_no_record_has_is_refused() -> None:

@@ -292,8 +292,7 @@ def anneal(
         raise IdentificationError(
             "the motion that starts from the states in the record runs to infinity within a few samples: the time may be in "
             "another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over the "
-            "motion of its link, or a force acts that no channel shows (identify takes it as ambient)",
-            arguments=("ambient",),
+            "motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
         )
     linear = linearise(segments, misfit, scales, loss, executor)
     try:

@@ -15,6 +15,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
+from linkwise.expression import to_text
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.marginal_terms import determinant_slopes
@@ -29,6 +30,7 @@ from linkwise.likelihood.score_test import (
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.tangents import CandidateForces
 from linkwise.model.law import Law
+from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
@@ -152,9 +154,7 @@ def _diagnosed(
 @np.errstate(over="ignore", invalid="ignore")  # as in `_diagnosed`
 def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
-    optimum, sensors = fit.optimum, fit.segments.sensors
-    if not sensors.of_masses.all():
-        return ()
+    optimum = fit.optimum
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
     hypotheses, forces = _terms(identified)
     candidates, norms = candidate_forces(optimum, misfit, forces)
@@ -170,13 +170,18 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     slope[parameters + np.array(smooth)] += slopes * norms[smooth]
     gains, sizes, deviations = _single_tests(curvature, slope, curvature, parameters)
     powers = _force_of_links(optimum, misfit, identified)
+    present = {link.name: _linear_terms(link) for link in identified.links}
     return tuple(
         _cause(hypotheses[number], gains[number], sizes[number], deviations[number], powers)
         for number in sorted(smooth, key=lambda number: -gains[number])
         if gains[number] > _CHANCE + 2.0 * np.log(len(smooth))
-        and abs(sizes[number])
-        < powers[hypotheses[number].where]  # more is a term that the law has, but for rounding
+        and hypotheses[number].term not in present[hypotheses[number].where]  # which rounding alone leaves
     )
+
+
+def _linear_terms(link: Link) -> set[str]:
+    """The terms of the law of a link that have a coefficient each, as they are written in `_TERMS`."""
+    return {Law.parse(to_text(link.law.basis[name])).text.replace(" ", "") for name in link.law.linear}
 
 
 def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> dict[str, float]:

@@ -21,7 +21,11 @@ from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
-from linkwise.likelihood.random_forces import Deviations, random_forces
+from linkwise.likelihood.random_forces import (
+    Deviations,
+    random_forces,
+    refuse_beside_random_forces,
+)
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.segmentation import require_units_of_states
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
@@ -143,16 +147,20 @@ class MaximumLikelihood(Estimator):
             self.gains,
             by_channel(self.calibration, records[0].responses),
             self.delays,
-            random_forces(self.ambient, self.input_noise, records[0], structure),
+            random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             self.loss,
             progress=progress,
         )
+        admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
+        if options.random:
+            robust = not isinstance(self.loss, Gaussian)
+            refuse_beside_random_forces(self.delays, admitted, robust=robust, records=records)
 
         return answer_with_sensors(
             partial(self._search, structure),
             records,
             options,
-            (self.admit,) if isinstance(self.admit, str) else self.admit,
+            admitted,
             partial(estimate_of, structure),
         )
 

@@ -55,21 +55,23 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
-    verdict, message = _verdict(fit, share, causes, remembering)
+    verdict, message = _verdict(
+        fit, share, causes, coloured=remembering, noisy=_noisy_inputs(fit, identified.mass_names)
+    )
     message += _of_forces(fit, verdict, channels)
     return Judgement(verdict, message, share, causes)
 
 
 def _verdict(
-    fit: LikelihoodFit, share: float, causes: Sequence[Cause], coloured: Sequence[str]
+    fit: LikelihoodFit,
+    share: float,
+    causes: Sequence[Cause],
+    *,
+    coloured: Sequence[str],
+    noisy: Sequence[str],
 ) -> tuple[Verdict, str]:
-    explained = "The laws explain the record to within its noise"
-    if fit.random_forces:
-        explained = "The laws and the random forces explain the record to within its noise"
-    if coloured:
-        explained += f", which is correlated from sample to sample in {', '.join(coloured)}"
-    if fit.model_error > 0.0:
-        explained = f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
+    """The first of all verdicts that holds: `coloured` channels have such noise, `noisy` ones of forces too much of it."""
+    explained = _explained(fit, share, coloured)
     if fit.chi_square_off:
         return Verdict.NOISE_MISMATCH, (
             f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise, so no interval is given: the noise is not what "
@@ -80,6 +82,11 @@ def _verdict(
         return Verdict.MEASUREMENT_ERROR, (
             f"{explained}, but {_would_explain(causes[0])}, more than any missing term. Coefficients would be wrong by more "
             "than their intervals say, so none is given: correct it, or estimate it with the other unknowns."
+        )
+    if noisy:
+        return Verdict.UNEXPLAINED_FORCES, (
+            f"{explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _LARGEST_ERROR:.0f} % of the force: "
+            f"it stands for errors of the laws, which intervals would take for noise.{_likeliest(causes)}"
         )
     if share > _LARGEST_ERROR:
         return Verdict.UNEXPLAINED_FORCES, (
@@ -118,10 +125,36 @@ def _verdict(
     return Verdict.CONVERGED, f"{explained}{'; all intervals count that in' if coloured else ''}."
 
 
+def _explained(fit: LikelihoodFit, share: float, coloured: Sequence[str]) -> str:
+    """How far the laws explain the record."""
+    if fit.model_error > 0.0:
+        return f"The structure explains the record to within {100.0 * share:.2g} % of its forces"
+    laws = "The laws and the random forces explain" if fit.random_forces else "The laws explain"
+    noise = f", which is correlated from sample to sample in {', '.join(coloured)}" if coloured else ""
+    return f"{laws} the record to within its noise{noise}"
+
+
+def _noisy_inputs(fit: LikelihoodFit, masses: Sequence[str]) -> list[str]:
+    """Channels of applied forces with more noise, as it was found, than laws may be wrong by."""
+    applied = fit.segments.inputs.force
+    if applied is None:
+        return []
+    powers = np.mean(applied[:, 0] ** 2, axis=(0, 2))
+    rms = {f"force:{name}": float(np.sqrt(power)) for name, power in zip(masses, powers, strict=True)}
+    return [
+        force.where
+        for force in fit.random_forces
+        if force.found and not force.ambient and force.deviation > _LARGEST_ERROR * rms[force.where]
+    ]
+
+
 def _of_forces(fit: LikelihoodFit, verdict: Verdict, channels: Sequence[str]) -> str:
     """What random forces leave open, or that they may be what is missing."""
     if any(force.ambient for force in fit.random_forces):
-        return " Errors of sensors and of stated masses cannot be told from an ambient force, and are not tested for."
+        return (
+            " Ambient forces are taken as white and as acting on these masses alone; that, errors of sensors and of stated "
+            "masses are not tested for beside them."
+        )
     driven = any(Channel.parse(name).is_input for name in channels)
     if not fit.random_forces and not driven and verdict in _LIKE_A_FORCE:
         return " If a force acts that no channel shows, such as wind or traffic, state it as ambient."

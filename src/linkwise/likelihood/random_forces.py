@@ -74,12 +74,15 @@ def random_forces(
             )
         forces[name] = RandomForce(name, _positive(value, f"the ambient force on {name}", "N/sqrt(Hz)"), True)
     channels = [channel for channel in record.inputs if channel.startswith(_INPUT)]
+    if input_noise and not channels:
+        raise IdentificationError(
+            "no noise of an applied force can be estimated: the record has no applied force; an ambient force needs no channel"
+        )
     for channel, value in _each(input_noise, channels).items():
         if channel not in channels:
-            has = f"the applied forces in the record are {', '.join(channels)}"
             raise IdentificationError(
-                f"no noise of {channel}{near_miss(channel, channels)} can be estimated: "
-                f"{has if channels else 'the record has no applied force; an ambient force needs no channel'}"
+                f"no noise of {channel}{near_miss(channel, channels)} can be estimated: the applied forces in the record are "
+                f"{', '.join(channels)}"
             )
         name = channel.removeprefix(_INPUT)
         if name in forces:
@@ -93,6 +96,10 @@ def random_forces(
 def _each(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
     if isinstance(given, str):
         given = (given,)
+    if not isinstance(given, Mapping | Sequence):
+        raise IdentificationError(
+            f'random forces are stated by name, as in ["m1"] or {{"m1": 0.5}}, or as "{ALL}"; got {given!r}'
+        )
     stated = dict(given) if isinstance(given, Mapping) else dict.fromkeys(given, None)
     if ALL not in stated:
         return stated
@@ -101,11 +108,37 @@ def _each(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
 
 
 def _positive(value: float | None, what: str, unit: str) -> float | None:
-    if value is not None and not 0.0 < value < np.inf:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
         raise IdentificationError(
             f"{what} must be a positive number in {unit}, or None if it is to be found, got {value!r}"
         )
     return value
+
+
+def refuse_beside_random_forces(
+    delays: Sequence[str], admitted: Sequence[str], *, robust: bool, records: Sequence[Record]
+) -> None:
+    """IdentificationError for what is not estimated, or not tested, beside random forces."""
+    of_links = [name for record in records for name in record.channels if name.startswith(("f:", "state:"))]
+    refused = (
+        (
+            delays,
+            f"a delay of {', '.join(delays)}",
+            "find it in a record without such forces, and take it out (without_delays)",
+        ),
+        (
+            admitted,
+            f"errors of sensors to be admitted ({', '.join(admitted)})",
+            "name the channels (offsets, gains)",
+        ),
+        (robust, "a robust loss", "mark outliers as missing (mark_missing)"),
+        (of_links, ", ".join(of_links), "leave these channels out of the record"),
+    )
+    for given, what, instead in refused:
+        if given:
+            raise IdentificationError(f"random forces and {what} cannot be found together yet: {instead}")
 
 
 def with_random_forces(structure: Structure, masses: Sequence[str]) -> Structure:
