@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import truth
+import scipy
+from problems import chain_record, oscillator, truth
 
 import linkwise as lw
 from linkwise.likelihood.whiteness import is_coloured
@@ -207,3 +208,26 @@ def test_a_record_too_short_for_blocks_is_not_trusted_with_a_missing_term(chain:
     fit = lw.identify(short, chain.unknown("nes"))
     assert 0.0 < fit.diagnosis[0].share < 0.05  # a longer record would be trusted with such a term
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
+
+
+def test_a_small_missing_term_is_told_where_chi_square_is_near_one() -> None:
+    """A fifth power that shifts the cubic coefficient by 20 standard errors and chi-square by one deviation."""
+    rng = np.random.default_rng(0)
+    lines = np.arange(1.0, 40.0, 0.5)
+    time = np.arange(3001) / 1000.0
+    phases = rng.uniform(0.0, 2.0 * np.pi, len(lines))
+    shape = np.cos(2.0 * np.pi * np.outer(time, lines) + phases).sum(axis=1)
+    force = lw.Sampled(0.0, 1000.0, 20.0 * shape / np.std(shape))
+    whole = oscillator("k*d + c*v + k3*d**3 + k5*d**5", k=2000.0, c=2.0, k3=4e5, k5=1e8)
+    record = lw.simulate(whole, forces={"m1": force}, duration=3.0, rate=1000.0).with_noise(20.0, seed=1)
+    lacking = oscillator("k*d + c*v + k3*d**3", k=2000.0, c=2.0, k3=4e5)
+    fit = lw.identify(record, lacking.unknown("all"))
+    assert not fit.trusted
+    assert fit.diagnosis[0].kind == "term"
+
+
+def test_noise_that_a_filter_of_all_sensors_has_coloured_is_not_trusted() -> None:
+    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
+    filtered = scipy.signal.lfilter([0.7], [1.0, -0.3], record.values, axis=0)
+    fit = lw.identify(replace(record, values=filtered, simulated=None), lw.bnes_chain(2).unknown("all"))
+    assert not fit.trusted

@@ -13,6 +13,7 @@ from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import is_regular
+from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -25,7 +26,16 @@ _LARGEST_TERM = 0.05
 """Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
 would change by more than an engineer can neglect."""
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
-_CHANCE = 3.0  # standard deviations of chi-square within which the residuals need no diagnosis
+_NOT_WHITE = (
+    ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "
+    "filter or a drift of a sensor, or a term that is missing, leaves such residuals."
+)
+_FILTERED = (
+    ", as a filter that all sensors share leaves it. Such a filter changes the motion that they show as well, which no "
+    "residual tells, so no interval is given. Take the filter out, or record without it."
+)
+_CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
+_FEW_LINKS = 4  # whose missing terms cost little to look for: then wherever chi-square is above 1
 
 
 @dataclass(frozen=True)
@@ -46,17 +56,23 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
         return Judgement(Verdict.NOT_CONVERGED, reason)
     coloured = fit.optimum.coloured
+    chance = 0.0 if len(identified.links) <= _FEW_LINKS else _CHANCE
     imperfect = (
         coloured is not None
         or fit.model_error > 0.0
-        or fit.chi_square > 1.0 + _CHANCE * np.sqrt(2.0 / fit.samples)
+        or fit.chi_square > 1.0 + chance * np.sqrt(2.0 / fit.samples)
     )
     causes = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
     verdict, message = _verdict(
-        fit, share, causes, coloured=remembering, noisy=_noisy_inputs(fit, identified.mass_names)
+        fit,
+        share,
+        causes,
+        coloured=remembering,
+        filtered=1 < len(responses) == len(remembering) and lag_one_autocorrelation(fit.misfit) > 0.0,
+        noisy=_noisy_inputs(fit, identified.mass_names),
     )
     message += _of_forces(fit, verdict, channels)
     return Judgement(verdict, message, share, causes)
@@ -68,9 +84,14 @@ def _verdict(
     causes: Sequence[Cause],
     *,
     coloured: Sequence[str],
+    filtered: bool,
     noisy: Sequence[str],
 ) -> tuple[Verdict, str]:
-    """The first of all verdicts that holds: `coloured` channels have such noise, `noisy` ones of forces too much of it."""
+    """The first of all verdicts that holds.
+
+    `coloured` channels have such noise, all of them if `filtered` as a low-pass filter gives it; `noisy` ones of forces have
+    too much of it.
+    """
     explained = _explained(fit, share, coloured)
     if fit.chi_square_off:
         return Verdict.NOISE_MISMATCH, (
@@ -100,12 +121,11 @@ def _verdict(
             f"{explained}, but what they leave follows the motion: {_would_explain(causes[0])}. Intervals would count that as "
             "noise, so none is given; a term or a link is missing, or a sensor is not what it is taken for."
         )
+    if filtered:
+        return Verdict.COLOURED_RESIDUALS, explained + _FILTERED
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
     if exact and not coloured and is_coloured(fit.misfit.residuals):
-        return Verdict.COLOURED_RESIDUALS, (
-            f"{explained}, but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so "
-            "none is given. A filter or a drift of a sensor, or a term that is missing, leaves such residuals."
-        )
+        return Verdict.COLOURED_RESIDUALS, explained + _NOT_WHITE
     faint = undetermined_far_away(fit)
     if faint:
         return Verdict.SEVERAL_OPTIMA, (
