@@ -249,9 +249,11 @@ class RecordOptions(ReadingOptions):
         return self.read_file(self.record, masses)
 
 
-def comma_separated(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...]:
-    """The parts of a list with commas; none for no text."""
-    return () if text is None else tuple(part.strip() for part in text.split(","))
+def comma_separated(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> tuple[str, ...]:
+    """The parts of lists with commas, all of an option that may be repeated."""
+    return tuple(part.strip() for text in texts for part in text.split(","))
 
 
 READING = (
@@ -271,7 +273,7 @@ READING = (
     click.option(
         "--mark-missing",
         metavar="KINDS",
-        default=None,
+        multiple=True,
         callback=comma_separated,
         help="Take samples with these faults as missing: clipped, spikes.",
     ),

@@ -54,6 +54,7 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             "--let",
             "admit",
             metavar="gain,offset,delay",
+            multiple=True,
             callback=comma_separated,
             help=f"Errors of sensors that are taken into the model where the diagnosis names them{remark}.",
         ),
