@@ -57,13 +57,20 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
     assert float(without.standard_error or 0.0) < 0.1 * float(beta.standard_error or 0.0)
 
 
-@pytest.mark.parametrize(("kind", "gain", "offset"), [("gain", 1.02, 0.0), ("offset", 1.0, 0.002)])
+@pytest.mark.parametrize(("kind", "gain", "offset"), [("gain", 1.1, 0.0), ("offset", 1.0, 0.002)])
 def test_an_admitted_error_is_found_with_the_structure(kind: str, gain: float, offset: float) -> None:
     faulty = changed(gain * record().channel("x:m2") + offset)
     found = lw.discover(faulty, MASSES, admit=[kind])
     assert found.trusted and exact(found)
     assert farthest(found) < FAR
     assert any("estimated with the other unknowns" in finding for finding in found.estimate.findings)
+
+
+def test_of_two_gains_that_explain_the_record_alike_none_is_taken() -> None:
+    """One of 2 % in either channel of a free decay: the criterion differs by 2."""
+    found = lw.discover(changed(1.02 * record().channel("x:m2")), MASSES, admit="gain")
+    assert not found.trusted
+    assert {cause.where for cause in found.diagnosis[:2]} == {"x:m1", "x:m2"}
 
 
 def test_a_delay_that_is_named_is_found() -> None:
@@ -74,6 +81,18 @@ def test_a_delay_that_is_named_is_found() -> None:
     assert found.trusted and exact(found)
     (told,) = (finding for finding in found.estimate.findings if finding.startswith("x:m2 is late by"))
     assert float(told.split()[4]) == pytest.approx(LATE, abs=0.02)  # ms, as many as samples
+
+
+def test_a_delay_is_found_beside_a_gain() -> None:
+    found = lw.discover(record(), MASSES, delays=["x:m2"], calibration={"all": WIDTH})
+    assert found.trusted and exact(found)
+    told = [finding for finding in found.estimate.findings if "estimated with the other unknowns" in finding]
+    assert len(told) == 3  # a delay and two gains
+
+
+def test_known_delays_are_not_taken_for_unknown_ones() -> None:
+    with pytest.raises(lw.IdentificationError, match="delays takes channels"):
+        lw.DiscoveryOptions(delays={"x:m2": 1e-3})  # type: ignore[arg-type]
 
 
 def test_a_channel_that_is_not_there_is_refused() -> None:

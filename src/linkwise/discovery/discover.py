@@ -181,10 +181,10 @@ def _found(
     selection = select_structure(search, screened.first)
     if not selection.is_exact:
         selection = select_inexact(search, selection)
-    discovery = _discovery(records, checks, screened, selection)
+    discovery = _discovery(records, checks, screened, selection, selection.fit.delays)
     if Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and selection.is_exact:
         simpler = select_inexact(search, selection, screened.first)
-        reduced = _discovery(records, checks, screened, simpler)
+        reduced = _discovery(records, checks, screened, simpler, simpler.fit.delays)
         if reduced.trusted:
             selection, discovery = simpler, reduced
     return _Found(checks, screened, selection, discovery)

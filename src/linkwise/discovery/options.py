@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypedDict, Unpack, final
 
 from linkwise.discovery.terms import DEFAULT, parse_terms
+from linkwise.errors import IdentificationError
 
 
 class DiscoveryKeywords(TypedDict, total=False):
@@ -69,6 +70,11 @@ class DiscoveryOptions:
         object.__setattr__(self, "terms", terms)
         for name in ("offsets", "gains", "delays", "admit"):
             given = getattr(self, name) or ()
+            if isinstance(given, Mapping):
+                raise IdentificationError(
+                    f"{name} takes channels whose errors are to be found, got {given!r}; take known delays out "
+                    "(without_delays), and known gains and offsets"
+                )
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
         object.__setattr__(self, "calibration", dict(self.calibration or {}))
         parse_terms(terms)  # raises what is wrong with them

@@ -26,6 +26,9 @@ _LARGEST = (
     0.5  # relative deviation of a calibration: the first order tells no sensor that may show half or twice
 )
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
+_ALIKE = (
+    10.0  # difference of -2 log likelihood by which one error is told from another, "very strong" evidence
+)
 _SHIFTS = 8  # of channels, at most: beyond the delays wander
 
 
@@ -85,6 +88,11 @@ def answer_with_sensors(
     that is named twice, and a delay that cannot be found.
     """
     for named in (options.offsets, options.gains, options.delays):
+        if isinstance(named, Mapping):
+            raise IdentificationError(
+                f"errors of sensors to be found are channels, got {named!r}; take known delays out (without_delays), and "
+                "known gains and offsets"
+            )
         repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
         if repeated:
             raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
@@ -99,12 +107,19 @@ def answer_with_sensors(
         if interrupted or not instruments or instruments[0].kind not in admitted:
             return answer
         kind, channel = instruments[0].kind, instruments[0].where
+        if kind != "delay" and any(_rivals(instruments[0], other) for other in instruments[1:]):
+            return answer
         if channel in records[0].inputs or (kind == "delay" and Channel.parse(channel).kind not in _LATE):
             return answer
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
         if channel in present:
             return answer
         options = _widened(options, kind, (*present, channel))
+
+
+def _rivals(first: Cause, other: Cause) -> bool:
+    """Whether the records hardly tell an error from another one: a gain of one sensor from that of another, or a mass."""
+    return other.kind in (first.kind, "mass") and other.gain > first.gain - _ALIKE
 
 
 def _widened(options: LikelihoodOptions, kind: str, channels: tuple[str, ...]) -> LikelihoodOptions:
