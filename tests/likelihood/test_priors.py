@@ -128,11 +128,12 @@ def test_calibration_names_the_channel_that_is_not_there(record: lw.Record) -> N
         lw.identify(record, CHAIN.unknown("nes"), calibration={"x:m1": 1.0})
 
 
-@pytest.mark.parametrize(("kind", "said"), [("gain", "x:m2 shows 1.0"), ("offset", "x:m2 is off by")])
+@pytest.mark.parametrize(("kind", "said"), [("gain", "x:m2 shows 1.1"), ("offset", "x:m2 is off by")])
 def test_an_error_that_is_admitted_is_taken_into_the_model(kind: str, said: str, record: lw.Record) -> None:
     column = record.channels.index("x:m2")
     values = record.values.copy()
-    values[:, column] = 1.02 * values[:, column] if kind == "gain" else values[:, column] + 2e-4
+    # of 2 % a gain of the other sensor explains as much, and none is taken
+    values[:, column] = 1.1 * values[:, column] if kind == "gain" else values[:, column] + 2e-4
     faulty = replace(record, values=values)
     asked = CHAIN.unknown("nes")
     assert not lw.identify(faulty, asked).trusted
