@@ -45,7 +45,9 @@ _LARGEST = 0.2  # relative error up to which the first order tells a gain or a m
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _ROUNDING = 1e-9  # of a force
 _LINKS = 40  # that are tested, in the structure's order
-_CHANCE = 16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
+_CHANCE = (
+    16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
+)
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 _UNITS = {
     "gain": "1",
