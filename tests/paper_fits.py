@@ -16,7 +16,6 @@ import linkwise as lw
 from linkwise.identification.limit.limit import limit
 
 FIRST = 1000  # seed
-FALSE_ALARM = 1.0 / 2000.0  # share of fits in which chance names a cause that is not there
 LARGEST_NMSE = {
     20.0: 8e-4,
     40.0: 1.5e-5,
@@ -44,18 +43,14 @@ def identified(n: int, decibel: float, seeds: int, sensors: str = "x") -> Runs:
     """The chain of n masses, identified from `seeds` records."""
     chain = lw.bnes_chain(n)
     clean, asked = chain_record(n, sensors=(sensors,)), chain.unknown("all")
-    fits, nmse, alarms = [], [], 0
+    fits, nmse = [], []
     for seed in range(FIRST, FIRST + seeds):
         record = clean.with_noise(decibel, seed=seed)
         fit = lw.identify(record, asked)
-        if fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,):
-            alarms += 1
-            continue
         assert fit.status == "converged", f"n = {n}, {decibel} dB, seed {seed}: {fit.message}"
         fits.append(fit)
         sinks = [f"nes{i}" for i in range(1, n // 2 + 1)]
         nmse.append(np.mean([lw.nmse(chain.link(s), fit.structure.link(s), clean) for s in sinks]))
-    assert alarms <= scipy.stats.binom.ppf(0.999, seeds, FALSE_ALARM), alarms
     names = tuple(p.name for p in asked.parameters)
     true = np.array([chain.coefficient(name).value for name in names])
     return Runs(names, true, tuple(fits), np.array(nmse))
