@@ -264,3 +264,15 @@ def test_an_exact_record_agrees() -> None:
     """Noise below what arithmetic in single precision resolves is not asked for."""
     found = lw.validate(forced(oscillator(), 1, 300.0), oscillator())
     assert found.trusted and found.channels["x:m1"].fit_percent > 99.999
+
+
+def test_a_limit_beyond_the_motion_is_said_to_agree_with_anything() -> None:
+    record = chain_record(2, duration=0.5).with_noise(35.0, seed=5)
+    found = lw.validate(record, lw.bnes_chain(2))
+    assert not any(channel.is_vacuous for channel in found.channels.values())
+    motion = float(np.std(record.channel("x:m2")))  # of which the part that is scored is more than a tenth
+    wide = {**found.channels, "x:m2": replace(found.channels["x:m2"], limit=10.0 * motion)}
+    said = replace(found, channels=wide).findings
+    assert [finding for finding in said if "its agreement says nothing" in finding] == [
+        f"x:m2: the limit of {10.0 * motion:.3g} m exceeds its motion, so its agreement says nothing."
+    ]

@@ -72,6 +72,11 @@ class ChannelPrediction:
         """Whether the error is within its limit."""
         return self.rmse <= self.limit
 
+    @property
+    def is_vacuous(self) -> bool:
+        """Whether an error as large as the motion would be within the limit."""
+        return self.nmse_percent * self.limit**2 > 100.0 * self.rmse**2
+
 
 @dataclass(frozen=True)
 class CoefficientAgreement:
@@ -288,7 +293,12 @@ class Validation(JudgedView):
                     f"Over {profile.quantity} the error is largest from {low:.3g} to {high:.3g} {profile.unit}: "
                     f"{percent:.3g} % of the motion."
                 )
-        return (*map(str, self.alerts), *channels, *coefficients, *where, *self.remarks)
+        vacuous = [
+            f"{entry.name}: the limit of {entry.limit:.3g} {entry.unit} exceeds its motion, so its agreement says nothing."
+            for entry in self.channels.values()
+            if entry.agrees and entry.is_vacuous
+        ]
+        return (*map(str, self.alerts), *channels, *vacuous, *coefficients, *where, *self.remarks)
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
