@@ -231,3 +231,47 @@ def test_noise_that_a_filter_of_all_sensors_has_coloured_is_not_trusted() -> Non
     filtered = scipy.signal.lfilter([0.7], [1.0, -0.3], record.values, axis=0)
     fit = lw.identify(replace(record, values=filtered, simulated=None), lw.bnes_chain(2).unknown("all"))
     assert not fit.trusted
+
+
+def with_link(chain: lw.Structure, law: str, **values: float) -> lw.Structure:
+    """The chain and a link from its sink to the ground."""
+    given = {name: lw.Coefficient.number(value) for name, value in values.items()}
+    return replace(chain, links=(*chain.links, lw.Link("extra", ("m2", "ground"), lw.Law.parse(law), given)))
+
+
+@pytest.mark.parametrize(
+    ("law", "values", "term"),
+    [("c*v", {"c": 0.02}, "v"), ("k*d", {"k": 20.0}, "d")],
+    ids=["damper", "spring"],
+)
+def test_a_missing_link_takes_trust_away(
+    law: str, values: dict[str, float], term: str, chain: lw.Structure
+) -> None:
+    """A damper of the size of the sink's own, and a weak spring: a small model error makes up for either."""
+    noisy = record(with_link(chain, law, **values)).with_noise(40.0, seed=4101)
+    fit = lw.identify(noisy, chain.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
+    cause = fit.diagnosis[0]
+    assert (cause.kind, cause.where, cause.term) == ("link", "m2-ground", term)
+    assert cause.shift > 3.0 and not cause.is_instrument
+    assert f"a link m2-ground with a force like {term} of" in fit.message
+
+
+def test_a_term_that_overturns_a_coefficient_takes_trust_away() -> None:
+    """Quadratic damping of 4 % of the force and no other, told as linear; with twice as much linear damping it is kept."""
+    rng = np.random.default_rng(4102)
+    frequency = np.fft.rfftfreq(4001, 1.0 / 200.0)
+    band = (frequency > 1.0) & (frequency < 12.0)
+    shape = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, 4001)
+    force = lw.Sampled(0.0, 200.0, 6.0 * shape / np.std(shape), band_limited=True)
+    asked = oscillator("k*d + c*v + k3*d**3", k=987.0, c=6.0, k3=4e5).unknown("all")
+    fits = []
+    for linear in (0.0, 3.0):
+        whole = oscillator("k*d + c*v + k3*d**3 + q*v*abs(v)", k=987.0, c=linear, k3=4e5, q=1.0)
+        clean = lw.simulate(whole, forces={"m1": force}, duration=20.0, rate=200.0)
+        fits.append(lw.identify(clean.with_noise(40.0, seed=4102), asked))
+    assert fits[0].verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and fits[0].model_error > 0.0
+    assert fits[0].diagnosis[0].overturned == ("link.c",)
+    assert "link.c would have no certain sign" in fits[0].message
+    assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
+    assert "With it, link.c would change by" in fits[1].message

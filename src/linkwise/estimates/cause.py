@@ -13,12 +13,12 @@ class Cause:
     ----------
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, ``"mass"``, ``"force gain"`` or
-        ``"force delay"`` of an applied force, a missing ``"term"`` of a link, or a stated value, ``"prior"``, that the
-        records contradict.
+        ``"force delay"`` of an applied force, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to
+        the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
-        The channel, mass or link.
+        The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
-        The error, in `unit`: relative for gains and masses, the root mean square of the force for a term.
+        The error, in `unit`: relative for gains and masses, the root mean square of the force for a term or a link.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -26,13 +26,20 @@ class Cause:
     standard_error : float
         Of `size`.
     term : str
-        The form of a missing term, else empty.
+        The form of a missing term, or of the law of a missing link, else empty.
     source : str
         The channel that crosstalk comes from, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares.
     remark : str
         What else looks like it, else empty.
+    shift : float
+        The largest change of a coefficient that it would make, to first order, in standard errors of that coefficient.
+    shifted : str
+        The coefficient with this change.
+    overturned : tuple of str
+        The coefficients that differ from zero by more than two standard errors, and beside it would not, or have the other
+        sign.
 
     Examples
     --------
@@ -58,11 +65,14 @@ class Cause:
     source: str = ""
     share: float = 0.0
     remark: str = ""
+    shift: float = 0.0
+    shifted: str = ""
+    overturned: tuple[str, ...] = ()
 
     @property
     def is_instrument(self) -> bool:
         """Whether it lies in what was recorded or stated, not in a law."""
-        return self.kind != "term"
+        return self.kind not in ("term", "link")
 
     @property
     def description(self) -> str:
@@ -71,6 +81,8 @@ class Cause:
         match self.kind:
             case "term":
                 return f"a force like {self.term} in {place} of {size:.3g} N"
+            case "link":
+                return f"a link {place} with a force like {self.term} of {size:.3g} N"
             case "gain":
                 return f"a gain of {place} that is off by {100.0 * self.size:+.3g} %"
             case "crosstalk":

@@ -18,16 +18,17 @@ from linkwise.estimates.cause import Cause
 from linkwise.expression import to_text
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.score_test import (
     AugmentedQuadratic,
-    CandidateForce,
     at_ends_and_middles,
     augmented_quadratic,
     candidate_forces,
 )
 from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.single_tests import SingleTests, single_tests
 from linkwise.likelihood.tangents import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.link import Link
@@ -35,38 +36,16 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
-_TERMS = tuple(
-    map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
-)
 _JUMPS = ("sign(v)",)  # terms without a slope, which the log determinant does not see
-_COLLINEAR = 1e-6  # of its own curvature: what is left of a cause beside the coefficients of the laws
 _RELATIVE = ("gain", "crosstalk", "mass", "force gain")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _ROUNDING = 1e-9  # of a force
-_LINKS = 40  # that are tested, in the structure's order
 _CHANCE = (
     16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 )
+_FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
-_UNITS = {
-    "gain": "1",
-    "crosstalk": "1",
-    "delay": "s",
-    "mass": "1",
-    "force gain": "1",
-    "force delay": "s",
-    "term": "N",
-}
-
-
-@dataclass(frozen=True)
-class _Hypothesis:
-    kind: str
-    where: str
-    unit: str
-    term: str = ""
-    source: str = ""
 
 
 def diagnose(
@@ -81,7 +60,7 @@ def diagnose(
             if any(force.ambient for force in fit.random_forces):
                 tested = _missing_terms(fit, identified)
             else:
-                tested = _diagnosed(fit.optimum, identified, channels, terms)
+                tested = _diagnosed(fit, identified, channels, terms)
     except np.linalg.LinAlgError:
         tested = ()
     return tuple(sorted((*tested, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
@@ -110,17 +89,18 @@ def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
 def _diagnosed(
-    optimum: Optimum, identified: Structure, channels: Sequence[str], terms: bool
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], terms: bool
 ) -> tuple[Cause, ...]:
+    optimum = fit.optimum
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
     shown = [name for name in channels if not Channel.parse(name).is_input]
     hypotheses += [
-        _Hypothesis(
+        Hypothesis(
             kind,
             shown[channel],
-            _UNITS.get(kind) or Channel.parse(shown[channel]).unit,
+            UNITS.get(kind) or Channel.parse(shown[channel]).unit,
             source="" if other < 0 else shown[other],
         )
         for kind, channel, other in zip(
@@ -131,25 +111,26 @@ def _diagnosed(
     of_base = BaseErrors.of(optimum, misfit)
     if of_base is not None:
         base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
-        hypotheses += [_Hypothesis(kind, base, _UNITS[kind]) for kind in BASE_ERRORS]
+        hypotheses += [Hypothesis(kind, base, UNITS[kind]) for kind in BASE_ERRORS]
         columns = columns.with_base(of_base)
     parameters = optimum.segments.system.parameters.size
     augmented = augmented_quadratic(optimum, misfit, columns.pushes, columns.errors)
     curvature, slope, scatter = columns.joined(augmented, parameters)
-    units = columns.units
-    gains, sizes, deviations = _single_tests(curvature, slope, scatter, parameters)
-    gains, deviations = gains / optimum.noise**2, deviations * optimum.noise
-    sizes, deviations = sizes * units, deviations * units
+    tests = single_tests(curvature, slope, scatter, parameters)
+    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * columns.units
     small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
     significant = small & (gains > _CHANCE + 2.0 * np.log(len(gains)))
-    order = [number for number in np.argsort(-gains).tolist() if significant[number]]
+    found = replace(
+        tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * columns.units
+    )
     forces = _force_of_links(optimum, misfit, identified)
     return tuple(
         replace(
-            _cause(hypotheses[number], gains[number], sizes[number], deviations[number], forces),
+            _with_changes(_cause(hypotheses[number], found, number, forces), fit, tests.changes[:, number]),
             remark=_remark(hypotheses[number], sizes[number], optimum),
         )
-        for number in order
+        for number in np.argsort(-gains).tolist()
+        if significant[number]
     )
 
 
@@ -158,31 +139,51 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
     optimum = fit.optimum
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-    hypotheses, forces = _terms(identified)
+    hypotheses, forces = missing_terms(identified)
     candidates, norms = candidate_forces(optimum, misfit, forces)
     augmented = augmented_quadratic(optimum, misfit, candidates)
     curvature, slope = augmented.curvature, augmented.slope.copy()
     parameters = optimum.segments.system.parameters.size
-    deviations = _single_tests(curvature, slope, curvature, parameters)[2]
+    deviations = single_tests(curvature, slope, curvature, parameters).deviations
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
     smooth = [number for number, each in enumerate(hypotheses) if each.term not in _JUMPS]
     slopes = determinant_slopes(
         optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
     )
     slope[parameters + np.array(smooth)] += slopes * norms[smooth]
-    gains, sizes, deviations = _single_tests(curvature, slope, curvature, parameters)
+    tests = single_tests(curvature, slope, curvature, parameters)
     powers = _force_of_links(optimum, misfit, identified)
     present = {link.name: _linear_terms(link) for link in identified.links}
     return tuple(
-        _cause(hypotheses[number], gains[number], sizes[number], deviations[number], powers)
-        for number in sorted(smooth, key=lambda number: -gains[number])
-        if gains[number] > _CHANCE + 2.0 * np.log(len(smooth))
+        _cause(hypotheses[number], tests, number, powers)
+        for number in sorted(smooth, key=lambda number: -tests.gains[number])
+        if tests.gains[number] > _CHANCE + 2.0 * np.log(len(smooth))
         and hypotheses[number].term not in present[hypotheses[number].where]  # which rounding alone leaves
     )
 
 
+def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
+    """The cause with what it would make of the coefficients, by their `scaled` changes (p,); those at a bound stay."""
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    told = np.flatnonzero(fit.free & (errors > 0.0))
+    if not len(told):
+        return cause
+    errors, values = errors[told], fit.values[told]
+    changes = scaled[told] * fit.optimum.scales.theta[told]
+    shifts = np.abs(changes) / errors
+    now, then = values / errors, (values + changes) / errors
+    overturned = (np.abs(now) > _FROM_ZERO) & (np.sign(now) * then < _FROM_ZERO) & (shifts > _FROM_ZERO)
+    names = [fit.segments.system.parameters.names[number] for number in told]
+    return replace(
+        cause,
+        shift=float(np.max(shifts)),
+        shifted=names[int(np.argmax(shifts))],
+        overturned=tuple(name for name, each in zip(names, overturned, strict=True) if each),
+    )
+
+
 def _linear_terms(link: Link) -> set[str]:
-    """The terms of the law of a link that have a coefficient each, as they are written in `_TERMS`."""
+    """The terms of the law of a link that have a coefficient each, as hypotheses write them."""
     return {Law.parse(to_text(link.law.basis[name])).text.replace(" ", "") for name in link.law.linear}
 
 
@@ -192,19 +193,7 @@ def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> 
     return dict(zip((link.name for link in identified.links), sizes, strict=True))
 
 
-def _terms(identified: Structure) -> tuple[list[_Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack."""
-    pairs = [
-        (_Hypothesis("term", link.name, "N", law.text), CandidateForce(first, second, law))
-        for link, (first, second) in zip(
-            identified.links[:_LINKS], identified.topology.ends.tolist(), strict=False
-        )
-        for law in _TERMS
-    ]
-    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
-
-
-def _remark(hypothesis: _Hypothesis, size: float, optimum: Optimum) -> str:
+def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
@@ -264,20 +253,19 @@ class _Columns:
         return weights.T @ curvature @ weights, weights.T @ slope, weights.T @ scatter @ weights
 
 
-def _cause(
-    hypothesis: _Hypothesis, gain: float, size: float, deviation: float, forces: dict[str, float]
-) -> Cause:
+def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:
     force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
+    size = float(tests.sizes[number])
     return Cause(
         kind=hypothesis.kind,
         where=hypothesis.where,
-        size=float(size),
+        size=size,
         unit=hypothesis.unit,
-        gain=float(gain),
-        standard_error=float(deviation),
+        gain=float(tests.gains[number]),
+        standard_error=float(tests.deviations[number]),
         term=hypothesis.term,
         source=hypothesis.source,
-        share=abs(float(size)) / float(force) if force > 0.0 else 0.0,
+        share=abs(size) / float(force) if force > 0.0 else 0.0,
     )
 
 
@@ -296,9 +284,9 @@ def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
 
 def _forces(
     optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
-) -> tuple[list[_Hypothesis], CandidateForces, Floats]:
+) -> tuple[list[Hypothesis], CandidateForces, Floats]:
     """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
-    hypotheses, forces = _terms(identified) if terms else ([], [])
+    hypotheses, forces = missing_forces(identified) if terms else ([], [])
     of_terms, _ = candidate_forces(optimum, misfit, forces)
     units = [1.0] * len(
         forces
@@ -325,7 +313,7 @@ def _forces(
 
 def _inertia_and_inputs(
     optimum: Optimum, misfit: Misfit, identified: Structure
-) -> Iterator[tuple[_Hypothesis, int, Floats, Floats]]:
+) -> Iterator[tuple[Hypothesis, int, Floats, Floats]]:
     """What a relative error of a mass, or of an applied force, or a delay of it, does to the mass: at ends and middles."""
     segments, names = optimum.segments, identified.mass_names
     stride = segments.flow_steps_per_tangent
@@ -336,7 +324,7 @@ def _inertia_and_inputs(
         if segments.inputs.frame is not None:
             at_ends, between = at_ends_and_middles(segments.inputs.frame, stride)
             ends, middles = ends + inertia * at_ends, middles + inertia * between
-        yield _Hypothesis("mass", name, _UNITS["mass"]), i, ends, middles
+        yield Hypothesis("mass", name, UNITS["mass"]), i, ends, middles
     if segments.inputs.force is None:
         return
     step = segments.step * stride
@@ -350,36 +338,8 @@ def _inertia_and_inputs(
         ends, middles = at_ends_and_middles(applied, stride)
         if not np.max(np.abs(ends)) > smallest:
             continue
-        yield _Hypothesis("force gain", f"force:{name}", _UNITS["force gain"]), i, ends, middles
+        yield Hypothesis("force gain", f"force:{name}", UNITS["force gain"]), i, ends, middles
         both = np.empty((len(ends) + len(middles), ends.shape[-1]))
         both[::2], both[1::2] = ends, middles
         rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
-        yield _Hypothesis("force delay", f"force:{name}", _UNITS["force delay"]), i, -rate[::2], -rate[1::2]
-
-
-def _single_tests(
-    curvature: Floats, slope: Floats, scatter: Floats, parameters: int
-) -> tuple[Floats, Floats, Floats]:
-    """What each cause alone would take off the cost with the coefficients fitted anew, its size, and the deviation of it.
-
-    `scatter` is the covariance of the slope, which is the curvature where noise is white.
-    """
-    scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
-    scaled, gradient = curvature / np.outer(scale, scale), slope / scale
-    own, added = slice(0, parameters), slice(parameters, None)
-    projection = np.linalg.lstsq(
-        scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=1e-12
-    )[0]
-    left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
-    score = gradient[added] - scaled[added, own] @ projection[:, -1]
-    tested = left > _COLLINEAR
-    left = np.where(tested, left, 1.0)
-    variance = left
-    if scatter is not curvature:
-        of_slope = scatter / np.outer(scale, scale)
-        coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
-        followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
-        variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
-        variance = np.where(tested, np.maximum(variance, np.finfo(float).tiny), 1.0)
-    gain = np.where(tested, score**2 / variance, 0.0)
-    return gain, score / left / scale[added], np.sqrt(variance) / left / scale[added]
+        yield Hypothesis("force delay", f"force:{name}", UNITS["force delay"]), i, -rate[::2], -rate[1::2]

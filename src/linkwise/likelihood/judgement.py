@@ -25,6 +25,8 @@ neglected second order is 1 % of the forces at this limit, a tenth of what they 
 _LARGEST_TERM = 0.05
 """Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
 would change by more than an engineer can neglect."""
+_LARGEST_SHIFT = 3.0
+"""Standard errors: the largest change of a coefficient by a missing link that is trusted."""
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NOT_WHITE = (
     ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "
@@ -116,11 +118,9 @@ def _verdict(
     by_blocks = (
         fit.model_error > 0.0 and fit.error_ratios is not None
     )  # only then do intervals include errors that follow the motion
-    if causes and not (by_blocks and causes[0].share <= _LARGEST_TERM):
-        return Verdict.SYSTEMATIC_MISFIT, (
-            f"{explained}, but what they leave follows the motion: {_would_explain(causes[0])}. Intervals would count that as "
-            "noise, so none is given; a term or a link is missing, or a sensor is not what it is taken for."
-        )
+    decisive = _decisive(causes, by_blocks=by_blocks)
+    if decisive is not None:
+        return Verdict.SYSTEMATIC_MISFIT, explained + _systematic(decisive)
     if filtered:
         return Verdict.COLOURED_RESIDUALS, explained + _FILTERED
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
@@ -140,7 +140,7 @@ def _verdict(
         )
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
-            f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}"
+            f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}{_moved(causes)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals count that in' if coloured else ''}."
 
@@ -181,12 +181,48 @@ def _of_forces(fit: LikelihoodFit, verdict: Verdict, channels: Sequence[str]) ->
     return ""
 
 
+def _decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
+    """The cause that takes trust away, if there is one; with intervals `by_blocks`, small terms of the links do not.
+
+    They do where they would overturn what the answer says of a coefficient.
+    """
+    if not causes or not by_blocks or causes[0].kind == "link" or causes[0].share > _LARGEST_TERM:
+        return causes[0] if causes else None
+    overturning = (
+        cause
+        for cause in causes
+        if cause.overturned or (cause.kind == "link" and cause.shift > _LARGEST_SHIFT)
+    )
+    return next(overturning, None)
+
+
+def _systematic(cause: Cause) -> str:
+    """What a misfit that follows the motion means for the answer."""
+    overturned = ""
+    if cause.overturned:
+        overturned = f", and {', '.join(cause.overturned)} would have no certain sign, or another one"
+    return (
+        f", but what they leave follows the motion: {_would_explain(cause)}{overturned}. Intervals would count that as noise, "
+        "so none is given; a term or a link is missing, or a sensor is not what it is taken for."
+    )
+
+
 def _would_explain(cause: Cause) -> str:
     return f"{cause.description} would lower -2 log likelihood by {cause.gain:.3g}"
 
 
 def _likeliest(causes: Sequence[Cause]) -> str:
     return f" Most of what is left would be explained by {causes[0].description}." if causes else ""
+
+
+def _moved(causes: Sequence[Cause]) -> str:
+    """Which coefficient the likeliest cause would change most, where it would change by more than its interval says."""
+    if not causes or causes[0].shift <= _LARGEST_SHIFT:
+        return ""
+    return (
+        f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} standard errors: intervals are of the laws as "
+        "stated, whose coefficients make up for what is missing."
+    )
 
 
 def _error_factor(fit: LikelihoodFit) -> str:

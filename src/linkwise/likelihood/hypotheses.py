@@ -1,0 +1,84 @@
+"""Hypotheses of what a fit may lack: terms of its links, and links of its structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+from linkwise.likelihood.score_test import CandidateForce
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND
+from linkwise.model.structure import Structure
+
+_TERMS = tuple(
+    map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
+)
+_OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
+_LINKS = 40  # that are tested, in the structure's order
+_PAIRS = 40  # without a link, up to which all of them are tested
+UNITS = {
+    "gain": "1",
+    "crosstalk": "1",
+    "delay": "s",
+    "mass": "1",
+    "force gain": "1",
+    "force delay": "s",
+    "term": "N",
+    "link": "N",
+}
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One thing that may be wrong, with the words of a `Cause`; `unit` is that of its size."""
+
+    kind: str
+    where: str
+    unit: str
+    term: str = ""
+    source: str = ""
+
+
+def missing_forces(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+    """Terms that links may lack, and links that the structure may lack, with the force of each."""
+    hypotheses, forces = missing_terms(structure)
+    of_links, added = _missing_links(structure)
+    return hypotheses + of_links, forces + added
+
+
+def missing_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+    """Terms that links may lack, with the force of each."""
+    pairs = [
+        (Hypothesis("term", link.name, UNITS["term"], law.text), CandidateForce(first, second, law))
+        for link, (first, second) in zip(
+            structure.links[:_LINKS], structure.topology.ends.tolist(), strict=False
+        )
+        for law in _TERMS
+    ]
+    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
+
+
+def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+    """Links between masses, and from a mass to the ground, that are not there; none where there are too many of them.
+
+    Where links end at the base, so may those; at the ground as well only where a link does.
+    """
+    linked = {frozenset(link.between) for link in structure.links}
+    supports = [end for end in (GROUND, BASE) if any(end in pair for pair in linked)] or [GROUND]
+    ends = [
+        *((name, support) for name in structure.mass_names for support in supports),
+        *((second, first) for first, second in combinations(structure.mass_names, 2)),
+    ]
+    free = [pair for pair in ends if frozenset(pair) not in linked]
+    if len(free) > _PAIRS:
+        return [], []
+    index = structure.topology.index
+    pairs = [
+        (
+            Hypothesis("link", "-".join(pair), UNITS["link"], law.text),
+            CandidateForce(index[pair[0]], index[pair[1]], law),
+        )
+        for pair in free
+        for law in _OF_LINKS
+    ]
+    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]

@@ -1,0 +1,58 @@
+"""Score tests of columns one at a time: what each takes off the cost, its size, and how it changes the coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats
+
+_COLLINEAR = 1e-6  # of its own curvature: what is left of a column beside the coefficients of the laws
+
+
+@dataclass(frozen=True, eq=False)
+class SingleTests:
+    """Of each of f columns alone, with the p coefficients fitted anew to first order, all scaled.
+
+    Attributes
+    ----------
+    gains : array of shape (f,)
+        What it would take off the cost.
+    sizes, deviations : array of shape (f,)
+        Its size, and the standard deviation of that.
+    changes : array of shape (p, f)
+        By how much the coefficients would change.
+    """
+
+    gains: Floats
+    sizes: Floats
+    deviations: Floats
+    changes: Floats
+
+
+def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: int) -> SingleTests:
+    """Test the columns that follow the `parameters`.
+
+    `scatter` is the covariance of the slope, which is the curvature where noise is white.
+    """
+    scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
+    scaled, gradient = curvature / np.outer(scale, scale), slope / scale
+    own, added = slice(0, parameters), slice(parameters, None)
+    projection = np.linalg.lstsq(
+        scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=1e-12
+    )[0]
+    left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
+    score = gradient[added] - scaled[added, own] @ projection[:, -1]
+    tested = left > _COLLINEAR
+    left = np.where(tested, left, 1.0)
+    variance = left
+    if scatter is not curvature:
+        of_slope = scatter / np.outer(scale, scale)
+        coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
+        followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
+        variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
+        variance = np.where(tested, np.maximum(variance, np.finfo(float).tiny), 1.0)
+    gains = np.where(tested, score**2 / variance, 0.0)
+    changes = -projection[:, :-1] * (score / left) / scale[own, None]
+    return SingleTests(gains, score / left / scale[added], np.sqrt(variance) / left / scale[added], changes)
