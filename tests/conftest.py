@@ -1,7 +1,9 @@
-"""What all tests share: deterministic hypothesis, Ctrl-C, and the data that may lie beside a checkout."""
+"""What all tests share: deterministic hypothesis, Ctrl-C, a cache of compiled equations, and data beside a checkout."""
 
 from __future__ import annotations
 
+import os
+import shutil
 import signal
 from pathlib import Path
 
@@ -18,6 +20,22 @@ settings.load_profile("linkwise")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # so a shell starts what runs in its background, and the processes whose Ctrl-C is tested would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+COMPILED = "HEYOKA_CACHE_DIR"  # where heyoka keeps machine code between processes
+LARGEST_CACHE = 2**28  # bytes: a few runs of all tests; each process that compiles reads all of it
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep what tests compile out of the user's cache, which every process that compiles would read from end to end."""
+    cache = getattr(config, "cache", None)  # pytest may run without its plugin
+    if cache is None or COMPILED in os.environ:
+        return  # a worker has the folder of the process that started it
+    folder = cache.mkdir("heyoka")
+    if sum(path.stat().st_size for path in folder.iterdir()) > LARGEST_CACHE:
+        shutil.rmtree(folder)
+        folder.mkdir()
+    os.environ[COMPILED] = str(folder)
+
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared"
 
