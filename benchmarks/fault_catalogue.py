@@ -384,7 +384,7 @@ FAULTS = (
         ("delay",),
     ),
     Fault("low pass at 100 Hz", one(low_pass), ("delay", "gain"), ("coloured", "delay")),
-    Fault("low pass in all", everywhere(low_pass), ("delay", "gain"), ("coloured", "delay")),
+    Fault("low pass in all", everywhere(low_pass), ("filter", "delay", "gain"), ("coloured", "delay")),
     Fault("high pass at 0.5 Hz", one(high_pass), ("drift", "offset", "delay"), ("drift",)),
     Fault("aliased by decimation", decimated, alerts=("aliasing", "few-samples", "coloured")),
     Fault("8 bits", one(eight_bits, after_noise=True), alerts=("quantised",)),

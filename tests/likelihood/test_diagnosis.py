@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from problems import chain_record
 
 import linkwise as lw
@@ -63,6 +64,23 @@ def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     told = fit.to_dict()["diagnosis"][0]
     # five deviations squared, which no noise gains; measured 105 and more
     assert {"cause", "where", "size", "unit", "gain", "message"} == set(told) and told["gain"] > 25.0
+
+
+@pytest.mark.parametrize("snr_db", [25.0, 40.0])
+def test_a_filter_of_all_sensors_is_named(snr_db: float) -> None:
+    """A low pass of first order before white noise: residuals are white, and the cubic coefficient would be wrong."""
+    clean = chain_record(2)
+    pole = 0.4
+    values = scipy.signal.lfilter([1.0 - pole], [1.0, -pole], clean.values, axis=0)
+    noisy = replace(clean, values=values, simulated=None).with_noise(snr_db, seed=43)
+    fit = lw.identify(noisy, lw.bnes_chain(2).unknown("all"))
+    assert fit.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR
+    cause = fit.diagnosis[0]
+    assert cause.kind == "filter" and cause.is_instrument
+    assert cause.description.startswith("a filter of all channels, as a low pass of first order at ")
+    # log gain is -pole / 2 / (1 - pole)^2 (w dt)^2 at low frequencies; the motion goes up to where the fourth power counts
+    size = pole / 2.0 / (1.0 - pole) ** 2 * clean.step**2
+    assert cause.size == pytest.approx(size, rel=FOUND, abs=LOST * cause.standard_error)
 
 
 @pytest.mark.parametrize("seed", range(900, 906))

@@ -8,10 +8,9 @@ freedom where the cause is not there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
@@ -22,14 +21,14 @@ from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, mi
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.score_test import (
-    AugmentedQuadratic,
     at_ends_and_middles,
     augmented_quadratic,
     candidate_forces,
 )
-from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.sensor_errors import SensorErrors, common_filter
 from linkwise.likelihood.single_tests import SingleTests, single_tests
 from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
@@ -107,7 +106,9 @@ def _diagnosed(
             errors.kind, errors.channel.tolist(), errors.other.tolist(), strict=True
         )
     ]
-    columns = _Columns(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]), None)
+    columns = TestedColumns.each(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
+    hypotheses.append(Hypothesis("filter", "all channels", UNITS["filter"]))
+    columns = columns.with_sum(common_filter(optimum.segments, misfit))
     of_base = BaseErrors.of(optimum, misfit)
     if of_base is not None:
         base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
@@ -198,59 +199,6 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
     return ""
-
-
-@dataclass(frozen=True, eq=False)
-class _Columns:
-    """Columns of the linearised equations: forces `pushes`, then sensor `errors`, with `units` (h,) of h hypotheses.
-
-    `weights` (c, h) is what each hypothesis has of them; None where each has one, in this order.
-    """
-
-    pushes: CandidateForces
-    errors: SensorErrors
-    units: Floats
-    weights: Floats | None
-
-    def with_base(self, base: BaseErrors) -> _Columns:
-        """These and the errors of the base, each of which acts on all masses and in all channels."""
-        n, count = base.starts.shape[1:3]
-        channels = base.values.shape[1]
-        power = np.mean(base.starts**2, axis=(0, 1, 3))
-        scale = np.sqrt(np.where(power > 0.0, power, 1.0))
-        starts, middles, values = (
-            (part / scale[:, None]).reshape(len(part), -1, part.shape[-1])
-            for part in (base.starts, base.middles, base.values)
-        )
-        before, after = len(self.pushes.first), len(self.errors.channel)
-        masses, sensors = np.repeat(np.arange(n), count), np.repeat(np.arange(channels), count)
-        pushes = CandidateForces(
-            np.append(self.pushes.first, np.full(len(masses), -1)),
-            np.append(self.pushes.second, masses),
-            np.concatenate([self.pushes.starts, starts], axis=1),
-            np.concatenate([self.pushes.middles, middles], axis=1),
-        )
-        errors = SensorErrors(
-            np.append(self.errors.channel, sensors),
-            (*self.errors.kind, *BASE_ERRORS * channels),
-            np.append(self.errors.other, np.full(len(sensors), -1)),
-            np.concatenate([self.errors.values, values], axis=1),
-        )
-        every = np.eye(count)
-        own, of_base = np.eye(before + after), np.zeros((before + after, count))
-        weights = np.block([[own, of_base]])
-        on_masses = np.hstack([np.zeros((len(masses), before + after)), np.tile(every, (n, 1))])
-        in_channels = np.hstack([np.zeros((len(sensors), before + after)), np.tile(every, (channels, 1))])
-        weights = np.concatenate([weights[:before], on_masses, weights[before:], in_channels])
-        return _Columns(pushes, errors, np.append(self.units, 1.0 / scale), weights)
-
-    def joined(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
-        """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
-        curvature, slope, scatter = augmented.curvature, augmented.slope, augmented.scatter
-        if self.weights is None:
-            return curvature, slope, scatter
-        weights = scipy.linalg.block_diag(np.eye(parameters), self.weights)
-        return weights.T @ curvature @ weights, weights.T @ slope, weights.T @ scatter @ weights
 
 
 def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:

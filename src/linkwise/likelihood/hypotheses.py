@@ -20,6 +20,7 @@ UNITS = {
     "gain": "1",
     "crosstalk": "1",
     "delay": "s",
+    "filter": "s^2",
     "mass": "1",
     "force gain": "1",
     "force delay": "s",

@@ -53,6 +53,24 @@ class SensorErrors:
         return cls(np.array(channel), kind, np.array(other), np.stack(values, axis=1))
 
 
+def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:
+    """What a filter that all sensors share does to each channel beside a delay: the second derivative of what it shows.
+
+    A low pass of first order with the time constant T takes exp(i w t) to (1 - T^2 w^2 / 2) exp(i w (t - T)) at low
+    frequencies, so its size here, in s^2, is T^2 / 2.
+    """
+    sensors = segments.sensors
+    values = []
+    for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
+        if kind == X and segments.carried is None:
+            values.append(_motion(segments, misfit, V, int(mass))[1])
+        else:
+            rate = _shown(segments, misfit, channel, int(kind), int(mass))[1]
+            values.append(_with_rate(segments, rate)[1])
+    count = len(values)
+    return SensorErrors(np.arange(count), ("filter",) * count, np.full(count, -1), np.stack(values, axis=1))
+
+
 def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor shows of a mass and of moving coordinates, and its rate."""
     value, rate = _motion(segments, misfit, kind, mass)

@@ -1,0 +1,94 @@
+"""The columns of the linearised equations that a diagnosis tests, alone or in sums of several."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
+from linkwise.likelihood.score_test import AugmentedQuadratic
+from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.tangents import CandidateForces
+
+
+@dataclass(frozen=True, eq=False)
+class TestedColumns:
+    """Columns of forces `pushes`, then of sensor `errors`, and the `units` (h,) of h hypotheses.
+
+    `weights` (c, h) is what each hypothesis has of the c columns.
+    """
+
+    __test__ = False  # no test of pytest
+
+    pushes: CandidateForces
+    errors: SensorErrors
+    units: Floats
+    weights: Floats
+
+    @classmethod
+    def each(cls, pushes: CandidateForces, errors: SensorErrors, units: Floats) -> TestedColumns:
+        """Every column alone, in this order."""
+        return cls(pushes, errors, units, np.eye(len(units)))
+
+    def with_sum(self, errors: SensorErrors) -> TestedColumns:
+        """These and the sum of the columns of `errors`, as one hypothesis in their unit."""
+        nobody = CandidateForces(
+            self.pushes.first[:0],
+            self.pushes.second[:0],
+            self.pushes.starts[:, :0],
+            self.pushes.middles[:, :0],
+        )
+        return self._with(nobody, errors, np.ones((len(errors.kind), 1)), np.ones(1))
+
+    def with_base(self, base: BaseErrors) -> TestedColumns:
+        """These and the errors of the base, each of which acts on all masses and in all channels."""
+        n, count = base.starts.shape[1:3]
+        channels = base.values.shape[1]
+        power = np.mean(base.starts**2, axis=(0, 1, 3))
+        scale = np.sqrt(np.where(power > 0.0, power, 1.0))
+        starts, middles, values = (
+            (part / scale[:, None]).reshape(len(part), -1, part.shape[-1])
+            for part in (base.starts, base.middles, base.values)
+        )
+        masses, sensors = np.repeat(np.arange(n), count), np.repeat(np.arange(channels), count)
+        pushes = CandidateForces(np.full(len(masses), -1), masses, starts, middles)
+        errors = SensorErrors(sensors, BASE_ERRORS * channels, np.full(len(sensors), -1), values)
+        return self._with(pushes, errors, np.tile(np.eye(count), (n + channels, 1)), 1.0 / scale)
+
+    def _with(
+        self, pushes: CandidateForces, errors: SensorErrors, weights: Floats, units: Floats
+    ) -> TestedColumns:
+        """These and hypotheses of which each has `weights` (c, h) of more columns, forces first."""
+        before, added = len(self.pushes.first), len(pushes.first)
+        own = np.pad(self.weights, ((0, 0), (0, len(units))))
+        more = np.pad(weights, ((0, 0), (self.weights.shape[1], 0)))
+        return TestedColumns(
+            CandidateForces(
+                np.append(self.pushes.first, pushes.first),
+                np.append(self.pushes.second, pushes.second),
+                np.concatenate([self.pushes.starts, pushes.starts], axis=1),
+                np.concatenate([self.pushes.middles, pushes.middles], axis=1),
+            ),
+            SensorErrors(
+                np.append(self.errors.channel, errors.channel),
+                (*self.errors.kind, *errors.kind),
+                np.append(self.errors.other, errors.other),
+                np.concatenate([self.errors.values, errors.values], axis=1),
+            ),
+            np.append(self.units, units),
+            np.concatenate([own[:before], more[:added], own[before:], more[added:]]),
+        )
+
+    def joined(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
+        """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
+        weights = block_diag(np.eye(parameters), self.weights)
+        curvature = weights.T @ augmented.curvature @ weights
+        white = augmented.scatter is augmented.curvature
+        return (
+            curvature,
+            weights.T @ augmented.slope,
+            curvature if white else weights.T @ augmented.scatter @ weights,
+        )
