@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.model.law import Law
+from linkwise.model.law_programs import rates_program
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.integrate import smoothed
@@ -75,11 +76,7 @@ def follow_states(
     starts = np.arange(count) * piece
     out = np.empty((len(law.states), batch, count, piece))
     states = np.zeros((len(law.states), batch, count))
-
-    def rates(at_d: Floats, at_v: Floats, states: Floats) -> Floats:
-        inside = dict(zip(law.states, states, strict=True))
-        return np.stack(law.state_rates(at_d, at_v, {**values, **inside}))
-
+    rates = _rates(law, values, states)
     for number in range(2 * piece - 1):
         here, there = starts + number, starts + number + 1
         if number >= piece:
@@ -92,3 +89,25 @@ def follow_states(
         states = states + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     out[..., piece - 1] = states
     return out.reshape(len(law.states), batch, -1)[..., : len(d)]
+
+
+def _rates(
+    law: Law, values: Mapping[str, float | Floats], like: Floats
+) -> Callable[[Floats, Floats, Floats], Floats]:
+    """Rates (r, B, C) of states, like `like`, from elongations and rates (C,) of the link and states (r, B, C)."""
+    program = rates_program(
+        tuple(rate.expression for rate in law.rates), (*law.states, *law.coefficients), law.variables
+    )
+    moved, inside = np.empty((2, like.shape[-1])), np.empty_like(like)
+    arrays = [*moved, *inside, *(np.asarray(values[name], dtype=np.float64) for name in law.coefficients)]
+    found = np.empty_like(like)
+    operations = program.into(arrays, list(found))
+
+    def rates(d: Floats, v: Floats, states: Floats) -> Floats:
+        moved[0], moved[1], inside[:] = d, v, states
+        with np.errstate(all="ignore"):
+            for operation in operations:
+                operation()
+        return found.copy()
+
+    return rates
