@@ -16,7 +16,7 @@ from random_structures import random_case
 import linkwise as lw
 from linkwise.discovery import screen
 
-DURATION, RATE = 6.0, 1000.0
+DURATION, RATE = 3.0, 1000.0
 SINE = "60*sin(150*t) + 40*sin(190*t)"
 
 
@@ -212,7 +212,7 @@ def test_coloured_noise_gives_nothing_to_be_trusted() -> None:
 
 @pytest.fixture(scope="module")
 def four() -> lw.Record:
-    return chain_record(4).with_noise(20.0, seed=1000)
+    return chain_record(4, duration=3.0).with_noise(20.0, seed=1000)
 
 
 def test_a_stated_structure_is_kept_and_nothing_joins_it(four: lw.Record) -> None:

@@ -11,7 +11,7 @@ from problems import chain_record
 
 import linkwise as lw
 
-RATE, DURATION = 400.0, 20.0
+RATE, DURATION = 400.0, 10.0
 CHAIN = """
 [[mass]]
 name = "m1"

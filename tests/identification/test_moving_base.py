@@ -41,15 +41,15 @@ def two_storeys() -> lw.Structure:
 
 
 @cache
-def exact(*sensors: str) -> lw.Record:
+def exact(*sensors: str, duration: float = 4.0) -> lw.Record:
     """Simulated in absolute coordinates, which none of the estimators uses here."""
-    return lw.simulate(two_storeys(), duration=8.0, rate=500.0, base=BASE, sensors=sensors)
+    return lw.simulate(two_storeys(), duration=duration, rate=500.0, base=BASE, sensors=sensors)
 
 
 @cache
-def measured(*sensors: str, seed: int = SEED) -> lw.Record:
+def measured(*sensors: str, seed: int = SEED, duration: float = 4.0) -> lw.Record:
     """At 40 dB."""
-    return exact(*sensors).with_noise(40.0, seed=seed)
+    return exact(*sensors, duration=duration).with_noise(40.0, seed=seed)
 
 
 def distance(fit: lw.Estimate) -> float:
@@ -83,7 +83,7 @@ def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
 @pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base"), ("x", "x:base")], ids=str)
 def test_gain_and_delay_of_the_base_are_told(sensors: tuple[str, ...]) -> None:
     """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %)."""
-    record, base = measured(*sensors), sensors[1]
+    record, base = measured(*sensors, duration=8.0), sensors[1]
     motion = record.channel(base)
     signal = lw.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))

@@ -42,7 +42,7 @@ def joint() -> lw.Structure:
 @pytest.fixture(scope="module")
 def hysteretic() -> lw.Record:
     forces = {"m1": multisine(6.0, 60.0)}
-    record = lw.simulate(joint(), duration=10.0, rate=200.0, sensors=["x", "f", "state"], forces=forces)
+    record = lw.simulate(joint(), duration=6.0, rate=200.0, sensors=["x", "f", "state"], forces=forces)
     return record.with_noise(40.0, seed=1)
 
 
