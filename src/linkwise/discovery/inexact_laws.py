@@ -23,8 +23,10 @@ from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.overdispersion import overdispersion
 from linkwise.model.structure import Structure
+from linkwise.progress import ProgressReport
 
 _ROUNDS = 8
+_MOST_STEPS = 1000  # of all fits; a search that takes more creeps from one poor model to the next
 _TIGHT = 1e-4  # model error from which it is looked for where a fit may do without
 
 
@@ -35,8 +37,15 @@ def select_inexact(
 
     It is searched from that of `selection`, or from `chosen`: where `selection` explains the record by terms that stand in for
     one that was not offered, a smaller subset shows that a model error explains it as well. `settled` is False where a fit
-    does not converge with a model error, where the records are too short for blocks, and where the rounds run out.
+    does not converge with a model error, where the records are too short for blocks, and where rounds or steps run out.
     """
+    steps = 0
+
+    def counted(report: ProgressReport, /) -> None:
+        nonlocal steps
+        steps += 1
+        search.progress(report)
+
     current, relaxation = selection, None
     fit, structure = selection.fit, selection.structure
     if chosen is None:
@@ -53,7 +62,7 @@ def select_inexact(
             values,
             options=replace(
                 search.sensors,
-                progress=round_progress(search.progress, number),
+                progress=round_progress(counted, number),
                 nodes=nodes,
                 relaxation=relaxation,
                 coloured_noise=False,
@@ -65,6 +74,8 @@ def select_inexact(
             names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
             current = Selection(chosen, structure, fit, quadratic, penalty, names == chosen, number)
             if current.settled or names in visited or fit.status is not AnnealingStatus.CONVERGED:
+                break
+            if steps > _MOST_STEPS:
                 break
             visited.add(names)
             chosen, structure = names, search.candidates.structure(names)

@@ -101,8 +101,15 @@ def explained_fit(
         candidate = with_model_error(segments, fit, start, annealer)
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
         return _with_coloured_noise(coloured, off=stated and off)
+    if candidate is not None and candidate.exact:
+        off = bool(abs(candidate.fit.chi_square - 1.0) > limit)
+        return _with_exact_laws(candidate.fit, off=off)
     if candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, stated)
+    return _with_exact_laws(fit, off=off)
+
+
+def _with_exact_laws(fit: AnnealingFit, *, off: bool) -> ExplainedFit:
     return ExplainedFit(fit, fit.covariance, fit.chi_square, off, 0.0, 1.0, np.ones(len(fit.covariance)))
 
 

@@ -15,17 +15,24 @@ from linkwise.likelihood.segments import Iterate, Scales, Segments
 
 _RATIO = 3.0  # of neighbouring relaxations on the grid
 _COUNT = 19  # relaxations on the grid, from q = 1e-5 to 4e3
+_MOST_STEPS = (
+    400  # of all fits of a grid; a search that takes more creeps, and its laws are not those of the record
+)
 _WORSE = 0.1  # of the cost: a point less than this above the best is on a plateau; the cost may fall beyond
 
 
 @dataclass(frozen=True, eq=False)
 class ModelErrorCandidate:
-    """A fit at relaxation q, its factor on the noise, and -2 log of its marginal likelihood."""
+    """A fit at relaxation q, its factor on the noise, and -2 log of its marginal likelihood.
+
+    `exact` where the laws need no model error: the search went down to them from one, and they are as likely without.
+    """
 
     fit: AnnealingFit
     q: float
     noise: float
     cost: float
+    exact: bool = False
 
 
 def with_model_error(
@@ -35,12 +42,15 @@ def with_model_error(
 
     For every relaxation q of a geometric grid the orbit is fitted again and the noise profiled out; the marginal likelihood
     in the Laplace approximation selects q. The search goes up from a converged fit; without one, where the laws are too far
-    off, it goes down from the `start`. None where no point of the grid is the best.
+    off, it goes down from the `start`, to exact laws at most. None where no point of the grid is the best, or where it takes
+    too many steps.
     """
     if fit.status is AnnealingStatus.CONVERGED:
         grid = [fit.q * _RATIO**power for power in range(_COUNT)]
         return _grid_search(segments, fit.point, fit.scales, grid, annealer)
-    best = _grid_search(segments, start, fit.scales, [_RATIO**-power for power in range(_COUNT)], annealer)
+    exact = AnnealingSchedule.final_q
+    above = [q for q in (_RATIO**-power for power in range(_COUNT)) if q > exact]
+    best = _grid_search(segments, start, fit.scales, [*above, exact], annealer)
     if best is not None and best.q == 1.0:
         grid = [_RATIO**power for power in range(_COUNT)]
         return _grid_search(segments, best.fit.point, fit.scales, grid, annealer)
@@ -52,14 +62,16 @@ def _grid_search(
 ) -> ModelErrorCandidate | None:
     """The best relaxation, once two worse ones follow it; None where the grid ends before, or a fit does not converge.
 
-    An interrupt from the keyboard ends the search where it is.
+    The last point of a grid that goes down stands for exact laws, and is taken where it is as likely. An interrupt from the
+    keyboard ends the search where it is.
     """
-    best, worse = None, 0
+    best, worse, steps = None, 0, 0
     for q in grid:
         fit = annealer(segments, point, scales, AnnealingSchedule(initial_q=q, final_q=q))
         if fit.status is AnnealingStatus.INTERRUPTED:
             return ModelErrorCandidate(fit, q, 1.0, np.inf)
-        if fit.status is not AnnealingStatus.CONVERGED:
+        steps += len(fit.path)
+        if fit.status is not AnnealingStatus.CONVERGED or steps > _MOST_STEPS:
             return None
         point = fit.point
         noise, cost = evidence(segments, fit, q, annealer.loss)
@@ -69,6 +81,8 @@ def _grid_search(
             worse += 1
         if worse == 2:
             return best
+    if best is not None and grid[-1] < grid[0] and cost <= best.cost + _WORSE:
+        return ModelErrorCandidate(fit, q, noise, cost, exact=True)
     return best if best is not None and best.q != grid[-1] else None
 
 
