@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from linkwise.likelihood.profile import profile_interval
     from linkwise.model.chains import bnes_chain
     from linkwise.model.excitation import Excitation, Impulse
+    from linkwise.model.host import Host, HostMode
     from linkwise.model.input_signal import PiecewisePolynomial, Sampled, TimeFunction
     from linkwise.model.law import Law, Partials
     from linkwise.model.link_state import LinkState, StateRate
@@ -94,6 +95,7 @@ if TYPE_CHECKING:
         read_structure,
         write_structure,
     )
+    from linkwise.model.toml_host import read_modes
     from linkwise.model.topology import LinkShape, Topology
     from linkwise.progress import Progress, ProgressReport
     from linkwise.records.channel import Channel
@@ -181,6 +183,8 @@ __all__ = [
     "FreeRun",
     "Gaussian",
     "Harvest",
+    "Host",
+    "HostMode",
     "Huber",
     "IdentificationError",
     "Impulse",
@@ -290,6 +294,7 @@ __all__ = [
     "parse_terms",
     "plot",
     "profile_interval",
+    "read_modes",
     "read_partial_structure",
     "read_posterior",
     "read_record",

@@ -81,6 +81,8 @@ HOMES = {
         "read_structure",
         "write_structure",
     ),
+    "model.host": ("Host", "HostMode"),
+    "model.toml_host": ("read_modes",),
     "model.topology": ("LinkShape", "Topology"),
     "progress": ("Progress", "ProgressReport"),
     "records.channel": ("Channel",),

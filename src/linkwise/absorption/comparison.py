@@ -15,6 +15,7 @@ from linkwise.analysis.modes import natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
+from linkwise.model.host_support import refuse_hosts
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.simulation.checks import check_excitation, output_times
@@ -42,6 +43,7 @@ class Comparison:
     def of(cls, structure: Structure, options: AbsorptionOptions) -> Comparison:
         """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
         refuse_memory(structure.links, "comparisons with and without sinks")
+        refuse_hosts(structure, "comparisons with and without sinks")
         _ = (
             [link.values for link in structure.links],
             structure.mass_values,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, islice, product
+from itertools import combinations, islice, pairwise, product
 from math import prod
 from typing import overload
 
@@ -24,6 +24,7 @@ from linkwise.errors import StructureError
 from linkwise.model.link import Link
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
+from linkwise.model.topology import Weights
 
 _LIMIT = 4096  # default for the most start points or equilibria
 _STEPS = 200  # of Newton's method, which converges only linearly where the stiffness vanishes
@@ -106,9 +107,9 @@ class Equilibria(Sequence[Equilibrium]):
 
 @dataclass(frozen=True)
 class _Bond:
-    """All links between two nodes, each with its sign relative to the first."""
+    """All links that stretch alike, each with its sign; `weights` are those of masses and modes in the elongation."""
 
-    nodes: tuple[int, int]
+    weights: Weights
     links: tuple[tuple[Link, float], ...]
 
     @property
@@ -197,34 +198,35 @@ def equilibria(
 
 
 def _bonds(structure: Structure) -> list[_Bond]:
-    """Links by the pair of nodes they join; ground and base are one node. Links without elastic force are left out."""
-    index = {name: node for node, name in enumerate(structure.mass_names)}
-    ground = structure.size
-    members: dict[tuple[int, int], list[tuple[Link, float]]] = {}
+    """Links by what stretches them; ground and base are one support. Links without elastic force are left out."""
+    members: dict[Weights, list[tuple[Link, float]]] = {}
     probe = np.concatenate([-np.logspace(-9, 3, 49), [0.0], np.logspace(-9, 3, 49)])
-    for link in structure.links:
-        first, second = (index.get(end, ground) for end in link.between)
+    for link, column in zip(structure.links, structure.topology.columns, strict=True):
+        weights = tuple(sorted(column))
+        turned = tuple((mass, -part) for mass, part in weights)
         with np.errstate(all="ignore"):
             elastic = bool(np.any(link.force(probe) != 0.0))
         if elastic:
-            nodes, sign = ((second, first), -1.0) if (second, first) in members else ((first, second), 1.0)
-            members.setdefault(nodes, []).append((link, sign))
-    return [_Bond(nodes, tuple(links)) for nodes, links in members.items()]
+            own, sign = (turned, -1.0) if turned in members else (weights, 1.0)
+            members.setdefault(own, []).append((link, sign))
+    return [_Bond(weights, tuple(links)) for weights, links in members.items()]
 
 
 def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
     """Incidence (n, bonds) of the bonds."""
-    incidence = np.zeros((size + 1, len(bonds)))
+    incidence = np.zeros((size, len(bonds)))
     for column, bond in enumerate(bonds):
-        incidence[bond.nodes[0], column] += 1.0
-        incidence[bond.nodes[1], column] -= 1.0
-    return incidence[:size]
+        for mass, part in bond.weights:
+            incidence[mass, column] = part
+    return incidence
 
 
 def _free(bonds: Sequence[_Bond], size: int) -> int:
     """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
-    first, second = ([bond.nodes[end] for bond in bonds] for end in (0, 1))
-    graph = csr_array((np.ones(len(bonds)), (first, second)), shape=(size + 1, size + 1))
+    masses = [[mass for mass, _ in bond.weights] for bond in bonds]
+    joined = [pair for each in masses for pair in pairwise([size, *each] if len(each) == 1 else each)]
+    first, second = ([pair[end] for pair in joined] for end in (0, 1))
+    graph = csr_array((np.ones(len(joined)), (first, second)), shape=(size + 1, size + 1))
     return int(connected_components(graph, directed=False)[0]) - 1
 
 

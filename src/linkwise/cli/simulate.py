@@ -104,7 +104,7 @@ def _summary_text(structure: lw.Structure, summary: dict[str, Any]) -> str:
     energy = summary["energy"]
     total = sum(energy["dissipated"].values())
     lines = [
-        f"{structure.name or 'structure'}: {structure.size} masses, {len(structure.links)} links",
+        f"{structure.name or 'structure'}: {structure.contents}",
         f"record      {summary['samples']} samples at {summary['rate']:g} Hz of {_listed(summary['channels'])}",
         f"energy      {energy['put_in']:.4g} J put in, {total:.4g} J dissipated, {energy['stored']:.4g} J stored at the end; "
         f"the balance closes to {energy['closure']:.0e} of the input",

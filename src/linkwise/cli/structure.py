@@ -64,10 +64,17 @@ def show(file: Path, as_json: bool) -> None:
         text = to_json({**tomllib.loads(lw.format_structure(subject)), "equilibria": rests})
         click.echo(text)
         return
-    click.echo(f"{subject.name or file.stem}: {subject.size} masses, {len(subject.links)} links")
+    click.echo(f"{subject.name or file.stem}: {subject.contents}")
+    for host in subject.hosts:
+        for line in _host_lines(host, subject):
+            click.echo(line)
     for mass in subject.masses:
+        if mass.name in subject.modes:
+            continue
         click.echo(f"  {mass.name:10} {_shown(mass.mass)} kg")
     for link in subject.links:
+        if link.name in subject.modes:
+            continue
         numbers = ", ".join(
             f"{name} = {_shown(coefficient)} {link.law.units[name]}"
             for name, coefficient in link.coefficients.items()
@@ -143,6 +150,16 @@ def _state_lines(link: lw.Link) -> list[str]:
         initial = state.initial if isinstance(state, lw.LinkState) else 0.0
         start = "unknown at the start" if initial is None else f"{initial:g} at the start"
         lines.append(f"{rate.name}' = {rate.text}; {rate.name}{f' in {unit},' if unit else ''} {start}")
+    return lines
+
+
+def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
+    """Frequency, damping and shape of every mode."""
+    lines = [f"  {host.name:10} {len(host.modes)} modes; shapes in 1/sqrt(kg) at {', '.join(host.points)}"]
+    for name, mode in zip(host.coordinates, host.modes, strict=True):
+        frequency, damping = (subject.link(name).coefficients[key] for key in ("frequency", "damping"))
+        shape = "  ".join(f"{value:10.4g}" for value in mode.shape.values())
+        lines.append(f"    {name:12} {_shown(frequency)} Hz, damping {_shown(damping)}; {shape}")
     return lines
 
 

@@ -55,7 +55,7 @@ def validate(
     process = drawing_beside(output, "linkwise.report.validation_folder:VALIDATION_FOLDER", VALIDATION)
     subject = answers.ValidatedAnswer.of(answer)
     with progress("reading") as step:
-        record = source.read(subject.structure.mass_names)
+        record = source.read(subject.structure.places)
         for note in record.notes:
             tell(f"note: {note}")
         validation = lw.validate(record, answer, burn=burn, progress=step)

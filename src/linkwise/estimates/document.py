@@ -65,3 +65,20 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
     if link.barrier is not None:
         document["barrier"] = _derived(link.barrier)
     return document
+
+
+def mode_document(mode: LinkEstimate) -> dict[str, Any]:
+    """A mode of a host as plain data.
+
+    Parameters
+    ----------
+    mode : LinkEstimate
+        The mode.
+
+    Returns
+    -------
+    dict
+        Its name, frequency and damping.
+    """
+    coefficients = {c.name.rpartition(".")[2]: coefficient_document(c) for c in mode.coefficients}
+    return {"name": mode.link.name, **coefficients}

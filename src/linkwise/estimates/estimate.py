@@ -15,7 +15,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StructureError
 from linkwise.estimates.cause import Cause
-from linkwise.estimates.document import coefficient_document, link_document
+from linkwise.estimates.document import coefficient_document, link_document, mode_document
 from linkwise.estimates.energy_supply import active_coefficients, supplied_power
 from linkwise.estimates.findings import link_findings
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
@@ -176,7 +176,16 @@ class Estimate(JudgedView):
 
     @cached_property
     def links(self) -> tuple[LinkEstimate, ...]:
-        """Estimates of all links, in the order of the structure."""
+        """Estimates of all links, in the order of the structure; of modes they are in `modes`."""
+        return tuple(link for link in self._every_link if link.link.name not in self.structure.modes)
+
+    @property
+    def modes(self) -> tuple[LinkEstimate, ...]:
+        """Estimates of the modes of hosts, with the coefficients frequency and damping."""
+        return tuple(link for link in self._every_link if link.link.name in self.structure.modes)
+
+    @cached_property
+    def _every_link(self) -> tuple[LinkEstimate, ...]:
         return tuple(self._link(index) for index in range(len(self.structure.links)))
 
     @cached_property
@@ -185,6 +194,7 @@ class Estimate(JudgedView):
         return tuple(
             self._coefficient(f"{mass.name}.mass", (-1 - index, "mass"), "kg", mass.mass.value or 0.0)
             for index, mass in enumerate(self.structure.masses)
+            if mass.name not in self.structure.modes
         )
 
     @cached_property
@@ -198,11 +208,12 @@ class Estimate(JudgedView):
             for name in stopped
         )
         supplies = self.supplies
-        of_links = (line for link in self.links for line in link_findings(link, supplies.get(link.link.name)))
+        every = self._every_link
+        of_links = (line for link in every for line in link_findings(link, supplies.get(link.link.name)))
         active = (
             f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: it would feed energy into the "
             "motion, as no damper and no friction does. A term, a link or an applied force that is missing can look like that."
-            for index, link in enumerate(self.links)
+            for index, link in enumerate(every)
             for coefficient in active_coefficients(link, self.motion.d[:, index], self.motion.v[:, index])
         )
         return (*map(str, self.alerts), *self.remarks, *bounds, *of_links, *active)
@@ -251,7 +262,7 @@ class Estimate(JudgedView):
         StructureError
             If there is no such link.
         """
-        by_name = {link.link.name: link for link in self.links}
+        by_name = {link.link.name: link for link in self._every_link}
         return by_name[name] if name in by_name else self._unknown_name(name, by_name)
 
     def force_band(self, name: str, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -303,6 +314,7 @@ class Estimate(JudgedView):
             "notes": list(self.notes),
             "masses": {mass.name.removesuffix(".mass"): coefficient_document(mass) for mass in self.masses},
             "links": [link_document(link) for link in self.links],
+            **({"modes": [mode_document(mode) for mode in self.modes]} if self.modes else {}),
         }
 
     def __str__(self) -> str:
@@ -311,7 +323,8 @@ class Estimate(JudgedView):
     @cached_property
     def _coefficients(self) -> dict[str, CoefficientEstimate]:
         return {
-            one.name: one for one in (*(c for link in self.links for c in link.coefficients), *self.masses)
+            one.name: one
+            for one in (*(c for link in self._every_link for c in link.coefficients), *self.masses)
         }
 
     @cached_property
@@ -335,7 +348,7 @@ class Estimate(JudgedView):
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
-        masses = dict(zip(self.structure.mass_names, self.structure.mass_values, strict=True))
+        masses, column = self.structure.mass_values, self.structure.topology.columns[index]
         return LinkEstimate(
             link=link,
             coefficients=tuple(
@@ -348,7 +361,7 @@ class Estimate(JudgedView):
             v_range=(float(np.nanmin(self.motion.v[:, index])), float(np.nanmax(self.motion.v[:, index]))),
             free=free,
             covariance=covariance if self.trusted and self.intervals else None,
-            moving_mass=1.0 / sum(1.0 / masses[end] for end in link.between if end in masses),
+            moving_mass=1.0 / sum(part**2 / masses[mass] for mass, part in column),
         )
 
     def _free_coefficients(self, index: int) -> tuple[tuple[str, ...], Floats]:

@@ -34,6 +34,10 @@ def text_table(estimate: Estimate) -> str:
     if unknown:
         rows = [_row(mass, mass.name.removesuffix(".mass")) for mass in unknown]
         blocks.append("\n".join(["masses", *align_columns([_HEAD, *rows])]))
+    of_modes = [c for mode in estimate.modes if mode.free for c in mode.coefficients]
+    if of_modes:
+        rows = [_row(coefficient, coefficient.name) for coefficient in of_modes]
+        blocks.append("\n".join(["modes", *align_columns([_HEAD, *rows])]))
     shown = [link for link in estimate.links if link.free]
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:

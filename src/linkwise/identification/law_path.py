@@ -17,6 +17,7 @@ from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
+from linkwise.model.host_support import refuse_hosts
 from linkwise.model.law import Law
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Link, Structure
@@ -129,6 +130,7 @@ def law_path(
     [('d', 'v'), ('d', 'v', 'd**3')]
     """
     refuse_memory(structure.links, "searches for a law")
+    refuse_hosts(structure, "searches for a law")
     terms = tuple(start)
     path = [_fitted(record, structure, link, terms)]
     if path[0] is None:

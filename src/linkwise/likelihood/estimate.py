@@ -171,7 +171,8 @@ class MaximumLikelihood(Estimator):
         if valleys:
             return fit_from_valleys(partial(likelihood_fit, records, structure, options=options), valleys)
         theta, spread = starting_values(records, structure, self.starts)
-        if needs_integration(framed(records[0], structure).record, structure):
+        drifts = needs_integration(framed(records[0], structure).record, structure)
+        if structure.hosts or drifts:
             return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
         fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
         return lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
@@ -250,9 +251,9 @@ def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]
 def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None:
     """(N, n) of the weak equations at the samples, where the records have the displacements that they need.
 
-    None for links with memory, which the weak form does not take.
+    None for links with memory and for hosts, which the weak form does not take.
     """
-    if any(link.law.states for link in identified.links):
+    if identified.hosts or any(link.law.states for link in identified.links):
         return None
     columns = []
     for record in records:

@@ -62,6 +62,8 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
     """
     segments = fit.segments
     sensors, incidence = segments.sensors, segments.system.incidence
+    if sensors.shapes is not None:  # points show modes, of which each link moves several
+        return np.full(incidence.shape[1], np.inf)
     orbit = fit.misfit.trajectories
     at = slice(None, segments.steps, segments.refine)
     motions = {

@@ -145,7 +145,7 @@ def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) ->
     for sample, tangent in enumerate(tangents(mechanics, orbit, step, scales.state, scales.theta)):
         if tangent.acceleration is None or not observed[sample].any():
             continue
-        motion = tangent.shown()
+        motion = sensors.shown(tangent.shown(), 0)
         rows = np.empty((len(step), len(sensors.kind), tangent.state.shape[2]))
         for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
             weight = observed[sample, channel] * rates[kind] / scales.sigma[channel]

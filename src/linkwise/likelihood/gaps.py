@@ -68,7 +68,7 @@ def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
     """
     n, sensors = len(segments.system.incidence), segments.sensors
     unobserved = np.zeros((len(point.nodes), segments.count), dtype=bool)
-    for mass in np.unique(sensors.mass[sensors.of_masses]):
+    for mass in np.unique(sensors.mass[sensors.of_masses & (sensors.mass < n)]):
         shows = sensors.of_masses & (sensors.mass == mass)
         unobserved[[mass, n + mass]] = ~segments.observed[:, shows].any(axis=(0, 1))
     unobserved[:, 0] = False

@@ -195,7 +195,7 @@ def whitened_jacobian(
         sample, between = divmod(number, segments.tangent_refine)
         if tangent.acceleration is None or between:
             continue
-        motions = tangent.shown()
+        motions = sensors.shown(tangent.shown(), 0)
         for kind in (X, V, A, F, S):
             if len(chosen[kind]):
                 factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
@@ -244,7 +244,7 @@ def _add_delays(
     for channel in sensors.late:
         number = sensors.delay[channel]
         _, rate = late_motion(
-            misfit.trajectories.part(part),
+            sensors.orbit_with_points(misfit.trajectories.part(part)),
             segments.step[part] * segments.refine,
             segments.refine,
             mass=int(sensors.mass[channel]),

@@ -64,7 +64,11 @@ def random_forces(
 
     Raises IdentificationError for an unknown mass or channel, a deviation that is not positive, and a mass named in both.
     """
-    names = structure.mass_names
+    names = structure.places
+    if structure.hosts and (ambient or input_noise):
+        raise IdentificationError(
+            "random forces on hosts are not supported: leave the ambient forces and input noise out"
+        )
     forces = {}
     for name, value in _each(ambient, names).items():
         if name not in names:

@@ -81,12 +81,13 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     with np.errstate(over="ignore", invalid="ignore"):
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, segments.inputs)
     sensors, rate = segments.sensors, 1.0 / segments.step
+    shown_orbit = sensors.orbit_with_points(orbit)
     every = slice(None, segments.steps, segments.refine)
     residuals = np.empty_like(segments.samples)
     for kind, motion in (
-        (X, orbit.states[every, 0]),
-        (V, orbit.states[every, 1] * rate),
-        (A, orbit.accelerations[every]),
+        (X, shown_orbit.states[every, 0]),
+        (V, shown_orbit.states[every, 1] * rate),
+        (A, shown_orbit.accelerations[every]),
         (F, forces_at_samples(segments, mechanics, orbit)),
         (S, orbit.memory[every]),
     ):
@@ -94,7 +95,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
     for channel in sensors.late:
         shown, _ = late_motion(
-            orbit,
+            shown_orbit,
             segments.step * segments.refine,
             segments.refine,
             mass=int(sensors.mass[channel]),

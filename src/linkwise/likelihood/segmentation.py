@@ -171,7 +171,10 @@ def sensor_arrays(
         raise IdentificationError(
             f"no offset or gain of {absent[0]} can be estimated: the record has {', '.join(channels)}"
         )
+    points = dict.fromkeys(c.mass for c in parsed if c.kind in "xva" and c.mass in structure.points)
+    index |= {(kind, name): structure.size + i for i, name in enumerate(points) for kind in "xva"}
     return Sensors(
+        shapes=np.stack([structure.topology.row(name) for name in points]) if points else None,
         kind=np.array([_KINDS[channel.kind] for channel in parsed]),
         mass=np.array([index[channel.kind, channel.mass] for channel in parsed]),
         offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
@@ -207,6 +210,7 @@ def _require_same_channels(
                 f"in the first, {', '.join(record.channels)} in another; select the common ones with record.select"
             )
     parsed, places = [Channel.parse(name) for name in channels], _places(structure)
+    places |= {(kind, name): structure.size for name in structure.points for kind in "xva"}
     unknown = [channel for channel in parsed if (channel.kind, channel.mass) not in places]
     if unknown:
         what, kind = ("link or state", unknown[0].kind) if unknown[0].of_link else ("mass", "x")
@@ -273,20 +277,20 @@ def flow_inputs(
         If an input has missing samples, or the displacement of the base is needed and not recorded.
     """
     forced = [
-        (i, f"force:{name}")
-        for i, name in enumerate(structure.mass_names)
+        (structure.topology.row(name), f"force:{name}")
+        for name in (*structure.mass_names, *structure.points)
         if f"force:{name}" in records[0].channels
     ]
     has_base = bool(np.any(structure.base_incidence))
     force = base = None
     if forced:
         force = np.zeros((samples * refine, len(POINTS), structure.size, sum(counts)))
-        for i, name in forced:
+        for row, name in forced:
             pieces = [
                 _at_points(record, name, count, samples, refine)[0]
                 for record, count in zip(records, counts, strict=True)
             ]
-            force[:, :, i] = np.concatenate(pieces, axis=2)
+            force += row[:, None] * np.concatenate(pieces, axis=2)[:, :, None]
     if has_base:
         if "x:base" not in records[0].channels:
             has = [name for name in records[0].inputs if name.endswith(":base")]

@@ -7,14 +7,16 @@ has weight zero; so has the padding behind the last sample of a record.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.flow import Inputs
+from linkwise.likelihood.flow import Inputs, Trajectories
 from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.random_states import RandomStates
 from linkwise.likelihood.system import System
@@ -25,8 +27,10 @@ X, V, A, F, S = 0, 1, 2, 3, 4
 
 @dataclass(frozen=True)
 class Sensors:
-    """`kind` (C,) is X, V, A, F or S, `mass` (C,) the number of a mass, or of a link or a state in the order of the system,
-    `offset`, `delay` (C,) indices of its unknown errors, -1 for none.
+    """`kind` (C,) is X, V, A, F or S, `mass` (C,) the number of a mass, or of a link or a state in the order of the system.
+
+    From n on it is the number of a point of a host, which moves by its row in `shapes` (k, n). `offset`, `delay` (C,) are
+    indices of its unknown errors, -1 for none.
 
     A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
     g): ones where a factor acts on the channel, else zeros.
@@ -37,6 +41,29 @@ class Sensors:
     offset: Indices
     gain: Floats = field(default_factory=lambda: np.empty((0, 0)))
     delay: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
+    shapes: Floats | None = None
+
+    def with_points(self, motion: NDArray[Any], axis: int) -> NDArray[Any]:
+        """The motion of the masses along an axis, and behind them that of the points with a sensor."""
+        if self.shapes is None:
+            return motion
+        weights = self.shapes.astype(motion.dtype)
+        points = np.moveaxis(np.tensordot(weights, motion, axes=(1, axis)), 0, axis)
+        return np.concatenate([motion, points], axis=axis)
+
+    def shown(self, motions: Sequence[NDArray[Any]], axis: int) -> list[NDArray[Any]]:
+        """What sensors of each kind show, with the points behind the masses along an axis."""
+        return [self.with_points(each, axis) if kind < F else each for kind, each in enumerate(motions)]
+
+    def orbit_with_points(self, orbit: Trajectories) -> Trajectories:
+        """An orbit with the points behind the masses in its states and accelerations at the ends of steps."""
+        if self.shapes is None:
+            return orbit
+        return replace(
+            orbit,
+            states=self.with_points(orbit.states, 2),
+            accelerations=self.with_points(orbit.accelerations, 1),
+        )
 
     @property
     def of_masses(self) -> Bools:

@@ -81,7 +81,8 @@ def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: in
 
 def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor of this kind shows of a mass, and its rate."""
-    orbit, every = misfit.trajectories, slice(None, segments.steps, segments.refine)
+    every = slice(None, segments.steps, segments.refine)
+    orbit = segments.sensors.orbit_with_points(misfit.trajectories)
     if kind in (F, S):
         inside = orbit.memory[every]
         if kind == F:

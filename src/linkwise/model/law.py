@@ -8,7 +8,7 @@ Its value is the force (N) on the link's first end with reversed sign: M x'' = -
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -21,10 +21,8 @@ from linkwise.expression import (
     Expression,
     Number,
     Symbol,
-    add,
     differentiate,
     kinks,
-    multiply,
     parse_with_positions,
     substitute,
     symbols,
@@ -77,6 +75,8 @@ class Law:
         Names of the coefficients in order of appearance, which is the order of all mappings; those of the rates follow.
     rates : tuple of StateRate
         The rates of the states of a link with memory; empty without memory.
+    declared : tuple of (str, str)
+        Coefficients with a unit that is declared, where numbers in the law have units of their own.
 
     Examples
     --------
@@ -94,9 +94,15 @@ class Law:
     expression: Expression
     coefficients: tuple[str, ...]
     rates: tuple[StateRate, ...] = ()
+    declared: tuple[tuple[str, str], ...] = ()
 
     @staticmethod
-    def parse(text: str, states: Mapping[str, LinkState | str] | None = None) -> Law:
+    def parse(
+        text: str,
+        states: Mapping[str, LinkState | str] | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
+    ) -> Law:
         """Parse a law.
 
         Parameters
@@ -105,6 +111,8 @@ class Law:
             An expression in d, v, coefficients, numbers, ``+ - * / **`` and the functions of laws.
         states : mapping of str to LinkState or str, optional
             The states of a link with memory and their rates: expressions in d, v, the states and coefficients.
+        units : mapping of str to str, optional
+            The SI unit of every coefficient, where numbers in the law have units; inferred by default.
 
         Returns
         -------
@@ -119,7 +127,8 @@ class Law:
             If a name cannot be that of a state.
         """
         rates = {name: (state.rate, state.unit) for name, state in as_link_states(states or {}).items()}
-        return _parse(text, tuple((name, *rate) for name, rate in rates.items()))
+        law = _parse(text, tuple((name, *rate) for name, rate in rates.items()))
+        return replace(law, declared=tuple(units.items())) if units else law
 
     def __str__(self) -> str:
         return self.text
@@ -217,6 +226,8 @@ class Law:
     @cached_property
     def _dimensions(self) -> Mapping[str, str]:
         """Unit of each coefficient and state."""
+        if self.declared:
+            return dict(self.declared)
         dimensions = law_dimensions(
             self, {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
         )
@@ -355,15 +366,6 @@ class Law:
                 f"Values are given for: {given}.",
             )
         return [values[name] for name in self._named]
-
-
-def dissipated_power(law: Expression, states: tuple[str, ...] = ()) -> Expression:
-    """The power in W that a link with this law dissipates, (f(d, v) - f(d, 0)) v; with memory, f(d, v, s) - f(d, 0, 0).
-
-    It is formed symbolically, so that the stored part cancels exactly.
-    """
-    elastic = substitute(law, dict.fromkeys(("v", *states), Number(0.0)))
-    return multiply(Symbol("v"), add(law, multiply(Number(-1.0), elastic)))
 
 
 @lru_cache(maxsize=1024)

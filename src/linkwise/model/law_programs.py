@@ -8,6 +8,7 @@ from linkwise.expression import (
     Expression,
     Number,
     Program,
+    Symbol,
     add,
     antiderivative,
     differentiate,
@@ -49,3 +50,12 @@ def potential_programs(elastic: Expression, coefficients: tuple[str, ...]) -> tu
         return None, quadrature
     at_zero = substitute(primitive, {"d": Number(0.0)})
     return Program([add(primitive, multiply(Number(-1.0), at_zero))], names, wide=("d",)), quadrature
+
+
+def dissipated_power(law: Expression, states: tuple[str, ...] = ()) -> Expression:
+    """The power in W that a link with this law dissipates, (f(d, v) - f(d, 0)) v; with memory, f(d, v, s) - f(d, 0, 0).
+
+    It is formed symbolically, so that the stored part cancels exactly.
+    """
+    elastic = substitute(law, dict.fromkeys(("v", *states), Number(0.0)))
+    return multiply(Symbol("v"), add(law, multiply(Number(-1.0), elastic)))

@@ -57,7 +57,7 @@ class Mass:
     mass: Coefficient
 
     def __post_init__(self) -> None:
-        _check_name(self.name, "mass")
+        check_name(self.name, "mass")
         if self.name in (GROUND, BASE):
             raise StructureError(
                 f'"{self.name}" is reserved as an end of links; choose another name',
@@ -115,7 +115,7 @@ class Link:
     states: Mapping[str, LinkState | str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        _check_name(self.name, "link")
+        check_name(self.name, "link")
         where = f'link "{self.name}"'
         self._bind_states(where)
         object.__setattr__(self, "between", tuple(self.between))
@@ -285,7 +285,7 @@ def _list(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
 
 
-def _check_name(name: object, kind: str) -> None:
+def check_name(name: object, kind: str) -> None:
     if not isinstance(name, str) or not name:
         raise StructureError(f"a {kind} needs a name, got {name!r}", kind)
     if len(name.encode()) > LONGEST_NAME:

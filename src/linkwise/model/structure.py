@@ -19,6 +19,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.html import NotebookView
 from linkwise.model.coefficient import Coefficient
+from linkwise.model.ends import check_ends
+from linkwise.model.host import Host, counted, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.names import check_unique, index_of, matching, quoted
 from linkwise.model.parameters import (
@@ -29,7 +31,7 @@ from linkwise.model.parameters import (
     replace_coefficients,
     resolve_sharing,
 )
-from linkwise.model.topology import BASE_INDEX, LinkShape, Topology
+from linkwise.model.topology import LinkShape, Topology
 from linkwise.text import near_miss
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
@@ -47,6 +49,9 @@ class Structure(NotebookView):
         The n masses, in the order of all arrays.
     links : tuple of Link
         The L links, in the order of all arrays.
+    hosts : tuple of Host, optional
+        Linear structures known by modes. Their modes come before the other masses and links, with names such as
+        ``"wing.mode1"``; their points, such as ``"wing.tip"``, may be ends of links.
 
     Raises
     ------
@@ -66,15 +71,19 @@ class Structure(NotebookView):
     name: str
     masses: tuple[Mass, ...]
     links: tuple[Link, ...]
+    hosts: tuple[Host, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "masses", tuple(self.masses))
-        object.__setattr__(self, "links", tuple(self.links))
+        object.__setattr__(self, "hosts", tuple(self.hosts))
+        check_unique(tuple(host.name for host in self.hosts), "host")
+        masses, links = with_modes(tuple(self.masses), tuple(self.links), self.hosts)
+        object.__setattr__(self, "masses", masses)
+        object.__setattr__(self, "links", links)
         if not self.masses:
-            raise StructureError("a structure needs at least one mass")
+            raise StructureError("a structure needs at least one mass or host")
         check_unique(self.mass_names, "mass")
         check_unique(tuple(link.name for link in self.links), "link")
-        self._check_ends()
+        check_ends(self.mass_names, self.places, self.links)
         slots = self._slots
         leaders = resolve_sharing(slots)
         if leaders:
@@ -87,26 +96,6 @@ class Structure(NotebookView):
             object.__setattr__(self, "links", links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
-    def _check_ends(self) -> None:
-        names = set(self.mass_names)
-        linked: set[str] = set()
-        for link in self.links:
-            for end in link.between:
-                if end not in names and end not in (GROUND, BASE):
-                    raise StructureError(
-                        f'unknown end "{end}"'
-                        f'{near_miss(end, [*self.mass_names, GROUND, BASE])}; an end is "ground", "base" or one of the masses '
-                        f"{quoted(self.mass_names)}",
-                        f'link "{link.name}"',
-                    )
-            linked.update(link.between)
-        loose = [name for name in self.mass_names if name not in linked]
-        if loose:
-            raise StructureError(
-                "no link has it as an end; add a link or remove the mass",
-                f"mass {quoted(loose)}",
-            )
-
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
         return coefficient_slots(self.masses, self.links)
@@ -117,13 +106,33 @@ class Structure(NotebookView):
 
     @property
     def size(self) -> int:
-        """Number of masses, n."""
+        """Number of masses and modes, n."""
         return len(self.masses)
 
     @cached_property
     def mass_names(self) -> tuple[str, ...]:
         """Names of the masses, in the order of all arrays."""
         return tuple(mass.name for mass in self.masses)
+
+    @cached_property
+    def places(self) -> tuple[str, ...]:
+        """Names of the masses that are no modes, and of the points of hosts: where links end and sensors sit."""
+        return (*self.points, *(name for name in self.mass_names if name not in self.modes))
+
+    @cached_property
+    def modes(self) -> frozenset[str]:
+        """Names of the masses, and of the links, that are modes of hosts, such as ``"wing.mode1"``."""
+        return frozenset(name for host in self.hosts for name in host.coordinates)
+
+    @property
+    def contents(self) -> str:
+        """How many hosts, masses and links there are, such as "2 masses, 2 links"."""
+        return counted(self.hosts, self.masses, self.links)
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points of hosts, such as ``"wing.tip"``."""
+        return tuple(point for host in self.hosts for point in host.points)
 
     @cached_property
     def mass_values(self) -> Floats:
@@ -188,23 +197,15 @@ class Structure(NotebookView):
 
     @cached_property
     def incidence(self) -> scipy.sparse.csr_array:
-        """Incidence matrix B, sparse, shape (n, L): +1 where a mass is the first end of a link, -1 where it is the second."""
-        rows, columns, signs = [], [], []
-        for column, ends in enumerate(self.topology.ends.tolist()):
-            for end, sign in zip(ends, (1.0, -1.0), strict=True):
-                if end >= 0:
-                    rows.append(end)
-                    columns.append(column)
-                    signs.append(sign)
-        return scipy.sparse.csr_array((signs, (rows, columns)), shape=(self.size, len(self.links)))
+        """Incidence matrix B, sparse, shape (n, L): +1 where a mass is the first end of a link, -1 where it is the second;
+        for a mode its shape at the ends.
+        """
+        return self.topology.incidence
 
     @cached_property
     def base_incidence(self) -> Floats:
         """Incidence e of the base, shape (L,): +1 where it is the first end of a link, -1 where it is the second, else 0."""
-        on_base = self.topology.ends == BASE_INDEX
-        incidence: Floats = on_base[:, 0].astype(float) - on_base[:, 1]
-        incidence.flags.writeable = False
-        return incidence
+        return self.topology.base_incidence
 
     def elongations(self, x: ArrayLike, base: ArrayLike | None = None) -> Floats:
         """Elongations of the links, ``B'x + e x_base``; from velocities, their rates.
@@ -363,7 +364,7 @@ class Structure(NotebookView):
 
     def _with(self, changes: Mapping[str, Coefficient]) -> Structure:
         masses, links = replace_coefficients(self.masses, self.links, self._slots, changes)
-        return Structure(self.name, masses, links)
+        return Structure(self.name, masses, links, self.hosts)
 
     def _chosen(self, selector: str) -> list[str]:
         """Full names that one argument of `unknown` selects. Raises StructureError if there are none."""
@@ -387,12 +388,13 @@ class Structure(NotebookView):
     @cached_property
     def topology(self) -> Topology:
         """Numbering of masses, ground and base, ends of the links, and links by law."""
-        return Topology.of(self.mass_names, self.links)
+        return Topology.of(self.mass_names, self.links, self.hosts)
 
     @cached_property
     def shape_key(self) -> tuple[int, tuple[LinkShape, ...]]:
-        """Number of masses and, for each link, ends and law; equal for structures that share compiled code."""
+        """Number of masses and, for each link, weights and law; equal for structures that share compiled code."""
+        topology = self.topology
         return self.size, tuple(
-            LinkShape(first, second, link.law.expression, link.law.named_rates)
-            for (first, second), link in zip(self.topology.ends.tolist(), self.links, strict=True)
+            LinkShape(column, float(base), link.law.expression, link.law.named_rates)
+            for column, base, link in zip(topology.columns, topology.base_incidence, self.links, strict=True)
         )

@@ -18,10 +18,12 @@ import msgspec
 
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host
 from linkwise.model.link import Link, Mass
 from linkwise.model.link_state import as_link_states
 from linkwise.model.parameters import KILOGRAM
 from linkwise.model.structure import Structure
+from linkwise.model.toml_host import HostTable, host_of
 from linkwise.model.toml_link import LinkTable, coefficient_of, link_of
 from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
 
@@ -37,6 +39,15 @@ class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
 class _StructureTable(msgspec.Struct, forbid_unknown_fields=True):
     mass: list[_MassTable]
     link: list[LinkTable]
+    name: str = ""
+
+
+class _HostedTable(msgspec.Struct, forbid_unknown_fields=True):
+    """A structure with hosts, which needs neither masses nor links."""
+
+    host: list[HostTable]
+    mass: list[_MassTable] = []
+    link: list[LinkTable] = []
     name: str = ""
 
 
@@ -210,16 +221,23 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
     >>> lw.parse_structure(text) == lw.bnes_chain(2)
     True
     """
-    table = decode(parse_toml(text, source, StructureError), _StructureTable, source, "", StructureError)
+    tables = parse_toml(text, source, StructureError)
+    hosts: tuple[Host, ...] = ()
+    table: _StructureTable | _HostedTable
+    if "host" in tables:
+        table = decode(tables, _HostedTable, source, "", StructureError)
+        hosts = tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
+    else:
+        table = decode(tables, _StructureTable, source, "", StructureError)
     masses, links = _masses_and_links(table, source)
     try:
-        return Structure(table.name, masses, links)
+        return Structure(table.name, masses, links, hosts)
     except StructureError as error:
         raise StructureError(error.message, f"{source}, {error.where}" if error.where else source) from None
 
 
 def _masses_and_links(
-    table: _StructureTable | _PartialTable, source: str
+    table: _StructureTable | _HostedTable | _PartialTable, source: str
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
     masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
     links = tuple(link_of(entry, index, source) for index, entry in enumerate(table.link))
@@ -246,9 +264,14 @@ def format_structure(structure: Structure) -> str:
     name = "bistable chain of 2 masses"
     """
     blocks = [f"name = {_string(structure.name)}\n"]
+    blocks += [_host_text(host, structure) for host in structure.hosts]
     for mass in structure.masses:
+        if mass.name in structure.modes:
+            continue
         blocks.append(f"[[mass]]\nname = {_string(mass.name)}\nmass = {_coefficient_text(mass.mass)}\n")
     for link in structure.links:
+        if link.name in structure.modes:
+            continue
         pairs = ", ".join(
             f"{_key(name)} = {_coefficient_text(value)}" for name, value in link.coefficients.items()
         )
@@ -258,6 +281,19 @@ def format_structure(structure: Structure) -> str:
             f"law = {_string(link.law.text)}\n{_states_text(link)}coefficients = {{ {pairs} }}\n"
         )
     return "\n".join(blocks)
+
+
+def _host_text(host: Host, structure: Structure) -> str:
+    """The table of a host, with the frequencies and damping that the structure has now."""
+    modes = []
+    for name, mode in zip(host.coordinates, host.modes, strict=True):
+        now = structure.link(name).coefficients
+        shape = ", ".join(f"{_key(point)} = {value!r}" for point, value in mode.shape.items())
+        modes.append(
+            f"    {{ frequency = {_coefficient_text(now['frequency'])}, damping = {_coefficient_text(now['damping'])}, "
+            f"shape = {{ {shape} }} }},\n"
+        )
+    return f"[[host]]\nname = {_string(host.name)}\nmodes = [\n{''.join(modes)}]\n"
 
 
 def _mass(entry: _MassTable, index: int, source: str) -> Mass:

@@ -9,7 +9,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.excitation import Excitation
 from linkwise.model.input_signal import Sampled
-from linkwise.model.link import BASE
+from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory
 from linkwise.text import near_miss
@@ -67,9 +67,10 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
             raise SimulationError(
                 f"unknown release {channel!r}; expected a displacement, such as x:{names[0]}, or a velocity, v:{names[0]}"
             )
-        check_mass(mass, names, "a release")
+        check_mass(mass, structure, "a release")
+        _check_released(channel, mass, structure)
     for impulse in excitation.impulses:
-        check_mass(impulse.mass, names, "an impulse")
+        check_mass(impulse.mass, structure, "an impulse")
         if impulse.time >= end:
             raise SimulationError(
                 f"the impulse on {impulse.mass} at {impulse.time:g} s is after the end of the simulation ({end:g} s)",
@@ -77,7 +78,7 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
                 impulse.mass,
             )
     for mass in excitation.forces:
-        check_mass(mass, names, "a force")
+        check_mass(mass, structure, "a force")
     _check_base(structure, excitation)
     for name, given in excitation.drives.items():
         if isinstance(given, Sampled) and (given.start > 0.0 or given.end < end - 1e-6 / given.rate):
@@ -86,6 +87,18 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
                 f"{what} is sampled from {given.start:g} to {given.end:g} s, but the simulation runs from 0 to {end:g} s; "
                 "give more samples or simulate a shorter time"
             )
+
+
+def _check_released(channel: str, place: str, structure: Structure) -> None:
+    """A point of a host moves as its modes do, so these are released."""
+    host = next((host for host in structure.hosts if place in host.points), None)
+    if host is not None:
+        kind = channel.partition(":")[0]
+        raise SimulationError(
+            f"the release {channel} is that of a point, which moves as the modes of {host.name} do; release these, such as "
+            f"{kind}:{host.coordinates[0]}, or give an impulse or a force",
+            mass=place,
+        )
 
 
 def check_link(name: str, structure: Structure, where: str) -> None:
@@ -107,12 +120,14 @@ def check_state(name: str, structure: Structure, where: str) -> None:
         )
 
 
-def check_mass(name: str, names: tuple[str, ...], where: str) -> None:
-    """Raise SimulationError unless `name` is one of the masses; `where` says what names it."""
-    if name not in names:
+def check_mass(name: str, structure: Structure, where: str) -> None:
+    """Raise SimulationError unless `name` is one of the masses or points; `where` says what names it."""
+    if name in (GROUND, BASE) or name not in structure.topology.index:
+        names = structure.places
+        kinds = "masses and points" if structure.hosts else "masses"
         shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1]))
         raise SimulationError(
-            f"unknown mass {name!r} in {where}{near_miss(name, names)}; the masses are {shown}",
+            f"unknown mass {name!r} in {where}{near_miss(name, names)}; the {kinds} are {shown}",
             mass=name,
         )
 

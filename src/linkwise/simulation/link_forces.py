@@ -10,7 +10,8 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, symbols
 from linkwise.model.excitation import Excitation
-from linkwise.model.law import Law, dissipated_power
+from linkwise.model.law import Law
+from linkwise.model.law_programs import dissipated_power
 from linkwise.model.structure import Structure
 
 
@@ -80,7 +81,7 @@ class LinkForces:
         """Applied forces (M, n) in N on the masses."""
         forces = np.zeros((len(time), self.structure.size))
         for name, drive in self.excitation.forces.items():
-            forces[:, self.structure.topology.index[name]] = drive.value(time)
+            forces += drive.value(time)[:, None] * self.structure.topology.row(name)
         return forces
 
     def accelerations(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:

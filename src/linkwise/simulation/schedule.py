@@ -36,9 +36,12 @@ class RunSchedule:
     @cached_property
     def shape(self) -> SystemShape:
         """The key of the compiled equations of motion."""
-        index = self.structure.topology.index
+        topology = self.structure.topology
         inputs = tuple(
-            (index[name], drive.order if isinstance(drive, Sampled) else drive.expression)
+            (
+                topology.weights(topology.index[name]),
+                drive.order if isinstance(drive, Sampled) else drive.expression,
+            )
             for name, drive in self.excitation.drives.items()
         )
         return SystemShape(*self.structure.shape_key, inputs)
@@ -88,8 +91,9 @@ class RunSchedule:
         for impulse in self.excitation.impulses:
             stop = int(np.searchsorted(self.stops, impulse.time))
             jump = jumps.setdefault(stop, np.zeros(self.structure.topology.dimension))
-            mass = self.structure.topology.index[impulse.mass]
-            jump[self.structure.size + mass] += impulse.momentum / self.structure.mass_values[mass]
+            topology = self.structure.topology
+            for mass, part in topology.weights(topology.index[impulse.mass]):
+                jump[self.structure.size + mass] += part * impulse.momentum / self.structure.mass_values[mass]
         return jumps
 
     @cached_property

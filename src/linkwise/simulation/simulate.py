@@ -110,7 +110,7 @@ def simulate(
         elif channel.kind == "f":
             values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.mass))]
         else:
-            values[:, column] = arrays[channel.kind][:, structure.topology.index[channel.mass]]
+            values[:, column] = arrays[channel.kind] @ structure.topology.row(channel.mass)
         if channel.relative:
             signal = drive.drives[BASE]
             values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
@@ -159,7 +159,7 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
         if kind in _KINDS:
             relative = kind != name
             _require_moving_base(excitation, name, relative)
-            responses.update(dict.fromkeys(Channel(kind, mass, relative) for mass in structure.mass_names))
+            responses.update(dict.fromkeys(Channel(kind, mass, relative) for mass in structure.places))
             continue
         if name == "f":
             responses.update(dict.fromkeys(Channel(name, link.name) for link in structure.links))
@@ -183,7 +183,7 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
         elif channel.kind == "state":
             check_state(channel.mass, structure, "a sensor")
         else:
-            check_mass(channel.mass, structure.mass_names, "a sensor")
+            check_mass(channel.mass, structure, "a sensor")
         responses[channel] = None
     inputs: list[Channel] = []
     for name in excitation.drives:

@@ -12,6 +12,7 @@ from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
+from linkwise.model.host_support import refuse_hosts
 from linkwise.model.link import BASE
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
@@ -84,6 +85,7 @@ class Subject:
 
     def __post_init__(self) -> None:
         refuse_memory(self.structure.links, "studies")
+        refuse_hosts(self.structure, "studies")
         for key, value in (("duration", self.duration), ("rate", self.rate)):
             if not 0.0 < value < float("inf"):
                 raise StudyError(f"must be positive and finite, got {value!r}", key)

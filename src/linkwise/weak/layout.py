@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.model.host_support import refuse_hosts
 from linkwise.model.law import Law
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
@@ -199,6 +200,7 @@ def structure_layout(structure: Structure) -> StructureLayout:
         Its layout.
     """
     refuse_memory(structure.links, "the weak form")
+    refuse_hosts(structure, "the weak form")
     topology = structure.topology
     parameters = structure.parameters
     return StructureLayout(

@@ -10,6 +10,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
+from linkwise.model.host_support import refuse_hosts
 from linkwise.model.input_signal import Sampled
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import BASE, Structure
@@ -104,6 +105,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     ['x:m1', 'x:m2']
     """
     refuse_memory(structure.links, "validation")
+    refuse_hosts(structure, "free runs")
     given = record.select([*record.inputs, *_responses(structure, record)])
     frame = framed(given, structure)
     record, channels = frame.record, frame.record.responses

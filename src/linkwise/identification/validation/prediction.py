@@ -152,11 +152,14 @@ def _law_errors(predictor: WindowPredictor, run: Record) -> dict[str, Floats]:
     masses = structure.with_values(
         dict(zip((p.name for p in structure.parameters), map(float, predictor.values), strict=True))
     ).mass_values
+    applied = np.zeros((structure.size, len(record)))
+    for channel in record.inputs:
+        kind, _, place = channel.partition(":")
+        if kind == "force":
+            applied += structure.topology.row(place)[:, None] * record.channel(channel)
     forces = {}
-    for name, mass in zip(structure.mass_names, masses, strict=True):
-        channel = f"force:{name}"
-        applied = record.channel(channel) if channel in record.channels else 0.0
-        forces[channel] = predictor.law_error * (mass * run.channel(f"a:{name}") - applied)
+    for name, mass, own in zip(structure.mass_names, masses, applied, strict=True):
+        forces[f"force:{name}"] = predictor.law_error * (mass * run.channel(f"a:{name}") - own)
     return forces
 
 

@@ -147,7 +147,7 @@ def validate(
 
 def _usable(record: Record, structure: Structure) -> Record:
     """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
-    masses = structure.mass_names
+    masses = structure.places
     responses = [name for name in record.responses if Channel.parse(name).mass in masses]
     if not responses:
         raise RecordError(
@@ -157,7 +157,8 @@ def _usable(record: Record, structure: Structure) -> Record:
     for name in record.inputs:
         if name.startswith("force:") and name.partition(":")[2] not in masses:
             raise RecordError(
-                f"this force acts on no mass of the structure, whose masses are {', '.join(masses)}",
+                f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
+                f"are {', '.join(masses)}",
                 channel=name,
             )
         if np.isnan(record.channel(name)).any():

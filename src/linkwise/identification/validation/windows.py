@@ -150,11 +150,13 @@ class _Setup:
         index = firsts + (steps + POINTS[None, :, None]) / refine  # (J, 5, K)
         record, structure = self.record, self.structure
         force = base = None
-        forced = [i for i, name in enumerate(structure.mass_names) if f"force:{name}" in record.channels]
+        everywhere = (*structure.mass_names, *structure.points)
+        forced = [name for name in everywhere if f"force:{name}" in record.channels]
         if forced:
             force = np.zeros((samples * refine, len(POINTS), structure.size, len(firsts)))
-            for i in forced:
-                force[:, :, i] = _at(record, f"force:{structure.mass_names[i]}", index)[0]
+            for name in forced:
+                row = structure.topology.row(name)
+                force += row[:, None] * _at(record, f"force:{name}", index)[0][:, :, None]
         if np.any(structure.base_incidence):
             base = np.stack(_at(record, f"x:{BASE}", index), axis=2)
         return Inputs(force, base)
@@ -169,6 +171,7 @@ class _Setup:
     def shown(self, orbit: Trajectories, refine: int) -> Floats:
         """(M, C, K) what the sensors show along an orbit."""
         every = slice(None, len(orbit.middle_links), refine)
+        orbit = self.sensors.orbit_with_points(orbit)
         motion = {
             X: orbit.states[every, 0],
             V: orbit.states[every, 1] * (refine * self.record.rate),
@@ -186,7 +189,7 @@ class _Setup:
         for number, tangent in enumerate(tangents(self.system.at(self.theta), orbit, step, self.prior, unit)):
             if tangent.acceleration is None or number % refine:
                 continue
-            motion = tangent.shown()
+            motion = self.sensors.shown(tangent.shown(), 0)
             for kind, mass in zip(self.sensors.kind, self.sensors.mass, strict=True):
                 rows.append(motion[int(kind)][mass].T * rates[int(kind)])
         return np.stack(rows, axis=1).astype(float)

@@ -11,7 +11,7 @@ G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -157,9 +157,39 @@ def law_start(
         If a coefficient that enters its law nonlinearly has no starting value.
     """
     signals = link_signals(record, structure, sigma)
-    by_parameter: dict[str, list[float]] = {parameter.name: [] for parameter in structure.parameters}
+    return start_of_links(signals, structure, given, range(len(structure.links)))
+
+
+def start_of_links(
+    signals: LinkSignals, structure: Structure, given: Mapping[str, float], numbers: Iterable[int]
+) -> dict[str, float]:
+    """Starting values of the parameters of some links of a structure, from their signals.
+
+    Parameters
+    ----------
+    signals : LinkSignals
+        Signals of the links.
+    structure : Structure
+        The structure.
+    given : mapping of str to float
+        Starting values by name of the parameter.
+    numbers : iterable of int
+        The links.
+
+    Returns
+    -------
+    dict of str to float
+        Starting values by name of the parameter.
+
+    Raises
+    ------
+    IdentificationError
+        If a coefficient that enters its law nonlinearly has no starting value.
+    """
+    by_parameter: dict[str, list[float]] = {}
     names = {member: parameter.name for parameter in structure.parameters for member in parameter.members}
-    for number, link in enumerate(structure.links):
+    for number in numbers:
+        link = structure.links[number]
         free = tuple(name for name in link.law.coefficients if (number, name) in names)
         if not free:
             continue
@@ -176,5 +206,5 @@ def law_start(
                 f"{missing[0]} = {{ start = ... }} among its coefficients"
             )
         for name, value in link_start(signals, number, link, values, free).items():
-            by_parameter[names[number, name]].append(value)
+            by_parameter.setdefault(names[number, name], []).append(value)
     return {name: float(np.mean(values)) for name, values in by_parameter.items()}

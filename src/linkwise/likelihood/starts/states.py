@@ -13,6 +13,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
+from linkwise.likelihood.starts.hosts import host_motion
 from linkwise.likelihood.starts.inverse_dynamics import determines_links, link_signals, masses_from_links
 from linkwise.likelihood.starts.link_states import link_states
 from linkwise.model.structure import Structure
@@ -66,6 +67,8 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
     StartStates
         The states.
     """
+    if structure.hosts:
+        return _states_with_hosts(record, structure, sigma)
     kinds = _kinds(record, structure)
     x, v = _motion(record, structure, sigma, kinds)
     scale = np.full((2, structure.size), np.nan)
@@ -83,6 +86,15 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
         scale[order, hidden] = _UNMEASURED * np.sqrt(np.mean(motion[~hidden] ** 2))
     memory, sizes = link_states(record, structure, sigma, x, v)
     return StartStates(x, v, memory, np.concatenate([scale.ravel(), sizes]))
+
+
+def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, float]) -> StartStates:
+    """The states that a smoother finds, and the scales of defects from its deviations."""
+    motion = host_motion(record, structure, sigma).with_drift_tracked(structure)
+    memory, sizes = link_states(record, structure, sigma, motion.x, motion.v)
+    scale = motion.deviation.reshape(2, -1)
+    reach = _UNMEASURED * np.sqrt(np.stack([np.mean(motion.x**2, axis=1), np.mean(motion.v**2, axis=1)]))
+    return StartStates(motion.x, motion.v, memory, np.concatenate([np.minimum(scale, reach).ravel(), sizes]))
 
 
 def measured_motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:

@@ -11,6 +11,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.coefficients import law_start
+from linkwise.likelihood.starts.hosts import host_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
@@ -114,6 +115,9 @@ def _values(
     known = {p.name: p.start for p in parameters if p.start is not None} | dict(given)
     if parameters and all(p.name in given for p in parameters):
         return np.array([given[p.name] for p in parameters]), None
+    if structure.hosts:
+        values = host_start(records[0], structure, channel_noise(records[0]), known)
+        return np.array([values[p.name] for p in parameters]), None
     if needs_integration(records[0], structure):
         values = law_start(records[0], structure, channel_noise(records[0]), known)
         return np.array([values[p.name] for p in parameters]), None

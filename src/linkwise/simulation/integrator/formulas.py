@@ -33,9 +33,14 @@ from linkwise.expression import (
     kinks,
     symbols,
 )
-from linkwise.model.law import dissipated_power
-from linkwise.model.topology import BASE_INDEX
-from linkwise.simulation.integrator.shape import SCALE, ParameterLayout, SystemShape, flat_ends
+from linkwise.model.law_programs import dissipated_power
+from linkwise.simulation.integrator.shape import (
+    BASE_INPUT,
+    SCALE,
+    ParameterLayout,
+    SystemShape,
+    flat_ends,
+)
 
 Formula = Any  # heyoka.expression: the library has no type information
 _INPUT = -1  # owner of a kink of an input
@@ -83,15 +88,13 @@ class MotionFormulas:
         for number, link in enumerate(self.shape.links):
             names = self._link_names(number)
             force = self._translated(link.law, names, number)
-            if link.first >= 0:
-                forces[link.first].append(-force)
-            if link.second >= 0:
-                forces[link.second].append(force)
+            for mass, part in link.weights:
+                forces[mass].append(_weighted(-part, force))
             for name, rate in link.rates:
                 rates.append((self.states[number, name], self._translated(rate, names, number) / SCALE))
-        for number, (mass, _) in enumerate(self.shape.inputs):
-            if mass >= 0:
-                forces[mass].append(self._input(number)[0])
+        for number, (where, _) in enumerate(self.shape.inputs):
+            for mass, part in where:
+                forces[mass].append(_weighted(part, self._input(number)[0]))
         inverse = self.layout.inverse_masses.start
         accelerations = [heyoka.sum(f) * heyoka.par[inverse + i] for i, f in enumerate(forces)]
         return [*zip(y, u, strict=True), *zip(u, accelerations, strict=True), *rates]
@@ -100,18 +103,16 @@ class MotionFormulas:
     def energy_equations(self) -> list[tuple[Formula, Formula]]:
         """Equations of the energy in J that each link dissipates, and of the work of forces and base, (L + 1,)."""
         dissipated, work = [], [heyoka.expression(0.0)]
-        base = [self._input(i)[1] for i, (mass, _) in enumerate(self.shape.inputs) if mass == BASE_INDEX]
+        base = [self._input(i)[1] for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
         for number, link in enumerate(self.shape.links):
-            first, second, law, _ = link
             names = self._link_names(number)
-            power = self._translated(dissipated_power(law, link.states), names, number)
+            power = self._translated(dissipated_power(link.law, link.states), names, number)
             dissipated.append((heyoka.expression(f"h{number}"), power))
-            if BASE_INDEX in (first, second):
-                sign = 1.0 if first == BASE_INDEX else -1.0
-                work.append(sign * self._translated(law, names, number) * base[0])
-        for number, (mass, _) in enumerate(self.shape.inputs):
-            if mass >= 0:
-                work.append(SCALE * self._input(number)[0] * self.variables[1][mass])
+            if link.base:
+                work.append(link.base * self._translated(link.law, names, number) * base[0])
+        for number, (where, _) in enumerate(self.shape.inputs):
+            for mass, part in where:
+                work.append(SCALE * part * self._input(number)[0] * self.variables[1][mass])
         return [*dissipated, (heyoka.expression("w"), heyoka.sum(work))]
 
     @cached_property
@@ -160,17 +161,14 @@ class MotionFormulas:
     def _link_names(self, number: int) -> dict[str, Formula]:
         """Formulas of d, v, the states and the coefficients of a link."""
         link = self.shape.links[number]
-        first, second = link.first, link.second
         offset = sum(len(names) for names in self.layout.coefficients[:number])
         names = {name: heyoka.par[offset + k] for k, name in enumerate(self.layout.coefficients[number])}
         names |= {name: SCALE * self.states[number, name] for name in link.states}
-        base = [self._input(i) for i, (mass, _) in enumerate(self.shape.inputs) if mass == BASE_INDEX]
+        base = [self._input(i) for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
         for name, variables, derivative in zip(("d", "v"), self.variables, (0, 1), strict=True):
-            ends = [(sign, variables[end]) for sign, end in ((1.0, first), (-1.0, second)) if end >= 0]
-            moving = ends[0][1] - ends[1][1] if len(ends) == 2 else ends[0][0] * ends[0][1]
-            names[name] = SCALE * moving
-            if BASE_INDEX in (first, second):
-                names[name] = names[name] + (1.0 if first == BASE_INDEX else -1.0) * base[0][derivative]
+            names[name] = SCALE * _combination([(part, variables[mass]) for mass, part in link.weights])
+            if link.base:
+                names[name] = names[name] + link.base * base[0][derivative]
         return names
 
     def _input(self, number: int) -> tuple[Formula, Formula]:
@@ -223,6 +221,20 @@ class MotionFormulas:
 
     def _branch(self, owner: int, kink: Expression) -> Formula:
         return heyoka.par[self.layout.branches.start + self._kinks[owner, kink]]
+
+
+def _weighted(part: float, formula: Formula) -> Formula:
+    """A formula times a number that is mostly 1 or -1."""
+    if part == 1.0:
+        return formula
+    return -formula if part == -1.0 else part * formula
+
+
+def _combination(parts: Sequence[tuple[float, Formula]]) -> Formula:
+    """A weighted sum; the difference of two, as written, where their weights are 1 and -1."""
+    if [part for part, _ in parts] == [1.0, -1.0]:
+        return parts[0][1] - parts[1][1]
+    return heyoka.sum([part * formula for part, formula in parts])
 
 
 def _product(factors: Sequence[Formula]) -> Formula:

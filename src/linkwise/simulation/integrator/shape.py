@@ -6,22 +6,26 @@ from typing import NamedTuple
 
 from linkwise.expression import FUNCTIONS, Call, Expression, Number, add, symbols, walk
 from linkwise.model.law_text import VARIABLES
-from linkwise.model.topology import LinkShape
+from linkwise.model.topology import LinkShape, Weights
 
 SCALE = 2.0**-40  # m, a power of two so that scaling causes no rounding
+
+
+BASE_INPUT: Weights = ()
+"""Where the motion of the base acts: on no mass but through links."""
 
 
 class SystemShape(NamedTuple):
     """The key of compiled equations of motion; structures of equal shape share compiled code.
 
-    `masses` is their number; `links` has for each link its ends, its law and the rates of its states, with ends numbered as in
-    `Structure.topology`; `inputs` has for each driven mass, or the base, its number and an expression of t or, for a piecewise
-    polynomial, its order.
+    `masses` is their number; `links` has for each link its weights, its law and the rates of its states, with masses numbered
+    as in `Structure.topology`; `inputs` has for each driven place the weights of the masses, `BASE_INPUT` for the base, and an
+    expression of t or, for a piecewise polynomial, its order.
     """
 
     masses: int
     links: tuple[LinkShape, ...]
-    inputs: tuple[tuple[int, Expression | int], ...] = ()
+    inputs: tuple[tuple[Weights, Expression | int], ...] = ()
 
     @property
     def states(self) -> list[tuple[int, str]]:

@@ -1,0 +1,212 @@
+"""Hosts: linear structures that are known by modes, with points to which links, sensors and forces are attached.
+
+A mode r of a host is a coordinate q_r of unit modal mass, q_r'' + 2 zeta_r w_r q_r' + w_r^2 q_r = phi_r' F, with a shape phi_r
+at the points; a point moves by sum_r phi_r q_r (METHODS section 11). In a structure a mode is a mass of 1 kg, and a link of it
+to the ground with the law `MODE_LAW`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from linkwise.errors import StructureError
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
+
+MODE_LAW = Law.parse(
+    "39.47841760435743*frequency**2*d + 12.566370614359172*damping*frequency*v",  # (2 pi)^2 and 4 pi, times 1 kg
+    units={"frequency": "Hz", "damping": ""},
+)
+"""Force of a mode of unit modal mass; frequency in Hz, damping as a part of the critical one."""
+
+
+@dataclass(frozen=True)
+class HostMode:
+    """A mode of a host.
+
+    Parameters
+    ----------
+    frequency : Coefficient
+        Natural frequency in Hz, positive.
+    damping : Coefficient
+        Damping as a part of the critical one.
+    shape : mapping of str to float
+        Mass-normalised shape at every point of the host, in 1/sqrt(kg).
+
+    Raises
+    ------
+    StructureError
+        If the frequency is not positive, or the shape not finite.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> mode = lw.HostMode(lw.Coefficient.number(5.2), lw.Coefficient.number(0.01), {"tip": 1.0, "joint": 0.62})
+    >>> mode.shape["joint"]
+    0.62
+    """
+
+    frequency: Coefficient
+    damping: Coefficient
+    shape: Mapping[str, float] = field(hash=False)
+
+    def __post_init__(self) -> None:
+        if self.frequency.value is not None and not self.frequency.value > 0.0:
+            raise StructureError(f"the frequency of a mode must be positive, got {self.frequency.value!r} Hz")
+        for point, value in self.shape.items():
+            if not math.isfinite(value):
+                raise StructureError(
+                    f'the shape of a mode at the point "{point}" must be a finite number, got {value!r}'
+                )
+        shape = {point: float(value) for point, value in self.shape.items()}
+        object.__setattr__(self, "shape", MappingProxyType(shape))
+
+    def __reduce__(self) -> tuple[type[HostMode], tuple[object, ...]]:
+        return HostMode, (self.frequency, self.damping, dict(self.shape))
+
+
+@dataclass(frozen=True)
+class Host:
+    """A linear structure by its modes: a beam, a wing, what a modal test or a finite-element model describes.
+
+    Its points, written ``"HOST.POINT"``, stand wherever a mass does: as ends of links, and places of sensors and forces.
+
+    Parameters
+    ----------
+    name : str
+        Name of the host.
+    modes : tuple of HostMode
+        Its modes, with shapes at the same points.
+
+    Raises
+    ------
+    StructureError
+        If it has no mode or no point, or a mode lacks a point of another.
+
+    See Also
+    --------
+    Structure : Joins hosts, masses and links.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> known = lw.Coefficient.number
+    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> wing.points
+    ('wing.tip', 'wing.joint')
+    """
+
+    name: str
+    modes: tuple[HostMode, ...]
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "host")
+        where = f'host "{self.name}"'
+        object.__setattr__(self, "modes", tuple(self.modes))
+        if self.name in (GROUND, BASE) or "." in self.name:
+            raise StructureError("a host is not named ground or base, and its name has no dot", where)
+        if not self.modes:
+            raise StructureError("a host needs at least one mode", where)
+        points = tuple(self.modes[0].shape)
+        if not points:
+            raise StructureError("its modes have a shape at no point; name at least one", where)
+        for number, mode in enumerate(self.modes, start=1):
+            if set(mode.shape) != set(points):
+                raise StructureError(
+                    f"mode {number} has a shape at {', '.join(mode.shape) or 'no point'}, and the first mode at "
+                    f"{', '.join(points)}; give every mode a number at every point",
+                    where,
+                )
+        for point in points:
+            check_name(point, "point of a host")
+        taken = [point for point in points if f"{self.name}.{point}" in self.coordinates]
+        if taken:
+            raise StructureError(f'the point "{taken[0]}" has the name of a mode; choose another', where)
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of its points in a structure, ``"HOST.POINT"``."""
+        return tuple(f"{self.name}.{point}" for point in self.modes[0].shape)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of its modes in a structure, ``"HOST.mode1"`` and so on."""
+        return tuple(f"{self.name}.mode{number}" for number in range(1, len(self.modes) + 1))
+
+    def shape(self, point: str) -> dict[str, float]:
+        """Shape at a point.
+
+        Parameters
+        ----------
+        point : str
+            Name of the point, ``"HOST.POINT"``.
+
+        Returns
+        -------
+        dict of str to float
+            The shape of each mode there, in 1/sqrt(kg), by the name of the mode in a structure.
+        """
+        own = point.removeprefix(f"{self.name}.")
+        return {name: mode.shape[own] for name, mode in zip(self.coordinates, self.modes, strict=True)}
+
+    def parts(self) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
+        """The modes as masses of 1 kg, each with a link to the ground.
+
+        Returns
+        -------
+        masses : tuple of Mass
+            The modal coordinates.
+        links : tuple of Link
+            Their stiffness and damping, with the law `MODE_LAW`.
+        """
+        masses = tuple(Mass(name, Coefficient.number(1.0)) for name in self.coordinates)
+        links = tuple(
+            Link(name, (name, GROUND), MODE_LAW, {"frequency": mode.frequency, "damping": mode.damping})
+            for name, mode in zip(self.coordinates, self.modes, strict=True)
+        )
+        return masses, links
+
+
+def with_modes(
+    masses: tuple[Mass, ...], links: tuple[Link, ...], hosts: tuple[Host, ...]
+) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
+    """Masses and links with those of the modes of hosts before them, unless they are there already.
+
+    Parameters
+    ----------
+    masses : tuple of Mass
+        The masses.
+    links : tuple of Link
+        The links.
+    hosts : tuple of Host
+        The hosts.
+
+    Returns
+    -------
+    masses : tuple of Mass
+        Modal coordinates and masses.
+    links : tuple of Link
+        Links of modes and between points.
+    """
+    present = {mass.name for mass in masses}
+    new_masses: list[Mass] = []
+    new_links: list[Link] = []
+    for host in hosts:
+        if set(host.coordinates) <= present:
+            continue
+        own_masses, own_links = host.parts()
+        new_masses += own_masses
+        new_links += own_links
+    return (*new_masses, *masses), (*new_links, *links)
+
+
+def counted(hosts: tuple[Host, ...], masses: tuple[Mass, ...], links: tuple[Link, ...]) -> str:
+    """How many hosts, modes, masses and links there are, such as "2 masses, 2 links"; modes are not counted twice."""
+    modes = sum(len(host.modes) for host in hosts)
+    counts = [(len(hosts), "host", "hosts"), (modes, "mode", "modes")] if hosts else []
+    counts += [(len(masses) - modes, "mass", "masses"), (len(links) - modes, "link", "links")]
+    return ", ".join(f"{count} {one if count == 1 else several}" for count, one, several in counts)

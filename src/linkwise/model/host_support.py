@@ -1,0 +1,15 @@
+"""What does not take hosts says so, instead of running without their points."""
+
+from __future__ import annotations
+
+from linkwise.errors import StructureError
+from linkwise.model.structure import Structure
+
+
+def refuse_hosts(structure: Structure, what: str) -> None:
+    """Raise StructureError if a structure has a host, which `what` does not take."""
+    if structure.hosts:
+        raise StructureError(
+            f"a host is not supported in {what}; maximum likelihood takes it",
+            f'host "{structure.hosts[0].name}"',
+        )

@@ -1,0 +1,141 @@
+"""A host of a structure file: modes in place, or in a CSV file beside the structure file.
+
+A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } }`. A CSV file has the columns
+frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg).
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from linkwise.errors import LinkwiseError, StructureError
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host, HostMode
+from linkwise.model.toml_link import coefficient_of
+from linkwise.model.toml_tables import decode, read_toml_text
+from linkwise.units import to_si
+
+_FREQUENCY, _DAMPING = "frequency", "damping"
+
+
+class HostTable(msgspec.Struct, forbid_unknown_fields=True):
+    """A host as written: `modes` is a list of tables, or the name of a CSV file."""
+
+    name: str
+    modes: list[Any] | str
+
+
+class _ModeTable(msgspec.Struct, forbid_unknown_fields=True):
+    frequency: float | str | dict[str, Any]
+    shape: dict[str, float]
+    damping: float | str | dict[str, Any] = 0.0
+
+
+def host_of(entry: HostTable, index: int, source: str) -> Host:
+    """The host of entry `index` of the file `source`. Raises StructureError with the place of what is wrong."""
+    path = f"host[{index}]"
+    if isinstance(entry.modes, str):
+        modes = read_modes(Path(source).parent / entry.modes)
+    else:
+        modes = tuple(
+            _mode(given, source, f"{path}.modes[{number}]") for number, given in enumerate(entry.modes)
+        )
+    try:
+        return Host(entry.name, modes)
+    except StructureError as error:
+        raise StructureError(error.message, f'{source}, {path} "{entry.name}"') from None
+
+
+def _mode(given: object, source: str, path: str) -> HostMode:
+    table = decode(given, _ModeTable, source, path, StructureError)
+    frequency = coefficient_of(table.frequency, "Hz", source, f"{path}.frequency")
+    damping = coefficient_of(table.damping, "", source, f"{path}.damping")
+    try:
+        return HostMode(frequency, damping, table.shape)
+    except StructureError as error:
+        raise StructureError(error.message, f"{source}, {path}") from None
+
+
+def read_modes(path: str | Path) -> tuple[HostMode, ...]:
+    """Read the modes of a host from a CSV file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with the columns ``frequency[Hz]``, ``damping`` (0 without it) and one for the shape at each point, in
+        1/sqrt(kg).
+
+    Returns
+    -------
+    tuple of HostMode
+        The modes, one for each line.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read, or is no such table; the error names the file and the line.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "wing.csv"
+    ...     _ = path.write_text("frequency[Hz],damping,tip\\n5.2,0.01,1.0\\n")
+    ...     lw.read_modes(path)[0].frequency.value
+    5.2
+    """
+    source = str(path)
+    lines = list(csv.reader(read_toml_text(path, StructureError).splitlines()))
+    rows = [(number, cells) for number, cells in enumerate(lines, start=1) if any(c.strip() for c in cells)]
+    if len(rows) < 2:
+        raise StructureError(
+            "expected a line of column names, frequency[Hz], damping and the points, and a line for each mode",
+            source,
+        )
+    (_, header), *modes = rows
+    names, unit = _columns([name.strip() for name in header], source)
+    return tuple(_mode_of_line(names, unit, cells, f"{source}, line {number}") for number, cells in modes)
+
+
+def _columns(header: list[str], source: str) -> tuple[list[str], str]:
+    """The columns, with the unit of the frequency taken from its name."""
+    unit, names = "Hz", []
+    for name in header:
+        plain, bracket, rest = name.partition("[")
+        if plain.strip() == _FREQUENCY and bracket:
+            unit = rest.rstrip("] ")
+        names.append(plain.strip() if plain.strip() in (_FREQUENCY, _DAMPING) else name)
+    repeated = next((name for number, name in enumerate(names) if name in names[:number]), None)
+    if _FREQUENCY not in names or repeated is not None:
+        what = f"the column {repeated} is there twice" if repeated else "there is no column frequency[Hz]"
+        raise StructureError(f"{what}; the columns are {', '.join(names)}", f"{source}, line 1")
+    try:
+        to_si(f"1 {unit}", "Hz")
+    except LinkwiseError as error:
+        raise StructureError(f"unit of the frequency: {error}", f"{source}, line 1") from None
+    return names, unit
+
+
+def _mode_of_line(names: list[str], unit: str, cells: list[str], where: str) -> HostMode:
+    if len(cells) != len(names):
+        raise StructureError(f"expected {len(names)} cells, as in the first line, got {len(cells)}", where)
+    numbers = {}
+    for name, cell in zip(names, cells, strict=True):
+        try:
+            numbers[name] = float(cell)
+        except ValueError:
+            raise StructureError(
+                f"expected a number in the column {name}, got {cell.strip()!r}", where
+            ) from None
+    frequency, damping = numbers.pop(_FREQUENCY), numbers.pop(_DAMPING, 0.0)
+    try:
+        in_hertz = float(to_si(f"{frequency!r} {unit}", "Hz"))
+        return HostMode(Coefficient.number(in_hertz), Coefficient.number(damping), numbers)
+    except LinkwiseError as error:
+        raise StructureError(str(error), where) from None

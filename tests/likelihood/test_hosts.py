@@ -1,0 +1,86 @@
+"""Maximum likelihood with hosts: fewer sensors than modes, priors on frequencies, and a wrong frequency."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+number = lw.Coefficient.number
+FREQUENCIES = (3.3, 20.6, 57.7, 113.0)  # Hz, of a slender cantilever
+SHAPES = {"tip": (3.2, -3.2, 3.2, -3.2), "mid": (1.1, 2.3, 0.06, -2.3), "root": (0.3, 1.5, 2.8, 3.0)}
+LAW = lw.Law.parse("alpha*d + beta*d**3 + c*v")
+TRUE = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
+
+
+def beam(
+    frequencies: tuple[lw.Coefficient, ...] = tuple(map(number, FREQUENCIES)), end: str = "tip"
+) -> lw.Structure:
+    """A cantilever by four modes with a bistable sink at one of its points."""
+    modes = tuple(
+        lw.HostMode(frequency, number(0.01), {point: shape[r] for point, shape in SHAPES.items()})
+        for r, frequency in enumerate(frequencies)
+    )
+    link = lw.Link("nes", ("sink", f"beam.{end}"), LAW, {name: number(value) for name, value in TRUE.items()})
+    return lw.Structure("beam", (lw.Mass("sink", number(0.03)),), (link,), (lw.Host("beam", modes),))
+
+
+@cache
+def record() -> lw.Record:
+    """Two hammer hits; accelerometers on two points and on the sink, fewer than the four modes and the sink."""
+    hits = "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 1.05)/0.002)**2)"
+    return lw.simulate(
+        beam(),
+        forces={"beam.mid": hits},
+        release={"x:sink": 0.00707},
+        duration=2.0,
+        rate=1000.0,
+        sensors=["a:beam.tip", "a:beam.root", "a:sink"],
+    ).with_noise(25.0, seed=42)
+
+
+def errors(fit: lw.Estimate) -> np.ndarray:
+    """Errors of the coefficients of the sink in standard errors."""
+    found = [fit.coefficient(f"nes.{name}") for name in TRUE]
+    pairs = zip(found, TRUE.values(), strict=True)
+    return np.array([(each.value - true) / (each.standard_error or np.nan) for each, true in pairs])
+
+
+def test_a_sink_on_a_beam_is_identified_with_fewer_sensors_than_modes() -> None:
+    fit = lw.identify(record(), beam().unknown("nes"))
+    assert fit.trusted
+    assert np.abs(errors(fit)).max() < 4.0  # one draw of three coefficients: beyond 4 once in 5000
+    assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.08)
+    assert [link["name"] for link in fit.to_dict()["links"]] == ["nes"]
+
+
+def test_frequencies_known_to_within_are_found() -> None:
+    within = tuple(
+        lw.Coefficient.unknown(frequency * factor, sigma=0.01 * frequency)
+        for frequency, factor in zip(FREQUENCIES, (1.01, 0.992, 1.004, 0.995), strict=True)
+    )
+    fit = lw.identify(record(), beam(within).unknown("nes"))
+    assert fit.trusted
+    assert np.abs(errors(fit)).max() < 4.0
+    for number_, true in enumerate(FREQUENCIES, start=1):
+        found = fit.coefficient(f"beam.mode{number_}.frequency")
+        assert found.standard_error is not None
+        assert found.standard_error < 0.01 * true
+        assert abs(found.value - true) < 4.0 * found.standard_error
+    assert fit.to_dict()["modes"][0]["frequency"]["unit"] == "Hz"
+
+
+def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
+    wrong = tuple(number(each * (1.03 if r == 1 else 1.0)) for r, each in enumerate(FREQUENCIES))
+    fit = lw.identify(record(), beam(wrong).unknown("nes"))
+    assert not fit.trusted
+    assert "beam.mode2" in fit.diagnosis[0].where
+
+
+def test_a_mode_without_a_start_is_told() -> None:
+    open_mode = (lw.Coefficient.unknown(), *map(number, FREQUENCIES[1:]))
+    with pytest.raises(lw.IdentificationError, match=r"no starting value for beam\.mode1\.frequency"):
+        lw.identify(record(), beam(open_mode).unknown("nes"))

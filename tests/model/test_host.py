@@ -1,0 +1,126 @@
+"""Hosts: their files, the coordinates and points that they give a structure, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+WING = """
+name = "wing with a store"
+
+[[host]]
+name = "wing"
+modes = [
+    { frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } },
+    { frequency = { start = 21.0, sigma = 0.2 }, shape = { tip = -1.0, joint = 0.3 } },
+]
+
+[[mass]]
+name = "store"
+mass = "50 g"
+
+[[link]]
+name = "payload"
+between = ["store", "wing.tip"]
+law = "k*d + c*v"
+coefficients = { k = 200.0, c = 0.05 }
+"""
+
+
+def test_points_are_rows_of_shapes() -> None:
+    wing = lw.parse_structure(WING)
+    assert wing.places == ("wing.tip", "wing.joint", "store")
+    assert wing.mass_names == ("wing.mode1", "wing.mode2", "store")
+    # columns: the modes to the ground, then the store less the tip, which moves by 1 and -1 of the modes
+    expected = [[1.0, 0.0, -1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]]
+    assert wing.incidence.toarray().tolist() == expected
+    assert wing.elongations([0.1, 0.02, 0.3])[2] == pytest.approx(0.3 - (0.1 - 0.02))
+
+
+def test_a_host_is_written_and_read_back() -> None:
+    wing = lw.parse_structure(WING)
+    assert lw.parse_structure(lw.format_structure(wing)) == wing
+    changed = wing.with_values({"wing.mode2.frequency": 20.5})
+    again = lw.parse_structure(lw.format_structure(changed))
+    assert again.coefficient("wing.mode2.frequency") == lw.Coefficient.number(20.5)
+    assert [parameter.name for parameter in wing.parameters] == ["wing.mode2.frequency"]
+    assert [parameter.unit for parameter in wing.parameters] == ["Hz"]
+
+
+def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
+    (tmp_path / "modes.csv").write_text(
+        "frequency[kHz],damping,tip,joint\n0.0052,0.01,1.0,0.62\n0.021,0,-1,0.3\n"
+    )
+    text = WING[: WING.index("modes = [")] + 'modes = "modes.csv"\n' + WING[WING.index("[[mass]]") :]
+    (tmp_path / "wing.toml").write_text(text)
+    wing = lw.read_structure(tmp_path / "wing.toml")
+    assert wing.coefficient("wing.mode1.frequency").value == pytest.approx(5.2)
+    assert wing.hosts[0].modes[1].shape == {"tip": -1.0, "joint": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("wing.tip", "wing.tp", 'unknown end "wing.tp", did you mean "wing.tip"'),
+        (
+            "joint = 0.3 }",
+            "root = 0.3 }",
+            "mode 2 has a shape at tip, root, and the first mode at tip, joint",
+        ),
+        ('"5.2 Hz"', "-5.2", "the frequency of a mode must be positive"),
+        ("joint = 0.62", 'joint = "0.62"', "expected `float`"),
+        ('name = "wing"', 'name = "wing.left"', "its name has no dot"),
+        ("damping = 0.01", 'damping = "0.01 kg"', "kg"),
+        ("joint", "mode1", "has the name of a mode"),
+    ],
+)
+def test_a_wrong_host_is_told(old: str, new: str, told: str) -> None:
+    with pytest.raises(lw.StructureError) as error:
+        lw.parse_structure(WING.replace(old, new), "wing.toml")
+    assert told.replace(", did", "").split(" you mean")[0] in str(error.value)
+    assert "wing.toml" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ("frequency[Hz],damping\n", "expected a line of column names"),
+        ("f,damping,tip\n5,0.01,1\n", "there is no column frequency[Hz]"),
+        ("frequency[kg],tip\n5,1\n", "unit of the frequency"),
+        ("frequency[Hz],tip\n5\n", "line 2: expected 2 cells"),
+        ("frequency[Hz],tip\n5,x\n", "expected a number in the column tip, got 'x'"),
+        ("frequency[Hz],tip,tip\n5,1,1\n", "the column tip is there twice"),
+    ],
+)
+def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, told: str) -> None:
+    (tmp_path / "modes.csv").write_text(table)
+    with pytest.raises(lw.StructureError) as error:
+        lw.read_modes(tmp_path / "modes.csv")
+    assert told in str(error.value)
+    assert "modes.csv" in str(error.value)
+
+
+def test_equilibria_and_modes_of_a_structure_with_a_host() -> None:
+    """A sink of two wells on a point has three equilibria; in a well the tip is where its spring balances, at rest."""
+    wing = lw.parse_structure(
+        WING.replace("k*d + c*v", "alpha*d + beta*d**3 + c*v").replace(
+            "k = 200.0", "alpha = -200.0, beta = 2e6"
+        )
+    ).with_values({"wing.mode2.frequency": 21.0})
+    points = lw.equilibria(wing)
+    assert (len(points), len(points.stable)) == (3, 2)
+    np.testing.assert_allclose(np.abs(points.stable[0].x), [0.0, 0.0, np.sqrt(200.0 / 2e6)], atol=1e-12)
+    assert len(lw.modes(wing).frequencies) == 3
+
+
+@pytest.mark.parametrize("method", ["weak", "sindy"])
+def test_methods_without_hosts_say_so(method: Literal["weak", "sindy"]) -> None:
+    wing = lw.parse_structure(WING).with_values({"wing.mode2.frequency": 21.0})
+    record = lw.simulate(wing, release={"v:store": 0.1}, duration=0.2, rate=500.0)
+    with pytest.raises(lw.StructureError, match="a host is not supported"):
+        lw.identify(record, wing.unknown("payload"), method=method)

@@ -1,0 +1,91 @@
+"""A host moves as the masses and springs that its modes are those of."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+number = lw.Coefficient.number
+SINK = lw.Law.parse("alpha*d + beta*d**3 + c*v")
+VALUES = {"alpha": number(-100.0), "beta": number(1e6), "c": number(0.02)}
+
+
+@cache
+def two_masses() -> lw.Structure:
+    """Two masses on springs, undamped, so that real modes take them apart."""
+    spring = lw.Law.parse("k*d")
+    return lw.Structure(
+        "two masses",
+        (lw.Mass("a", number(1.0)), lw.Mass("b", number(0.5))),
+        (
+            lw.Link("root", ("a", lw.GROUND), spring, {"k": number(3e4)}),
+            lw.Link("between", ("b", "a"), spring, {"k": number(2e4)}),
+        ),
+    )
+
+
+def with_sink(structure: lw.Structure, end: str) -> lw.Structure:
+    """A structure with a bistable sink at one of its places."""
+    masses = (*structure.masses, lw.Mass("sink", number(0.01)))
+    link = lw.Link("nes", ("sink", end), SINK, VALUES)
+    return lw.Structure("with a sink", masses, (*structure.links, link), structure.hosts)
+
+
+@cache
+def as_host() -> lw.Structure:
+    """The same two masses by their modes."""
+    modes = lw.modes(two_masses())
+    shapes = modes.shapes / np.sqrt(np.einsum("ir,i,ir->r", modes.shapes, [1.0, 0.5], modes.shapes))
+    own = [
+        lw.HostMode(number(float(frequency)), number(0.0), {"a": float(shape[0]), "b": float(shape[1])})
+        for frequency, shape in zip(modes.frequencies, shapes.T, strict=True)
+    ]
+    return lw.Structure("host", (), (), (lw.Host("beam", tuple(own)),))
+
+
+def test_a_host_by_its_modes_moves_as_its_masses_do() -> None:
+    """Displacements, accelerations and forces agree with those of the masses to the accuracy of two integrations."""
+    masses, host = (
+        lw.simulate(
+            structure,
+            forces={f"{prefix}a": "20*sin(60*t)"},
+            impulses=[lw.Impulse(f"{prefix}b", 0.05)],
+            sensors=["x", "a", "f:nes"],
+            duration=0.5,
+            rate=1000.0,
+        )
+        for structure, prefix in (
+            (with_sink(two_masses(), "b"), ""),
+            (with_sink(as_host(), "beam.b"), "beam."),
+        )
+    )
+    assert host.channels[:3] == ("x:beam.a", "x:beam.b", "x:sink")
+    for column, name in enumerate(masses.channels):
+        size = np.abs(masses.values[:, column]).max()
+        # half a second of chaotic motion amplifies 1e-16 by less than 1e8
+        assert np.abs(host.values[:, column] - masses.values[:, column]).max() < 1e-8 * size, name
+
+
+def test_energy_of_a_host_balances() -> None:
+    record = lw.simulate(
+        with_sink(as_host(), "beam.b"), forces={"beam.a": "20*sin(60*t)"}, duration=2.0, rate=500.0
+    )
+    assert record.simulated is not None
+    energy = record.simulated.energy
+    assert np.abs(energy.residual).max() < 1e-12 * np.abs(energy.supplied).max()
+
+
+def test_a_point_cannot_be_released() -> None:
+    with pytest.raises(lw.SimulationError, match=r"release these, such as x:beam\.mode1"):
+        lw.simulate(with_sink(as_host(), "beam.b"), release={"x:beam.a": 0.1}, duration=1.0, rate=100.0)
+
+
+def test_an_unknown_point_is_told() -> None:
+    with pytest.raises(lw.SimulationError, match=r"the masses and points are beam\.a, beam\.b, sink"):
+        lw.simulate(
+            with_sink(as_host(), "beam.b"), impulses=[lw.Impulse("beam.c", 1.0)], duration=1.0, rate=100.0
+        )
