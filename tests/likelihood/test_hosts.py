@@ -77,7 +77,10 @@ def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
     wrong = tuple(number(each * (1.03 if r == 1 else 1.0)) for r, each in enumerate(FREQUENCIES))
     fit = lw.identify(record(), beam(wrong).unknown("nes"))
     assert not fit.trusted
-    assert "beam.mode2" in fit.diagnosis[0].where
+    assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("frequency", "beam.mode2")
+    assert fit.diagnosis[0].size == pytest.approx(
+        -0.03, abs=0.015
+    )  # a linearisation, with 3 % far outside the noise
 
 
 def test_a_mode_without_a_start_is_told() -> None:

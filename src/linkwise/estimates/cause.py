@@ -15,13 +15,14 @@ class Cause:
     ----------
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
-        share, ``"mass"``, ``"force gain"`` or ``"force delay"`` of an applied force, a missing ``"term"`` of a link, a missing
-        ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
+        share, ``"mass"``, the ``"frequency"`` of a mode of a host, ``"force gain"`` or ``"force delay"`` of an applied force,
+        a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
+        ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
-        The error, in `unit`: relative for gains and masses, the root mean square of the force for a term or a link, half the
-        square of the time constant for a filter.
+        The error, in `unit`: relative for gains, masses and frequencies, the root mean square of the force for a term or a
+        link, half the square of the time constant for a filter.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -95,6 +96,8 @@ class Cause:
                 if self.size > 0.0:
                     return f"a filter of {place}, as a low pass of first order at {corner:.3g} Hz"
                 return f"a filter of {place} that raises frequencies near {corner:.3g} Hz"
+            case "frequency":
+                return f"a frequency of {place} that is off by {100.0 * self.size:+.3g} %"
             case "mass":
                 return f"a mass of {place} that is off by {100.0 * self.size:+.3g} %"
             case "force gain":

@@ -203,15 +203,18 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
 
 def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:
     force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
-    size = float(tests.sizes[number])
+    scale = (
+        0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
+    )  # stiffness follows its square
+    size = scale * float(tests.sizes[number])
     return Cause(
         kind=hypothesis.kind,
         where=hypothesis.where,
         size=size,
         unit=hypothesis.unit,
         gain=float(tests.gains[number]),
-        standard_error=float(tests.deviations[number]),
-        term=hypothesis.term,
+        standard_error=scale * float(tests.deviations[number]),
+        term="" if hypothesis.kind == "frequency" else hypothesis.term,
         source=hypothesis.source,
         share=abs(size) / float(force) if force > 0.0 else 0.0,
     )
@@ -267,6 +270,8 @@ def _inertia_and_inputs(
     stride = segments.flow_steps_per_tangent
     orbit = misfit.trajectories.thinned(stride)
     for i, name in enumerate(names):
+        if name in identified.modes:  # of unit mass by definition; its frequency and damping are terms
+            continue
         inertia = -float(identified.mass_values[i])
         ends, middles = orbit.accelerations[:, i] * inertia, orbit.middle_accelerations[:, i] * inertia
         if segments.inputs.frame is not None:
@@ -277,6 +282,8 @@ def _inertia_and_inputs(
         return
     step = segments.step * stride
     for i, name in enumerate(names):
+        if name in identified.modes:  # on which a force acts at points
+            continue
         applied = segments.inputs.force[:, :, i]
         smallest = 0.0
         if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones

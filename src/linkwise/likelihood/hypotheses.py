@@ -13,6 +13,7 @@ from linkwise.model.structure import Structure
 _TERMS = tuple(
     map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
 )
+_OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
 _LINKS = 40  # that are tested, in the structure's order
 _PAIRS = 40  # without a link, up to which all of them are tested
@@ -24,6 +25,7 @@ UNITS = {
     "mass": "1",
     "force gain": "1",
     "force delay": "s",
+    "frequency": "1",
     "term": "N",
     "link": "N",
 }
@@ -50,25 +52,31 @@ def missing_forces(structure: Structure) -> tuple[list[Hypothesis], list[Candida
 def missing_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
     """Terms that links may lack, with the force of each."""
     pairs = [
-        (Hypothesis("term", link.name, UNITS["term"], law.text), CandidateForce(first, second, law))
+        (_of_term(link.name, law, structure), CandidateForce(first, second, law))
         for link, (first, second) in zip(
             structure.links[:_LINKS], structure.topology.ends.tolist(), strict=False
         )
-        for law in _TERMS
+        for law in (_OF_MODES if link.name in structure.modes else _TERMS)
     ]
     return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
 
 
+def _of_term(link: str, law: Law, structure: Structure) -> Hypothesis:
+    """A term that a link lacks; a force like d beside that of a mode is an error of its frequency."""
+    kind = "frequency" if link in structure.modes and law.text == "d" else "term"
+    return Hypothesis(kind, link, UNITS[kind], law.text)
+
+
 def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Links between masses, and from a mass to the ground, that are not there; none where there are too many of them.
+    """Links between masses or points, and from one to the ground, that are not there; none where there are too many of them.
 
     Where links end at the base, so may those; at the ground as well only where a link does.
     """
     linked = {frozenset(link.between) for link in structure.links}
     supports = [end for end in (GROUND, BASE) if any(end in pair for pair in linked)] or [GROUND]
     ends = [
-        *((name, support) for name in structure.mass_names for support in supports),
-        *((second, first) for first, second in combinations(structure.mass_names, 2)),
+        *((name, support) for name in structure.places for support in supports),
+        *((second, first) for first, second in combinations(structure.places, 2)),
     ]
     free = [pair for pair in ends if frozenset(pair) not in linked]
     if len(free) > _PAIRS:

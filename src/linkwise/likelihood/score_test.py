@@ -30,7 +30,7 @@ _AT_ONCE = 6_000_000  # numbers in the forces of one batch
 
 @dataclass(frozen=True)
 class CandidateForce:
-    """A force of unit size: `law` without coefficients, between masses `first` and `second` (-1 the ground, -2 the base)."""
+    """A force of unit size: `law` without coefficients, between places `first` and `second`, numbered as in a topology."""
 
     first: int
     second: int
@@ -119,6 +119,7 @@ def candidate_forces(
     ends, middles = _states(
         misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
     )
+    ends, middles = (_with_points(motion, segments.system.points) for motion in (ends, middles))
     first = np.array([force.first for force in forces], dtype=int)
     second = np.array([force.second for force in forces], dtype=int)
     starts = np.empty((len(ends), len(forces), segments.count))
@@ -162,6 +163,15 @@ def _with_base_and_ground(motion: Floats, base: Floats) -> Floats:
     """(J, 2, n + 2, K): after the masses the base (index -2) and the ground (index -1)."""
     ground = np.zeros_like(base)
     return np.concatenate([motion, base, ground], axis=2)
+
+
+def _with_points(motion: Floats, points: Floats) -> Floats:
+    """(J, 2, n + k + 2, K): before the base the points (k, n) of hosts, in reverse, so that their numbers are indices."""
+    if not len(points):
+        return motion
+    masses, supports = motion[:, :, :-2], motion[:, :, -2:]
+    of_points = np.einsum("pn,jdnk->jdpk", points[::-1], masses)
+    return np.concatenate([masses, of_points, supports], axis=2)
 
 
 def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Floats, Floats]:

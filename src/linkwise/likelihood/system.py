@@ -70,6 +70,8 @@ class System:
         Position of the link of each state.
     states : tuple of (int, str)
         Each state as index of its link in the structure and name.
+    points : array of shape (k, n)
+        How each point of a host moves, in the order of their numbers, -3 first.
     """
 
     incidence: Floats
@@ -79,6 +81,7 @@ class System:
     order: Indices
     state_links: Indices
     states: tuple[tuple[int, str], ...]
+    points: Floats
 
     @property
     def dimension(self) -> int:
@@ -123,6 +126,9 @@ class System:
             order=order,
             state_links=np.array(owners, dtype=int),
             states=tuple(states),
+            points=np.array([structure.topology.row(name) for name in structure.points]).reshape(
+                -1, structure.size
+            ),
         )
 
     def at(self, theta: Floats) -> NumericSystem:

@@ -15,6 +15,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.flow import Trajectories
 from linkwise.likelihood.system import NumericSystem
 from linkwise.likelihood.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
+from linkwise.model.topology import FIRST_POINT
 
 Single = NDArray[np.float32]
 
@@ -53,7 +54,7 @@ class CandidateForces:
     Attributes
     ----------
     first, second : array of int, shape (c,)
-        The masses on which the force acts, negative on the first; below 0 for none.
+        The masses on which the force acts, negative on the first; -1 and -2 for none, and points of hosts from -3 down.
     starts : array of shape (J + 1, c, K)
         Forces of unit size in N at the ends of the steps.
     middles : array of shape (J, c, K)
@@ -201,6 +202,7 @@ class _TangentForces:
                 (i, first + column, (accelerations[:, i] * (factor * step2)).astype(np.float32))
             )
         self.mass_values = mechanics.masses
+        self.points = system.points
         inner = slopes.memory
         self.owners = system.state_links
         self.by_state = (inner.force * step2).astype(np.float32)
@@ -216,9 +218,18 @@ class _TangentForces:
         """Count `force` (..., c, K), of unit amplitude, of candidates that no link exerts yet."""
         for ends, sign in ((candidates.first, -1.0), (candidates.second, 1.0)):
             on_mass = np.flatnonzero(ends >= 0)
-            factor = (sign / self.mass_values[ends[on_mass]])[:, None] * step**2
-            change = (force[:, on_mass] * factor).astype(np.float32)
-            self.candidates.append((ends[on_mass], self.width + on_mass, change))
+            self._push(ends[on_mass], on_mass, np.full(len(on_mass), sign), force, step)
+            for number, shape in enumerate(self.points):
+                at_point = np.flatnonzero(ends == FIRST_POINT - number)
+                for mode in np.flatnonzero(shape) if len(at_point) else ():
+                    weights = np.full(len(at_point), sign * shape[mode])
+                    self._push(np.full(len(at_point), mode), at_point, weights, force, step)
+
+    def _push(self, masses: Indices, which: Indices, weights: Floats, force: Floats, step: Floats) -> None:
+        """Count the forces `which` (k,) of `force`, weighted, on masses (k,), none of which occurs twice for a force."""
+        factor = (weights / self.mass_values[masses])[:, None] * step**2
+        change = (force[:, which] * factor).astype(np.float32)
+        self.candidates.append((masses, self.width + which, change))
 
     def __call__(self, j: int, motion: Single, inner: Single, out: Single, rates: Single) -> None:
         """Tangent forces (L, P, K) to `out` and tangent rates of states, times the step, (S, P, K) to `rates`."""

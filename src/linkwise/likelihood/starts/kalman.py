@@ -1,6 +1,6 @@
 """States of a linear system with random inputs: Kalman filter and Rauch-Tung-Striebel smoother.
 
-Matrices are computed anew only until they have settled, and where the channels that have a sample change.
+After the first samples the covariance is the steady one, of the algebraic Riccati equation, and the gain with it.
 
 References
 ----------
@@ -15,9 +15,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 
-_SETTLED = 1e-7  # relative change of the covariance of a sample, from which it counts as constant
+_TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
+_SETTLED = 0.01  # ... and what it may differ from that, relative, before
+_NEGLIGIBLE = 1e-7  # entry of a power of the smoother's matrix: later terms of its series add nothing
 _DOUBLINGS = 40  # of the number of samples over which the smoothed covariance is summed, at most
 _SHARE = 1e-9  # of a measured variance: what keeps its Cholesky factor positive
 
@@ -50,11 +52,12 @@ class LinearModel:
 
 
 class _Gain(NamedTuple):
-    """What an update needs: the channels, their gain, and the covariances before and after it."""
+    """What an update needs: the channels, their gain, what whitens their errors, and the covariances before and after it."""
 
     chosen: Indices
     gain: Floats
-    factor: Floats
+    whitening: Floats
+    log_determinant: float
     predicted: Floats
     updated: Floats
 
@@ -103,7 +106,7 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
 
 def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
     """Log likelihood of samples (N, C), less what does not depend on the model, with inputs (N, r)."""
-    return _filtered(model, samples, inputs).log_likelihood
+    return _filtered(model, samples, inputs, transient=1).log_likelihood
 
 
 class _Forward(NamedTuple):
@@ -116,55 +119,77 @@ class _Forward(NamedTuple):
     log_likelihood: float
 
 
-def _filtered(model: LinearModel, samples: Floats, inputs: Floats) -> _Forward:
+def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: int = _TRANSIENT) -> _Forward:
     count, m = len(samples), len(model.transition)
     known = np.isfinite(samples)
     shown = np.where(known, samples, 0.0) - inputs @ model.direct.T
     driven = np.zeros((count, m))
     driven[1:] = 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
     predicted, updated = np.empty((count, m)), np.empty((count, m))
+    steady = _steady(model)
+    by_pattern: dict[bytes, int] = {}
     gains: list[_Gain] = []
     which: list[int] = []
-    state, covariance, total, settled = np.zeros(m), model.first, 0.0, False
+    state, covariance, total = np.zeros(m), model.first, 0.0
+    settled = False
     for k in range(count):
-        same = k > 1 and settled and np.array_equal(known[k], known[k - 1])
-        if not same:
+        if steady is not None and not settled and (k >= transient or _close(covariance, steady)):
+            covariance, settled = steady, True
+        pattern = known[k].tobytes()
+        if settled and pattern in by_pattern:
+            which.append(by_pattern[pattern])
+        else:
             gains.append(_gain(model, covariance, known[k]))
-            settled = (
-                len(gains) > 1
-                and k > 0
-                and np.array_equal(known[k], known[k - 1])
-                and _close(gains[-1].updated, gains[which[-1]].updated)
-            )
-        which.append(len(gains) - 1)
-        gain = gains[-1]
+            which.append(len(gains) - 1)
+            if settled:
+                by_pattern[pattern] = len(gains) - 1
+        gain = gains[which[-1]]
         predicted[k] = state
         error = (shown[k] - model.observation @ state)[gain.chosen]
         state = state + gain.gain @ error
         updated[k] = state
-        if len(error):
-            white = scipy.linalg.solve_triangular(gain.factor, error, lower=True, check_finite=False)
-            total -= 0.5 * float(white @ white) + float(np.log(gain.factor.diagonal()).sum())
+        white = gain.whitening @ error
+        total -= 0.5 * float(white @ white) + gain.log_determinant
+        state = model.transition @ state
         if k + 1 < count:
-            state = model.transition @ state + driven[k + 1]
-            if not same:
-                covariance = _symmetric(model.transition @ gain.updated @ model.transition.T + model.process)
+            state = state + driven[k + 1]
+        if not settled:
+            covariance = _symmetric(model.transition @ gain.updated @ model.transition.T + model.process)
     return _Forward(predicted, updated, gains, which, total)
 
 
-def _gain(model: LinearModel, covariance: Floats, known: Floats) -> _Gain:
+def _steady(model: LinearModel) -> Floats | None:
+    """The covariance (m, m) of a state before its sample, far from the start; None where there is none."""
+    size, noise = np.sqrt(model.first.diagonal()), np.sqrt(model.noise)
+    transition = model.transition * size / size[:, None]
+    observation = model.observation * size / noise[:, None]
+    process = model.process / np.outer(size, size)
+    try:
+        scaled = scipy.linalg.solve_discrete_are(
+            transition.T, observation.T, process, np.eye(len(noise)), balanced=False
+        )
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    covariance = _symmetric(scaled) * np.outer(size, size)
+    return covariance if bool((covariance.diagonal() > 0.0).all()) else None
+
+
+def _gain(model: LinearModel, covariance: Floats, known: Bools) -> _Gain:
     chosen = np.flatnonzero(known)
-    observation = model.observation[chosen]
+    observation, m = model.observation[chosen], len(covariance)
+    if not len(chosen):
+        return _Gain(chosen, np.zeros((m, 0)), np.zeros((0, 0)), 0.0, covariance, covariance)
     cross = covariance @ observation.T
     of_samples = observation @ cross + np.diag(model.noise[chosen])
     of_samples[range(len(chosen)), range(len(chosen))] *= 1.0 + _SHARE
-    factor = np.asarray(np.linalg.cholesky(of_samples), dtype=float) if len(chosen) else np.zeros((0, 0))
-    gain = (
-        scipy.linalg.cho_solve((factor, True), cross.T).T if len(chosen) else np.zeros((len(covariance), 0))
-    )
-    kept = np.eye(len(covariance)) - gain @ observation  # Joseph's form, which stays positive
+    factor = np.asarray(np.linalg.cholesky(of_samples), dtype=float)
+    gain = scipy.linalg.cho_solve((factor, True), cross.T).T
+    kept = np.eye(m) - gain @ observation  # Joseph's form, which stays positive
     updated = kept @ covariance @ kept.T + (gain * model.noise[chosen]) @ gain.T
-    return _Gain(chosen, gain, factor, covariance, _symmetric(updated))
+    whitening = scipy.linalg.solve_triangular(factor, np.eye(len(chosen)), lower=True)
+    return _Gain(
+        chosen, gain, whitening, float(np.log(factor.diagonal()).sum()), covariance, _symmetric(updated)
+    )
 
 
 def _smoothed_covariance(model: LinearModel, gain: _Gain) -> Floats:
@@ -174,7 +199,7 @@ def _smoothed_covariance(model: LinearModel, gain: _Gain) -> Floats:
     for _ in range(_DOUBLINGS):  # sum of back^i change back'^i, twice as many terms at a time
         change = change + back @ change @ back.T
         back = back @ back
-        if np.abs(back).max() < _SETTLED:
+        if np.abs(back).max() < _NEGLIGIBLE:
             break
     return _symmetric(change)
 
