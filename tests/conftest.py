@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from judged import masses
+from paper_rows import paper_rows, paper_study, stored
 from problems import chain_record
 
 import linkwise as lw
@@ -70,6 +71,15 @@ def fitted(chain: lw.Structure) -> lw.Estimate:
     """The sink of that chain, identified from three simulated seconds at 30 dB."""
     record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     return lw.identify(record, chain.unknown("nes"), method="weak")
+
+
+@pytest.fixture(scope="session")
+def paper_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete study of the paper, its rows made up, with its report; not to be changed."""
+    study = paper_study()
+    folder = stored(tmp_path_factory.mktemp("study") / "paper", study, paper_rows(study))
+    assert lw.write_study_report(folder) == folder / "report.html"
+    return folder
 
 
 @pytest.fixture(scope="session")

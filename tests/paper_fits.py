@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from present import present, some
-from problems import chain_record
+from problems import chain_fit, chain_record
 
 import linkwise as lw
 from linkwise.identification.limit.limit import limit
@@ -45,8 +45,7 @@ def identified(n: int, decibel: float, seeds: int, sensors: str = "x") -> Runs:
     clean, asked = chain_record(n, sensors=(sensors,)), chain.unknown("all")
     fits, nmse = [], []
     for seed in range(FIRST, FIRST + seeds):
-        record = clean.with_noise(decibel, seed=seed)
-        fit = lw.identify(record, asked)
+        fit = chain_fit(n, decibel, seed, (sensors,))
         assert fit.status == "converged", f"n = {n}, {decibel} dB, seed {seed}: {fit.message}"
         fits.append(fit)
         sinks = [f"nes{i}" for i in range(1, n // 2 + 1)]

@@ -77,6 +77,21 @@ def chain_record(
     return lw.simulate(lw.bnes_chain(masses), release=release, duration=duration, rate=rate, sensors=sensors)
 
 
+@cache
+def chain_fit(masses: int, snr_db: float, seed: int, sensors: tuple[str, ...] = ("x",)) -> lw.Estimate:
+    """All coefficients of the paper's chain, identified from its record of six seconds with noise in dB."""
+    record = chain_record(masses, sensors=sensors).with_noise(snr_db, seed=seed)
+    return lw.identify(record, lw.bnes_chain(masses).unknown("all"))
+
+
+@cache
+def chain_discovery(masses: int, snr_db: float, seed: int) -> lw.Discovery:
+    """The paper's chain, discovered between its masses from its record of six seconds with noise in dB."""
+    chain = lw.bnes_chain(masses)
+    kilograms = dict(zip(chain.mass_names, chain.mass_values.tolist(), strict=True))
+    return lw.discover(chain_record(masses).with_noise(snr_db, seed=seed), kilograms)
+
+
 THREE = """
 [[mass]]
 name = "m1"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from judged import graph, masses, terms
 from present import present, some
-from problems import chain_record
+from problems import chain_discovery, chain_record
 from random_structures import random_case
 
 import linkwise as lw
@@ -23,8 +23,7 @@ SINE = "60*sin(150*t) + 40*sin(190*t)"
 @pytest.fixture(scope="module")
 def two() -> tuple[lw.Record, lw.Discovery]:
     """The two-mass chain at 20 dB, discovered."""
-    record = chain_record(2).with_noise(20.0, seed=1000)
-    return record, lw.discover(record, masses(lw.bnes_chain(2)))
+    return chain_record(2).with_noise(20.0, seed=1000), chain_discovery(2, 20.0, 1000)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +36,7 @@ def two() -> tuple[lw.Record, lw.Discovery]:
 )  # fmt: skip
 def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int) -> None:
     chain = lw.bnes_chain(n)
-    found = lw.discover(chain_record(n).with_noise(decibel, seed=seed), masses(chain))
+    found = chain_discovery(n, decibel, seed)
     assert found.trusted
     assert terms(found.structure) == terms(chain)
     assert all(term.certain for term in some(found.kept))
@@ -67,7 +66,7 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
     chain = lw.bnes_chain(2)
-    found = lw.discover(chain_record(2).with_noise(5.0, seed=1000), masses(chain))
+    found = chain_discovery(2, 5.0, 1000)
     assert found.trusted and terms(found.structure) == terms(chain)
     assert found.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
     faint = trusted(chain_record(2).with_noise(0.0, seed=1000), chain)
@@ -91,7 +90,7 @@ def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.R
     assert again.terms == found.terms
     assert again.path == found.path
     assert again.runners_up == found.runners_up
-    other = lw.discover(chain_record(2).with_noise(20.0, seed=1001), masses(lw.bnes_chain(2)))
+    other = chain_discovery(2, 20.0, 1001)
     assert other.estimate.values.tolist() != found.estimate.values.tolist()
 
 
@@ -207,7 +206,7 @@ def test_coloured_noise_gives_nothing_to_be_trusted() -> None:
     clean = chain_record(2)
     walk = 1e-4 * np.cumsum(np.random.default_rng(1000).normal(size=clean.values.shape), axis=0)
     assert trusted(replace(clean, values=walk, simulated=None), lw.bnes_chain(2)) is None
-    assert trusted(clean.with_noise(20.0, seed=1000), lw.bnes_chain(2)) is not None
+    assert chain_discovery(2, 20.0, 1000).trusted
 
 
 @pytest.fixture(scope="module")
@@ -408,5 +407,5 @@ def test_links_of_masses_that_move_alike_are_in_doubt_from_the_first_line_on() -
     found = lw.discover(record, masses(true))
     assert found.in_doubt and "m1 and m2 moved together" in found.remarks[0]
     assert found.trusted and str(found).splitlines()[0].endswith(f"in doubt: {', '.join(found.in_doubt)}")
-    firm = lw.discover(chain_record(2).with_noise(20.0, seed=1000), masses(lw.bnes_chain(2)))
+    firm = chain_discovery(2, 20.0, 1000)
     assert firm.in_doubt == () and str(firm).splitlines()[0].endswith(": can be trusted")

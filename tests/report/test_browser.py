@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from browser import CHROMIUM, Shown, show
-from paper_rows import paper_rows, paper_study, stored
 
 import linkwise as lw
 
@@ -34,11 +33,9 @@ def test_identify_page_has_its_figures(identified: Shown) -> None:
 
 
 @pytest.fixture(scope="module")
-def studied(tmp_path_factory: pytest.TempPathFactory) -> Shown:
+def studied(paper_report: Path, tmp_path_factory: pytest.TempPathFactory) -> Shown:
     """The page of `linkwise study paper`."""
-    study = paper_study()
-    folder = stored(tmp_path_factory.mktemp("studied") / "paper", study, paper_rows(study))
-    return show(lw.write_study_report(folder), tmp_path_factory.mktemp("browser"))
+    return show(paper_report / "report.html", tmp_path_factory.mktemp("browser"))
 
 
 def test_study_page_renders_without_a_word_on_the_console(studied: Shown) -> None:

@@ -50,14 +50,6 @@ def body(text: str) -> str:
     return " ".join(text.replace("&#39;", "'").replace("&#34;", '"').split())
 
 
-@pytest.fixture(scope="module")
-def complete(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a complete study with its report."""
-    folder = stored(tmp_path_factory.mktemp("study") / "paper", STUDY, paper_rows(STUDY))
-    assert lw.write_study_report(folder) == folder / "report.html"
-    return folder
-
-
 def test_the_best_convention_is_found_and_its_closeness_told() -> None:
     comparison, found = judged(paper_rows(STUDY))
     assert len(comparison.cells) == 15 and comparison.best == BEST
@@ -150,11 +142,11 @@ def test_explanations_say_what_else_would_fit() -> None:
     assert "no mean, no other choice of sink and no other convention comes within" in told["2 masses, 40 dB"]
 
 
-def test_figures_and_table_are_written(complete: Path) -> None:
-    assert {path.name for path in (complete / "figures").iterdir()} == {
+def test_figures_and_table_are_written(paper_report: Path) -> None:
+    assert {path.name for path in (paper_report / "figures").iterdir()} == {
         f"{name}.{suffix}" for name in FIGURES for suffix in ("png", "svg")
     }
-    with (complete / "table_2.csv").open(newline="") as file:
+    with (paper_report / "table_2.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert [(float(line["snr_db"]), int(line["masses"])) for line in lines] == [(d, m) for m, d in TABLE_2]
     for line in some(lines):
@@ -164,8 +156,8 @@ def test_figures_and_table_are_written(complete: Path) -> None:
         assert float(line["ml: percent"]) == 1e-4 and line["ml: cycles"] == "3"
 
 
-def test_the_page_tells_the_story_verdict_first(complete: Path) -> None:
-    page = body((complete / "report.html").read_text(encoding="utf-8"))
+def test_the_page_tells_the_story_verdict_first(paper_report: Path) -> None:
+    page = body((paper_report / "report.html").read_text(encoding="utf-8"))
     places = [
         page.index("The paper's results are reproduced, and surpassed."),
         page.index("Table 2: error of the sinks' force"),
@@ -178,8 +170,8 @@ def test_the_page_tells_the_story_verdict_first(complete: Path) -> None:
     assert "Cells that differ" not in page
 
 
-def test_the_page_needs_nothing_else(complete: Path) -> None:
-    text = (complete / "report.html").read_text(encoding="utf-8")
+def test_the_page_needs_nothing_else(paper_report: Path) -> None:
+    text = (paper_report / "report.html").read_text(encoding="utf-8")
     addresses = re.findall(r'(?:src|href)="([^"]{0,30})', text)
     assert len(addresses) == 8 and all(one.startswith("data:image/svg+xml;base64,") for one in addresses)
     # characters, most of them pictures; 1.7e6 here
