@@ -12,7 +12,7 @@ from problems import chain_record, oscillator, truth
 
 import linkwise as lw
 from linkwise.likelihood.whiteness import is_coloured
-from linkwise.signals.outliers import has_outliers
+from linkwise.signals.outliers import has_outliers, outliers_exceed_noise
 
 DURATION, RATE, SNR = 6.0, 1000.0, 20.0
 
@@ -68,6 +68,35 @@ def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Struct
     assert lw.identify(noisy, chain.unknown("all")).trusted
 
 
+@pytest.mark.parametrize("loss", [lw.Student(), lw.Huber()], ids=["student", "huber"])
+def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(loss: lw.Loss, chain: lw.Structure) -> None:
+    """Noise of the same kind whose largest errors, by chance, make chi-square 1.3 and a coefficient 4 deviations off."""
+    clean = record(chain)
+    errors = np.random.default_rng([47105, 9]).standard_t(3, size=clean.values.shape) / np.sqrt(3.0)
+    noisy = with_errors(clean, errors)
+    asked = chain.unknown("all")
+    fit = lw.identify(noisy, asked)
+    assert fit.verdicts == (lw.Verdict.OUTLIERS,) and "Take a robust loss" in fit.message
+    robust = lw.identify(noisy, asked, method=lw.MaximumLikelihood(loss=loss))
+    assert robust.verdicts == (lw.Verdict.CONVERGED,)
+    errors = (robust.values - truth(chain, asked)) / np.sqrt(robust.covariance.diagonal())
+    assert np.max(np.abs(errors)) < 4.0  # standard errors: by chance once in 3000 fits
+    stated = replace(noisy, noise={name: sigma.sigma * 2.0 for name, sigma in robust.noise.items()})
+    assert not lw.identify(stated, asked, method=lw.MaximumLikelihood(loss=loss)).trusted
+
+
+def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> None:
+    """At 200 Hz and 60 dB integrals between the samples are off by more than noise, and a damping by 13 %."""
+    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=DURATION, rate=200.0)
+    fit = lw.identify(clean.with_noise(60.0, seed=47000), chain.unknown("all"), method="weak")
+    assert fit.verdicts == (lw.Verdict.NOISE_MISMATCH,)
+    assert "or the samples are too far apart to follow the motion" in fit.message
+    assert (
+        abs(fit.coefficient("spring1.c").value / (chain.coefficient("spring1.c").value or np.nan) - 1.0)
+        > 0.05
+    )
+
+
 @pytest.mark.parametrize("seed", range(1000, 1003))
 def test_a_low_rate_needs_no_model_error(seed: int, chain: lw.Structure) -> None:
     """Four samples a period of the sink at 200 Hz: the steps of the flow are finer than the samples."""
@@ -86,6 +115,8 @@ def test_outliers_are_seen_and_normal_noise_has_none() -> None:
     hit = normal.copy()
     hit[::200, 1] += 8.0
     assert has_outliers(hit, np.array([1.0, np.std(hit[:, 1]), 1.0]))
+    assert outliers_exceed_noise(hit) and not outliers_exceed_noise(normal)
+    assert not outliers_exceed_noise(1.2 * hit)  # typical ones are larger, too
     moving = (
         normal + 30.0 * np.sin(np.arange(6000.0))[:, None]
     )  # differences hold the motion: they tell nothing

@@ -11,10 +11,12 @@ from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingStatus
 from linkwise.likelihood.block_scores import error_ratios
 from linkwise.likelihood.coloured_fit import ColouredFit, with_coloured_noise
 from linkwise.likelihood.coloured_noise import ColouredNoise
+from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.model_error import ModelErrorCandidate, lag_one_autocorrelation, with_model_error
 from linkwise.likelihood.segments import Iterate, Segments
 
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
+_LEAST_ROBUST = 0.5  # of the cost of normal noise; Student's t with 3 degrees of freedom leaves 0.80 to 0.92
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 
 
@@ -91,7 +93,7 @@ def explained_fit(
     ExplainedFit
         The fit and its errors.
     """
-    off = bool(abs(fit.chi_square - 1.0) > limit)
+    off = _is_off(fit, annealer.loss, limit, stated=stated)
     exact = allowed.model_error and not allowed.known_model_error
     coloured = with_coloured_noise(segments, fit, annealer) if exact and allowed.coloured_noise else None
     candidate = None
@@ -102,11 +104,17 @@ def explained_fit(
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
         return _with_coloured_noise(coloured, off=stated and off)
     if candidate is not None and candidate.exact:
-        off = bool(abs(candidate.fit.chi_square - 1.0) > limit)
+        off = _is_off(candidate.fit, annealer.loss, limit, stated=stated)
         return _with_exact_laws(candidate.fit, off=off)
     if candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, stated)
     return _with_exact_laws(fit, off=off)
+
+
+def _is_off(fit: AnnealingFit, loss: Loss, limit: float, *, stated: bool) -> bool:
+    """Whether chi-square is not that of the noise; where outliers make up a part of it, a robust loss leaves less."""
+    lowest = 1.0 - limit if stated or isinstance(loss, Gaussian) else min(_LEAST_ROBUST, 1.0 - limit)
+    return not lowest <= fit.chi_square <= 1.0 + limit
 
 
 def _with_exact_laws(fit: AnnealingFit, *, off: bool) -> ExplainedFit:

@@ -17,6 +17,7 @@ from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
+from linkwise.signals.outliers import outliers_exceed_noise
 from linkwise.verdict import Verdict
 
 _LARGEST_ERROR = 0.1
@@ -96,11 +97,7 @@ def _verdict(
     """
     explained = _explained(fit, share, coloured)
     if fit.chi_square_off:
-        return Verdict.NOISE_MISMATCH, (
-            f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise, so no interval is given: the noise is not what "
-            "was stated or found, a term is missing from a law, or a link from the structure. The values are the best of "
-            f"these laws.{_likeliest(causes)}"
-        )
+        return _mismatch(fit, causes)
     if causes and causes[0].is_instrument:
         return Verdict.MEASUREMENT_ERROR, (
             f"{explained}, but {_would_explain(causes[0])}, more than any missing term. Coefficients would be wrong by more "
@@ -143,6 +140,21 @@ def _verdict(
             f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}{_moved(causes)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals count that in' if coloured else ''}."
+
+
+def _mismatch(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Verdict, str]:
+    """The verdict where chi-square is not that of the noise."""
+    times = f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise"
+    residuals = fit.misfit.residuals.transpose(2, 0, 1).reshape(-1, fit.misfit.residuals.shape[1])
+    if not causes and fit.chi_square > 1.0 and outliers_exceed_noise(residuals):
+        return Verdict.OUTLIERS, (
+            f"{times}, by outliers alone, so no interval is given: typical ones are as the noise was found. Take a robust "
+            "loss, which gives outliers little weight, or mark them as missing samples."
+        )
+    return Verdict.NOISE_MISMATCH, (
+        f"{times}, so no interval is given: the noise is not what was stated or found, a term is missing from a law, or a "
+        f"link from the structure. The values are the best of these laws.{_likeliest(causes)}"
+    )
 
 
 def _explained(fit: LikelihoodFit, share: float, coloured: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Test of noise for outliers: more large errors than a normal distribution has."""
+"""Tests of noise and of residuals for outliers: more large errors than a normal distribution has."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ _MOTION = 1.15  # factor on the power of white noise beyond which the difference
 _EXCESS = (
     1.0  # kurtosis less 3; that of 6000 normal samples scatters by 0.1, Student's t with 5 degrees has 2
 )
+_TYPICAL = 1.1  # of the power of the noise: the largest one of typical residuals, by their median
+_NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal variable
 _FEWEST = 500  # differences needed to estimate a kurtosis
 
 
@@ -43,3 +45,28 @@ def has_outliers(samples: Floats, sigma: Floats) -> bool:
     fourth = (squares**2).sum(axis=0) / np.maximum(count, 1)
     testable = (count >= _FEWEST) & (power < _MOTION) & (power > 1.0 / _MOTION)
     return bool(np.any(testable & (fourth / np.where(power > 0.0, power, 1.0) ** 2 - 3.0 > _EXCESS)))
+
+
+def outliers_exceed_noise(residuals: Floats) -> bool:
+    """Whether nothing but outliers makes residuals larger than the noise.
+
+    Parameters
+    ----------
+    residuals : array of shape (N, C)
+        Residuals over the standard deviations of the noise; 0 or NaN where a sample is missing.
+
+    Returns
+    -------
+    bool
+        Whether the residuals of a channel have outliers, and typical ones are no larger than the noise in any channel.
+    """
+    found = False
+    for column in residuals.T:
+        series = column[np.isfinite(column) & (column != 0.0)]
+        if len(series) < _FEWEST:
+            return False
+        if (np.median(np.abs(series)) / _NORMAL_MEDIAN) ** 2 > _TYPICAL:
+            return False
+        kurtosis = np.mean(series**4) / np.mean(series**2) ** 2
+        found = found or bool(kurtosis - 3.0 > _EXCESS)
+    return found

@@ -220,7 +220,8 @@ def _verdict(
         return Verdict.NOISE_MISMATCH, (
             f"The laws explain the record to within {100.0 * share:.3g} % of its forces, which is {times} what noise "
             "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
-            f"record, or the noise is not white{larger}. The values are the best of these laws."
+            f"record, the noise is not white{larger}, or the samples are too far apart to follow the motion. The values are "
+            "the best of these laws."
         )
     if fit.excess < lowest and not equations.motion.noise_free:
         source, advice = (
