@@ -191,6 +191,28 @@ def _gap() -> lw.Structure:
     return lw.Structure("gap", (lw.Mass("m1", number(1.0)),), (spring, stop))
 
 
+@cache
+def linear_chain(masses: int) -> Problem:
+    """The paper's chain with linear springs in place of its sinks."""
+    chain = lw.bnes_chain(masses)
+    law, number = Law.parse("k*d + c*v"), lw.Coefficient.number
+    links = [
+        replace(link, law=law, coefficients={"k": number(400.0), "c": number(0.02)})
+        if link.name.startswith("nes")
+        else link
+        for link in chain.links
+    ]
+    return Problem(f"linear chain of {masses}", replace(chain, links=tuple(links)), _HIT, 20.0)
+
+
+@cache
+def bent_chain(k2: float) -> Problem:
+    """The paper's chain of two masses, whose sink bends a little to one side, `k2` in N/m^2."""
+    text = lw.format_structure(lw.bnes_chain(2))
+    bent = text.replace("alpha*d +", "alpha*d + k2*d**2 +").replace("{ alpha", f"{{ k2 = {k2}, alpha")
+    return Problem(f"chain with k2 of {k2}", lw.parse_structure(bent), _HIT, 30.0, duration=2.0)
+
+
 _HIT: dict[str, Any] = {"release": {"v:m1": 1.0}}
 _LOAD = lw.Link("load", ("m1", "ground"), Law.parse("f0"), {"f0": lw.Coefficient.number(-3.0)})
 

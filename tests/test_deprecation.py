@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from problems import chain_record
 from sources import FILES, SOURCE, tree
 
 import linkwise as lw
@@ -147,7 +148,7 @@ def test_every_old_keyword_works_and_is_in_the_changelog() -> None:
 
 def test_the_force_error_may_be_asked_for_by_its_old_keyword() -> None:
     chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
+    record = chain_record(2, duration=0.1)
     true, other = chain.link("nes1"), lw.bnes_chain(2, alpha=-90.0).link("nes1")
     with pytest.warns(DeprecationWarning, match="use 'estimated'"):
         assert lw.nmse(true, found=other, record=record) == lw.nmse(true, other, record) > 0.0  # type: ignore[call-arg]

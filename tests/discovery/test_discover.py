@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from judged import graph, masses, terms
 from present import present, some
-from problems import chain_discovery, chain_record
+from problems import chain_discovery, chain_record, linear_chain
 from random_structures import random_case
 
 import linkwise as lw
@@ -107,27 +107,11 @@ def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Dis
         assert abs(ours.value - theirs.value) < 2.0 * np.sqrt(0.02) * theirs.standard_error
 
 
-def linear(n: int) -> lw.Structure:
-    """The chain with linear springs in place of its sinks."""
-    chain = lw.bnes_chain(n)
-    law, number = lw.Law.parse("k*d + c*v"), lw.Coefficient.number
-    links = [
-        replace(link, law=law, coefficients={"k": number(400.0), "c": number(0.02)})
-        if link.name.startswith("nes")
-        else link
-        for link in chain.links
-    ]
-    return replace(chain, links=tuple(links))
-
-
 @pytest.mark.parametrize("n", [2, 4])
 @pytest.mark.parametrize("seed", [1000, 1001])
 def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int) -> None:
-    true = linear(n)
-    record = lw.simulate(true, release={"v:m1": 1.0}, duration=DURATION, rate=RATE).with_noise(
-        20.0, seed=seed
-    )
-    found = lw.discover(record, masses(true))
+    true = linear_chain(n).structure
+    found = lw.discover(linear_chain(n).record(seed), masses(true))
     assert terms(found.structure) == terms(true)
     assert not {"d**2", "d**3"} & {term.term for term in found.kept}
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from judged import masses, terms
 from present import some
-from problems import chain_record
+from problems import bent_chain, chain_record
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
@@ -49,12 +49,9 @@ class Case:
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    text = lw.format_structure(lw.bnes_chain(2))
-    bent = text.replace("alpha*d +", "alpha*d + k2*d**2 +").replace("{ alpha", "{ k2 = 150.0, alpha")
-    truth = lw.parse_structure(bent)
-    clean = lw.simulate(truth, release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
-    record = clean.with_noise(30.0, seed=1000)
-    return Case(truth, record, lw.discover(record, masses(truth)))
+    bent = bent_chain(150.0)
+    record = bent.record(1000)
+    return Case(bent.structure, record, lw.discover(record, masses(bent.structure)))
 
 
 @pytest.fixture(scope="module")

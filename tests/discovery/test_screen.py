@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from judged import masses
 from present import some
-from problems import chain_record
+from problems import chain_record, linear_chain
 
 import linkwise as lw
 from linkwise.discovery import screen as module
@@ -51,17 +49,8 @@ def test_where_a_spring_stands_its_damper_goes_along() -> None:
 
 
 def test_a_linear_chain_shows_no_cubic_term() -> None:
-    chain = lw.bnes_chain(4)
-    law, number = lw.Law.parse("k*d + c*v"), lw.Coefficient.number
-    links = [
-        replace(link, law=law, coefficients={"k": number(400.0), "c": number(0.02)})
-        if link.name.startswith("nes")
-        else link
-        for link in chain.links
-    ]
-    linear = replace(chain, links=tuple(links))
-    record = lw.simulate(linear, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1000)
-    found, pool = run(record, linear)
+    linear = linear_chain(4)
+    found, pool = run(linear.clean.with_noise(30.0, seed=1000), linear.structure)
     assert elastic(found.kept, pool) == {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m4-m3.k"}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import THREE, chain_record
+from problems import THREE, bent_chain, chain_record
 
 import linkwise as lw
 from linkwise.likelihood import score_test as module
@@ -190,13 +190,7 @@ def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(
 def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it() -> None:
     """A weak k2 in the sink that the fit lacks, and the parabola foresees the fit that has it."""
     chain = lw.bnes_chain(2)
-    text = (
-        lw.format_structure(chain)
-        .replace("alpha*d +", "alpha*d + k2*d**2 +")
-        .replace("{ alpha", "{ k2 = 250.0, alpha")
-    )
-    record = lw.simulate(lw.parse_structure(text), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
-    records = [record.with_noise(30.0, seed=1004)]
+    records = [bent_chain(250.0).record(1004)]
     fit, asked = fitted(chain, records, LikelihoodOptions(model_error=False))
     missing = Missing((1, 0), "d**2")
     found = local_quadratic(fit.optimum, [missing.force])

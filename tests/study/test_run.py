@@ -79,8 +79,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_rows_are_those_of_the_library(folder: Path) -> None:
     row = next(row for row in lw.read_rows(folder) if row.case == Case("bnes4", 20.0, "ml", 1001))
     chain = lw.bnes_chain(4)
-    release = {"v:m1": 3.0 * (1.0 + 1e-10)}  # the second cycle
-    clean = lw.simulate(chain, release=release, duration=0.5, rate=1000.0)
+    clean = chain_record(4, duration=0.5, speed=3.0 * (1.0 + 1e-10))  # the second cycle
     fit = lw.identify(clean.with_noise(20.0, seed=1001), chain.unknown("all"))
     links = {name: lw.nmse(chain.link(name), fit.structure.link(name), clean) for name in ("nes1", "nes2")}
     assert row.links == pytest.approx(links, rel=1e-8)  # same numerics
