@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="workers are 
 
 def test_killed_four_times_it_ends_as_if_undisturbed(tmp_path: Path) -> None:
     file = small(tmp_path, cycles=4)
-    undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=2)
+    undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=1)
     out = killed(file, tmp_path / "killed", kills=4, most=4)
     assert "48 of 48 cases done, 0 failed" in out
     assert lw.read_rows(tmp_path / "killed") == undisturbed
