@@ -224,7 +224,7 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
     over = {"nes1.alpha": alphas, "nes1.beta": betas}
     with pytest.raises(
         lw.SimulationError,
-        match=r"a sweep of 10000000000 runs needs 6e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and",
+        match=r"a sweep of 10000000000 runs needs 6.7e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and",
     ):
         lw.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
 
