@@ -24,7 +24,7 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.runtime import available_memory
 from linkwise.simulation.motion import SimulatedMotion
 
-_RUN_BYTES, _MASS_BYTES = 4500, 1100  # at most, kept until the last run has ended, for each run and each of its masses
+_RUN_BYTES, _MASS_BYTES = 4500, 1100  # at most, until the last run has ended, for each run and mass
 
 
 def absorption_map(
