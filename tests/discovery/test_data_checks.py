@@ -161,6 +161,41 @@ def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure)
     assert "m3 and m4 moved together, with differences down to 6 dB above the noise: " in told
 
 
+def test_masses_that_move_in_proportion_are_named(clean: lw.Record, chain: lw.Structure) -> None:
+    """A mass that copies two fifths of another's motion."""
+    values = clean.values.copy()
+    values[:, 3] = -0.4 * values[:, 2]
+    (remark,) = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
+    assert remark == (
+        "m3 and m4 moved in proportion, as in one mode, with deviations below the noise: other links may explain such motions "
+        "as well. Excite more than one mode."
+    )
+    wave = np.sin(150.0 * np.arange(len(clean)) / clean.rate)
+    for size, count in ((2.0, 1), (8.0, 0)):  # 2 and 32 times the power of the noise of m4
+        values[:, 3] = -0.4 * values[:, 2] + size * NOISE * wave
+        told = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
+        assert len(told) == count
+
+
+def test_one_mode_decides_nothing_of_its_masses() -> None:
+    """A light mass that follows a heavy one: as an oscillator of its own, in step with it, it explains the record as well."""
+    number = lw.Coefficient.number
+    law = lw.Law.parse("k*d + c*v")
+    links = tuple(
+        lw.Link(f"{first}-{second}", (first, second), law, {"k": number(k), "c": number(c)})
+        for first, second, k, c in (
+            ("m1", "ground", 4e4, 4.0),
+            ("m2", "m1", 8e3, 1.0),
+            ("m2", "ground", 1.3e4, 4.0),
+        )
+    )
+    pair = lw.Structure("pair", (lw.Mass("m1", number(0.3)), lw.Mass("m2", number(3.3))), links)
+    clean = lw.simulate(pair, release={"x:m2": 0.05, "x:m1": 0.0084}, duration=2.0, rate=400.0)
+    found = lw.discover(clean.with_noise(12.0, seed=49001), masses(pair))
+    assert "m1 and m2 moved in proportion" in found.remarks[0]
+    assert not [term.name for term in found.terms if term.certain]
+
+
 def test_what_was_foreseen_stands_with_the_answer(chain: lw.Structure) -> None:
     two = lw.bnes_chain(2)
     record = chain_record(2).with_noise(5.0, seed=1000)

@@ -5,7 +5,7 @@ Masses at rest or moving together, records that are too short, no motion at all,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,9 @@ from linkwise.weak.displacements import MeasuredDisplacements
 _AT_REST = 0.1  # of the noise power (-10 dB): a motion below it cannot be seen
 _FAINT = 3.0  # times the noise power (5 dB): a motion below it determines little
 _SEPARATE = 30.0  # times the noise power (15 dB) that the difference of two motions should have
+_IN_PROPORTION = (
+    3.0  # times the noise power (5 dB) by which one motion should differ from all multiples of another
+)
 _STIFF = 0.05  # of the power of the smaller motion: two masses on a stiff link differ by less
 _LEAST_SAMPLES = 4  # per candidate, over all masses: below it a regression on all candidates fits noise
 _ENOUGH_SAMPLES = 20
@@ -73,17 +76,29 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
             f"{_enumerate(faint)} hardly moved above the noise: weak terms of links there will be missed."
         )
     remarks += _check_length(records, candidates)
-    collinear: list[str] = []
-    for group, ratio in _collinear_groups(records, [name for name in names if name not in at_rest]):
-        level = (
-            f"down to {10.0 * np.log10(ratio):.0f} dB above the noise" if ratio > 1.0 else "below the noise"
-        )
+    moving = [name for name in names if name not in at_rest]
+    together = _groups(records, moving, _difference_to_noise, _SEPARATE)
+    for group, ratio in together:
         remarks.append(
-            f"{_enumerate(group)} moved together, with differences {level}: a link to one of them may be found as a link to "
-            "another. Excite them one at a time."
+            f"{_enumerate(group)} moved together, with differences {_level(ratio)}: a link to one of them may be found as a "
+            "link to another. Excite them one at a time."
         )
-        collinear += group
+    equal = [set(group) for group, _ in together]
+    in_proportion = _groups(records, moving, _deviation_to_noise, _IN_PROPORTION)
+    in_proportion = [
+        (group, ratio) for group, ratio in in_proportion if not any(set(group) <= each for each in equal)
+    ]
+    for group, ratio in in_proportion:
+        remarks.append(
+            f"{_enumerate(group)} moved in proportion, as in one mode, with deviations {_level(ratio)}: other links may "
+            "explain such motions as well. Excite more than one mode."
+        )
+    collinear = dict.fromkeys(name for group, _ in (*together, *in_proportion) for name in group)
     return DataChecks(tuple(remarks), tuple(at_rest), tuple(collinear))
+
+
+def _level(ratio: float) -> str:
+    return f"down to {10.0 * np.log10(ratio):.0f} dB above the noise" if ratio > 1.0 else "below the noise"
 
 
 def inactive_terms(
@@ -178,18 +193,21 @@ def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
     return best
 
 
-def _collinear_groups(records: Sequence[Record], names: Sequence[str]) -> list[tuple[list[str], float]]:
-    """Groups of masses whose displacements differ by little more than noise in all records.
+def _groups(
+    records: Sequence[Record],
+    names: Sequence[str],
+    ratio: Callable[[Record, str, str], float],
+    separate: float,
+) -> list[tuple[list[str], float]]:
+    """Groups of masses whose displacements differ by little more than noise in all records, by the `ratio` of two channels.
 
-    With each group the least ratio of the power of a difference to that of the noise.
+    A ratio of power to that of the noise from `separate` on tells two masses apart. With each group the least of its ratios.
     """
     ratios = np.full((len(names), len(names)), np.inf)
     for row, first in enumerate(names):
         for column, second in enumerate(names[:row]):
-            ratios[row, column] = max(
-                _difference_to_noise(record, f"x:{first}", f"x:{second}") for record in records
-            )
-    count, label = connected_components(ratios < _SEPARATE, directed=False)
+            ratios[row, column] = max(ratio(record, f"x:{first}", f"x:{second}") for record in records)
+    count, label = connected_components(ratios < separate, directed=False)
     groups = [np.flatnonzero(label == number).tolist() for number in range(count)]
     return [
         ([names[member] for member in group], float(ratios[np.ix_(group, group)].min()))
@@ -207,6 +225,31 @@ def _difference_to_noise(record: Record, first: str, second: str) -> float:
     difference = _power(record.channel(first) - record.channel(second)) - variance
     smaller = min(_power(record.channel(name)) - noise[name] ** 2 for name in (first, second))
     return float(difference / variance) if difference < _STIFF * smaller and variance > 0.0 else np.inf
+
+
+def _deviation_to_noise(record: Record, first: str, second: str) -> float:
+    """The power by which a channel differs from the nearest multiple of the other, over that of its noise.
+
+    The smaller one of both ways round; infinite if they clearly differ.
+    """
+    if first not in record.channels or second not in record.channels:
+        return np.inf
+    noise = channel_noise(record.select((first, second)))
+    return min(_off_multiple(record, noise, *pair) for pair in ((first, second), (second, first)))
+
+
+def _off_multiple(record: Record, noise: Mapping[str, float], channel: str, other: str) -> float:
+    x, y = record.channel(channel), record.channel(other)
+    both = np.isfinite(x) & np.isfinite(y)
+    x, y = x[both] - x[both].mean(), y[both] - y[both].mean()
+    moved = float(np.mean(y**2)) - noise[other] ** 2
+    power = float(np.mean(x**2)) - noise[channel] ** 2
+    if not (power > 0.0 and moved > 0.0):
+        return np.inf
+    product = float(np.mean(x * y))
+    variance = noise[channel] ** 2 + (product / moved * noise[other]) ** 2
+    deviation = power - product**2 / moved
+    return deviation / variance if deviation < _STIFF * power and variance > 0.0 else np.inf
 
 
 def _power(values: Floats) -> float:
