@@ -6,8 +6,10 @@ STAMP := $(VENV)/.built
 RESULTS := results/two-mass-chain
 STUDY := results/paper
 PYTEST := -m pytest -q -n auto --maxprocesses 8 --dist worksteal
-# one BLAS thread for each worker, and compiled modules kept for the many processes that tests start
-TESTING := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
+# one BLAS thread for each worker, compiled modules kept for the many processes that tests start, and memory that arrays
+# leave kept for the next ones: a seventh of the time of a fit went into pages that glibc gave back and asked for again
+KEEPING := MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=268435456
+TESTING := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(KEEPING)
 
 .DEFAULT_GOAL := help
 .PHONY: help env identify study test coverage matrix docs benchmark fuzz check clean
