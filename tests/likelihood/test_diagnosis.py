@@ -83,6 +83,26 @@ def test_a_filter_of_all_sensors_is_named(snr_db: float) -> None:
     assert cause.size == pytest.approx(size, rel=FOUND, abs=LOST * cause.standard_error)
 
 
+@pytest.mark.parametrize("seed", [50, 51])
+def test_missing_friction_is_no_filter(seed: int) -> None:
+    """To first order, sensors that raise what is near 5 Hz explain as much; no sensor and no amplifier does that."""
+    number = lw.Coefficient.number
+    friction = lw.Law.parse("k*d + F*tanh(v/0.01)")
+    leg = lw.Link(
+        "leg", ("table", "ground"), lw.Law.parse("k*d + c*v"), {"k": number(4000.0), "c": number(1.0)}
+    )
+    slider = lw.Link("slider", ("block", "table"), friction, {"k": number(500.0), "F": number(0.4)})
+    masses = (lw.Mass("table", number(2.0)), lw.Mass("block", number(0.3)))
+    true = lw.Structure("table", masses, (leg, slider))
+    record = lw.simulate(true, release={"v:table": 0.5}, duration=4.0, rate=500.0).with_noise(30.0, seed=seed)
+    viscous = lw.Link(
+        "slider", slider.between, lw.Law.parse("k*d + c*v"), {"k": number(500.0), "c": number(1.0)}
+    )
+    fit = lw.identify(record, replace(true, links=(leg, viscous)).unknown("slider"))
+    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
+    assert fit.diagnosis[0].kind == "term" and "filter" not in [cause.kind for cause in fit.diagnosis]
+
+
 @pytest.mark.parametrize("seed", range(900, 906))
 def test_a_clean_record_has_no_cause(seed: int) -> None:
     fit = lw.identify(chain_record(2).with_noise(SNR, seed=seed), lw.bnes_chain(2).unknown("all"))

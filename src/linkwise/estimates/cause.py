@@ -93,9 +93,7 @@ class Cause:
                 return f"{100.0 * self.size:+.3g} % of {self.source} in {place}"
             case "filter":
                 corner = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * size))
-                if self.size > 0.0:
-                    return f"a filter of {place}, as a low pass of first order at {corner:.3g} Hz"
-                return f"a filter of {place} that raises frequencies near {corner:.3g} Hz"
+                return f"a filter of {place}, as a low pass of first order at {corner:.3g} Hz"
             case "frequency":
                 return f"a frequency of {place} that is off by {100.0 * self.size:+.3g} %"
             case "mass":

@@ -25,7 +25,7 @@ from linkwise.likelihood.score_test import (
     augmented_quadratic,
     candidate_forces,
 )
-from linkwise.likelihood.sensor_errors import SensorErrors, common_filter
+from linkwise.likelihood.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.single_tests import SingleTests, single_tests
 from linkwise.likelihood.tangents import CandidateForces
 from linkwise.likelihood.tested_columns import TestedColumns
@@ -108,7 +108,8 @@ def _diagnosed(
     ]
     columns = TestedColumns.each(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
     hypotheses.append(Hypothesis("filter", "all channels", UNITS["filter"]))
-    columns = columns.with_sum(common_filter(optimum.segments, misfit))
+    filtered = common_filter(optimum.segments, misfit)
+    columns = columns.with_sum(filtered)
     of_base = BaseErrors.of(optimum, misfit)
     if of_base is not None:
         base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
@@ -120,6 +121,9 @@ def _diagnosed(
     tests = single_tests(curvature, slope, scatter, parameters)
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * columns.units
     small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
+    at_filter = [each.kind for each in hypotheses].index("filter")
+    attenuation = sizes[at_filter] * relative_to_gain(filtered, errors)
+    small[at_filter] = 0.0 < attenuation < _LARGEST  # a low pass, which sensors and their amplifiers are
     significant = small & (gains > _CHANCE + 2.0 * np.log(len(gains)))
     found = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * columns.units

@@ -71,6 +71,14 @@ def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:
     return SensorErrors(np.arange(count), ("filter",) * count, np.full(count, -1), np.stack(values, axis=1))
 
 
+def relative_to_gain(filtered: SensorErrors, errors: SensorErrors) -> float:
+    """Largest ratio, among the channels, of what a common filter does per unit of its size to what a gain does."""
+    gains = np.array([kind == "gain" for kind in errors.kind])
+    power = np.mean(errors.values[:, gains] ** 2, axis=(0, 2))
+    changed = np.mean(filtered.values[:, errors.channel[gains]] ** 2, axis=(0, 2))
+    return float(np.sqrt(np.max(changed / np.maximum(power, np.finfo(float).tiny))))
+
+
 def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor shows of a mass and of moving coordinates, and its rate."""
     value, rate = _motion(segments, misfit, kind, mass)
