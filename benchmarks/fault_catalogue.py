@@ -428,11 +428,15 @@ FAULTS = (
     Fault(
         "spring to ground left out",
         plain,
-        ("term",),
+        ("link", "term"),
         adds=(("extra", ("m2", "ground"), "k*d", {"k": 20.0}),),
     ),
-    Fault("tiny link left out", plain, ("term",), adds=(("extra", ("m2", "ground"), "k*d", {"k": 1.0}),)),
-    Fault("damper left out", plain, ("term",), adds=(("extra", ("m2", "ground"), "c*v", {"c": 0.02}),)),
+    Fault(
+        "tiny link left out", plain, ("link", "term"), adds=(("extra", ("m2", "ground"), "k*d", {"k": 1.0}),)
+    ),
+    Fault(
+        "damper left out", plain, ("link", "term"), adds=(("extra", ("m2", "ground"), "c*v", {"c": 0.02}),)
+    ),
     Fault("mass 10 % wrong", plain, ("mass", "gain"), lacks=heavier(1.1)),
     Fault("mass 1 % wrong", plain, ("mass", "gain"), lacks=heavier(1.01)),
     Fault("quintic left out", plain, ("term",), adds=((*_SINK, "q*d**5", {"q": 1e9}),)),
