@@ -80,9 +80,11 @@ if TYPE_CHECKING:
     from linkwise.model.chains import bnes_chain
     from linkwise.model.excitation import Excitation, Impulse
     from linkwise.model.host import Host, HostMode
+    from linkwise.model.host_reduction import HostReduction, reduce_host
     from linkwise.model.input_signal import PiecewisePolynomial, Sampled, TimeFunction
     from linkwise.model.law import Law, Partials
     from linkwise.model.link_state import LinkState, StateRate
+    from linkwise.model.matrices import read_matrix
     from linkwise.model.named_law import LawText, NamedLaw
     from linkwise.model.named_laws import NAMED_LAWS, named_law
     from linkwise.model.parameters import Parameter
@@ -185,6 +187,7 @@ __all__ = [
     "Harvest",
     "Host",
     "HostMode",
+    "HostReduction",
     "Huber",
     "IdentificationError",
     "Impulse",
@@ -294,6 +297,7 @@ __all__ = [
     "parse_terms",
     "plot",
     "profile_interval",
+    "read_matrix",
     "read_modes",
     "read_partial_structure",
     "read_posterior",
@@ -301,6 +305,7 @@ __all__ = [
     "read_rows",
     "read_structure",
     "read_study",
+    "reduce_host",
     "result_of",
     "run_study",
     "simulate",

@@ -82,6 +82,8 @@ HOMES = {
         "write_structure",
     ),
     "model.host": ("Host", "HostMode"),
+    "model.host_reduction": ("HostReduction", "reduce_host"),
+    "model.matrices": ("read_matrix",),
     "model.toml_host": ("read_modes",),
     "model.topology": ("LinkShape", "Topology"),
     "progress": ("Progress", "ProgressReport"),

@@ -72,7 +72,7 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
             "root = 0.3 }",
             "mode 2 has a shape at tip, root, and the first mode at tip, joint",
         ),
-        ('"5.2 Hz"', "-5.2", "the frequency of a mode must be positive"),
+        ('"5.2 Hz"', "-5.2", "the frequency of a mode must not be negative"),
         ("joint = 0.62", 'joint = "0.62"', "expected `float`"),
         ('name = "wing"', 'name = "wing.left"', "its name has no dot"),
         ("damping = 0.01", 'damping = "0.01 kg"', "kg"),

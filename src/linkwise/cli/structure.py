@@ -11,6 +11,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import atomic_file, to_json
+from linkwise.cli.host import host
 from linkwise.cli.options import FILE
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
@@ -20,6 +21,9 @@ SHOWN = 4  # stable equilibria
 @click.group()
 def structure() -> None:
     """Write or show a structure file."""
+
+
+structure.add_command(host)
 
 
 @structure.command()
@@ -65,8 +69,8 @@ def show(file: Path, as_json: bool) -> None:
         click.echo(text)
         return
     click.echo(f"{subject.name or file.stem}: {subject.contents}")
-    for host in subject.hosts:
-        for line in _host_lines(host, subject):
+    for each in subject.hosts:
+        for line in _host_lines(each, subject):
             click.echo(line)
     for mass in subject.masses:
         if mass.name in subject.modes:

@@ -349,6 +349,8 @@ class Estimate(JudgedView):
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
         masses, column = self.structure.mass_values, self.structure.topology.columns[index]
+        modes = self.structure.modes
+        bodies = [(mass, part) for mass, part in column if self.structure.mass_names[mass] not in modes]
         return LinkEstimate(
             link=link,
             coefficients=tuple(
@@ -361,7 +363,8 @@ class Estimate(JudgedView):
             v_range=(float(np.nanmin(self.motion.v[:, index])), float(np.nanmax(self.motion.v[:, index]))),
             free=free,
             covariance=covariance if self.trusted and self.intervals else None,
-            moving_mass=1.0 / sum(part**2 / masses[mass] for mass, part in column),
+            moving_mass=1.0
+            / sum(part**2 / masses[mass] for mass, part in bodies or column),  # beside a host that is held
         )
 
     def _free_coefficients(self, index: int) -> tuple[tuple[str, ...], Floats]:

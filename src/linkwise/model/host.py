@@ -31,7 +31,7 @@ class HostMode:
     Parameters
     ----------
     frequency : Coefficient
-        Natural frequency in Hz, positive.
+        Natural frequency in Hz; 0 for a rigid motion.
     damping : Coefficient
         Damping as a part of the critical one.
     shape : mapping of str to float
@@ -40,7 +40,7 @@ class HostMode:
     Raises
     ------
     StructureError
-        If the frequency is not positive, or the shape not finite.
+        If the frequency is negative, or the shape not finite.
 
     Examples
     --------
@@ -55,8 +55,10 @@ class HostMode:
     shape: Mapping[str, float] = field(hash=False)
 
     def __post_init__(self) -> None:
-        if self.frequency.value is not None and not self.frequency.value > 0.0:
-            raise StructureError(f"the frequency of a mode must be positive, got {self.frequency.value!r} Hz")
+        if self.frequency.value is not None and not self.frequency.value >= 0.0:
+            raise StructureError(
+                f"the frequency of a mode must not be negative, got {self.frequency.value!r} Hz"
+            )
         for point, value in self.shape.items():
             if not math.isfinite(value):
                 raise StructureError(

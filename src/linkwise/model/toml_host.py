@@ -1,7 +1,8 @@
-"""A host of a structure file: modes in place, or in a CSV file beside the structure file.
+"""A host of a structure file: modes in place or in a CSV file, or matrices of a finite-element model in other files.
 
 A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } }`. A CSV file has the columns
-frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg).
+frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are reduced to `keep` modes and residual
+attachment modes when the file is read.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import msgspec
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
+from linkwise.model.host_reduction import reduce_host
+from linkwise.model.matrices import read_matrix
 from linkwise.model.toml_link import coefficient_of
 from linkwise.model.toml_tables import decode, read_toml_text
 from linkwise.units import to_si
@@ -23,10 +26,16 @@ _FREQUENCY, _DAMPING = "frequency", "damping"
 
 
 class HostTable(msgspec.Struct, forbid_unknown_fields=True):
-    """A host as written: `modes` is a list of tables, or the name of a CSV file."""
+    """A host as written: `modes` is a list of tables or the name of a CSV file; or `matrices` with `points` and options."""
 
     name: str
-    modes: list[Any] | str
+    modes: list[Any] | str | None = None
+    matrices: dict[str, str] | None = None
+    points: dict[str, int] = {}
+    keep: int = 10
+    modal_damping: float = 0.0
+    rayleigh: tuple[float, float] | None = None
+    residual: bool = True
 
 
 class _ModeTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -38,6 +47,11 @@ class _ModeTable(msgspec.Struct, forbid_unknown_fields=True):
 def host_of(entry: HostTable, index: int, source: str) -> Host:
     """The host of entry `index` of the file `source`. Raises StructureError with the place of what is wrong."""
     path = f"host[{index}]"
+    where = f'{source}, {path} "{entry.name}"'
+    if (entry.modes is None) == (entry.matrices is None):
+        raise StructureError("a host has either modes or matrices", where)
+    if entry.modes is None:
+        return _of_matrices(entry, source, where)
     if isinstance(entry.modes, str):
         modes = read_modes(Path(source).parent / entry.modes)
     else:
@@ -47,7 +61,32 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
     try:
         return Host(entry.name, modes)
     except StructureError as error:
-        raise StructureError(error.message, f'{source}, {path} "{entry.name}"') from None
+        raise StructureError(error.message, where) from None
+
+
+def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
+    matrices = entry.matrices or {}
+    if set(matrices) != {"mass", "stiffness"}:
+        raise StructureError(
+            'matrices need the keys mass and stiffness, such as { mass = "beam.mat:M", stiffness = "beam.mat:K" }; got '
+            f"{', '.join(matrices) or 'none'}",
+            where,
+        )
+    folder = Path(source).parent
+    mass, stiffness = (read_matrix(matrices[key], folder) for key in ("mass", "stiffness"))
+    try:
+        return reduce_host(
+            entry.name,
+            mass,
+            stiffness,
+            entry.points,
+            keep=entry.keep,
+            modal_damping=entry.modal_damping,
+            rayleigh=entry.rayleigh,
+            residual=entry.residual,
+        ).host
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
 
 
 def _mode(given: object, source: str, path: str) -> HostMode:

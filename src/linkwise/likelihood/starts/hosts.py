@@ -7,7 +7,7 @@ elongations; an elongation that no sensor determines is known up to drift, as in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,24 +15,26 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.starts.coefficients import start_of_links
 from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
 from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
-from linkwise.likelihood.starts.kalman import LinearModel, Smoothed, log_likelihood, smooth
-from linkwise.model.link import Link
+from linkwise.likelihood.starts.kalman import Smoothed, innovations, log_likelihood, smooth
+from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 _TRIED = 2000  # samples that decide how fast the forces of links change
+_TUNED = 4000  # samples that the frequencies of modes are tuned to
+_ROUGH = 0.05  # relative size of a change of a frequency or damping without a prior
+_DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
 _CHANGES = 10.0 ** np.arange(
     -4.0, 3.0
 )  # of a force over a sample, relative to its size: tried one after the other
-_ELONGATION = (
-    30.0  # of the size of the measured motion: the elongation that bounds the drift of what is not measured
-)
-_CORRELATED = 1000.0  # samples over which that bound is one piece of information
+_ELONGATIONS = (
+    0.1,
+    0.03,
+    0.3,
+)  # of the size of the measured motion: bounds on what drifts, of which the best is kept
 _DETERMINED = 0.1  # deviation of an elongation relative to its size, up to which it counts as measured
 
 
@@ -70,11 +72,66 @@ class HostMotion:
             self,
             x=self.x + self.coupling @ (d - self.signals.d),
             v=self.v + self.coupling @ (v - self.signals.v),
+            signals=replace(self.signals, d=d, v=v),
         )
+
+    def misfit(self, structure: Structure) -> float:
+        """What the laws of a structure leave of the forces of open links, relative, by mean squares."""
+        left = []
+        for number in self.open:
+            force = self.signals.force[number]
+            error = force - structure.links[number].force(self.signals.d[number], self.signals.v[number])
+            left.append(np.mean(error**2) / max(float(np.mean(force**2)), np.finfo(float).tiny))
+        return float(np.sum(left))
 
 
 def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]) -> HostMotion:
-    """The motion that a record tells of a structure with hosts.
+    """The motion that a record tells of a structure with hosts, whose laws are known.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure, all coefficients numbers.
+    sigma : mapping of str to float
+        Standard deviations of the noise by channel, in SI units.
+
+    Returns
+    -------
+    HostMotion
+        The motion; where elongations drift, that which fits the forces best.
+    """
+    tracked = (motion.with_drift_tracked(structure) for motion in _motions(record, structure, sigma))
+    return min(tracked, key=lambda motion: motion.misfit(structure))
+
+
+def _motions(record: Record, structure: Structure, sigma: Mapping[str, float]) -> Iterator[HostMotion]:
+    """The motion for several bounds on elongations; for one alone where none drifts."""
+    linear = LinearPart.of(structure)
+    samples, inputs = samples_of(record, linear), inputs_of(record)
+    change = _likeliest_change(record, linear, sigma)
+    for reach in _ELONGATIONS:
+        smoothed = smooth(linear.model(record, sigma, change, reach), samples, inputs)
+        motion = _motion(structure, linear, smoothed, record)
+        yield motion
+        if not motion.signals.integration_order.any():
+            return
+
+
+def _likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> float:
+    """By how much the forces of open links change in a sample, relative to their size."""
+    first = slice(None, min(_TRIED, len(record)))
+    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+    fits = [
+        (log_likelihood(linear.model(record, sigma, change), samples, inputs), float(change))
+        for change in _CHANGES
+    ]
+    return max(fits)[1]
+
+
+def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]) -> dict[str, float]:
+    """Frequencies and damping of modes that are unknown, from what a filter with random forces of links predicts.
 
     Parameters
     ----------
@@ -87,26 +144,51 @@ def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]
 
     Returns
     -------
-    HostMotion
-        The motion.
-
-    Raises
-    ------
-    IdentificationError
-        If a mode has no number and no start.
+    dict of str to float
+        Values by name of the parameter; empty where all modes are known.
     """
-    linear = _LinearPart.of(structure)
-    samples, inputs = _samples(record, linear), _inputs(record)
-    first = slice(None, min(_TRIED, len(record)))
-    fits = []
-    for change in _CHANGES:
-        model = linear.model(record, sigma, change)
-        fits.append((log_likelihood(model, samples[first], inputs[first]), change))
-    smoothed = smooth(linear.model(record, sigma, max(fits)[1]), samples, inputs)
-    return _motion(structure, linear, smoothed, record)
+    free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.modes]
+    if not free:
+        return {}
+    start = np.array([float(p.start or 0.0) for p in free])
+    unit = np.array([min(p.sigma, _ROUGH * abs(value)) for p, value in zip(free, start, strict=True)])
+    stated = np.array([p.sigma < np.inf for p in free])
+    first = slice(None, min(_TUNED, len(record)))
+    linear = LinearPart.of(structure)
+    change = _likeliest_change(record, linear, sigma)
+    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+
+    def residual(moved: Floats) -> Floats:
+        values = dict(zip((p.name for p in free), map(float, start + unit * moved), strict=True))
+        model = LinearPart.of(_with_starts(structure, values)).model(record, sigma, change)
+        return np.append(innovations(model, samples, inputs).ravel(), moved[stated])
+
+    lower, upper = (
+        np.array(
+            [(getattr(p, side) - value) / size for p, value, size in zip(free, start, unit, strict=True)]
+        )
+        for side in ("lower", "upper")
+    )
+    found = scipy.optimize.least_squares(
+        residual, np.zeros(len(free)), bounds=(lower, upper), diff_step=_DIFFERENCE, max_nfev=_STEPS
+    )
+    return dict(zip((p.name for p in free), map(float, start + unit * found.x), strict=True))
 
 
-def _motion(structure: Structure, linear: _LinearPart, smoothed: Smoothed, record: Record) -> HostMotion:
+def _with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
+    """A structure with other starts of unknown coefficients."""
+    links = []
+    for link in structure.links:
+        own = {
+            name: replace(coefficient, value=values[f"{link.name}.{name}"])
+            for name, coefficient in link.coefficients.items()
+            if f"{link.name}.{name}" in values
+        }
+        links.append(replace(link, coefficients={**link.coefficients, **own}) if own else link)
+    return replace(structure, links=tuple(links))
+
+
+def _motion(structure: Structure, linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotion:
     n, open_links = structure.size, linear.open
     x, v = smoothed.states[:, :n].T, smoothed.states[:, n : 2 * n].T
     d, rate = structure.elongations(x.T).T, structure.elongations(v.T).T
@@ -164,167 +246,18 @@ def host_start(
     IdentificationError
         If an unknown has no starting value, and the forces of the links do not tell one.
     """
-    motion = host_motion(record, structure, sigma)
-    found = start_of_links(motion.signals, structure, given, motion.open) | dict(given)
+    tuned = tuned_modes(record, structure, sigma)
+    trials: list[tuple[float, int, dict[str, float]]] = []
+    for motion in _motions(record, _with_starts(structure, tuned), sigma):
+        found = start_of_links(motion.signals, structure, given, motion.open) | dict(given) | tuned
+        valued = structure.with_values(
+            {p.name: found[p.name] for p in structure.parameters if p.name in found}
+        )
+        trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), found))
+    found = min(trials)[-1]
     missing = [p.name for p in structure.parameters if p.name not in found]
     if missing:
         raise IdentificationError(
             f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
         )
     return {p.name: found[p.name] for p in structure.parameters}
-
-
-@dataclass(frozen=True, eq=False)
-class _LinearPart:
-    """Linear system of a structure: stiffness and damping (n, n), the open links, and rows of the channels (C, n)."""
-
-    structure: Structure
-    stiffness: Floats
-    damping: Floats
-    open: tuple[int, ...]
-
-    @classmethod
-    def of(cls, structure: Structure) -> _LinearPart:
-        incidence = structure.incidence.toarray()
-        n = structure.size
-        stiffness, damping, open_links = np.zeros((n, n)), np.zeros((n, n)), []
-        for number, link in enumerate(structure.links):
-            slopes = _linear_slopes(link, mode=link.name in structure.modes)
-            if slopes is None:
-                open_links.append(number)
-                continue
-            both = np.outer(incidence[:, number], incidence[:, number])
-            stiffness += slopes[0] * both
-            damping += slopes[1] * both
-        return cls(structure, stiffness, damping, tuple(open_links))
-
-    def model(self, record: Record, sigma: Mapping[str, float], change: float) -> LinearModel:
-        """The system in samples of a record, with forces of open links that change by `change` of their size in a sample."""
-        structure, n, u = self.structure, self.structure.size, len(self.open)
-        masses = structure.mass_values
-        incidence = structure.incidence.toarray()[:, list(self.open)]
-        m = 2 * n + 2 * u
-        rates = np.zeros((m, m))
-        rates[:n, n : 2 * n] = np.eye(n)
-        rates[n : 2 * n, :n] = -self.stiffness / masses[:, None]
-        rates[n : 2 * n, n : 2 * n] = -self.damping / masses[:, None]
-        rates[n : 2 * n, 2 * n : 2 * n + u] = -incidence / masses[:, None]
-        rates[2 * n : 2 * n + u, 2 * n + u :] = np.eye(u)
-        applied = _applied(record, structure)
-        drive = np.zeros((m, len(applied)))
-        drive[n : 2 * n] = applied.T / masses[:, None]
-        size = self._force_sizes(record)
-        intensity = np.zeros(m)
-        intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
-        transition, process, held = _discrete(rates, drive, intensity, record.step)
-        rows = np.stack([structure.topology.row(Channel.parse(name).mass) for name in _shown(record)])
-        kinds = ["xva".index(Channel.parse(name).kind) for name in _shown(record)]
-        by_kind = np.stack([np.eye(m)[:n], np.eye(m)[n : 2 * n], rates[n : 2 * n]])
-        direct = np.stack([np.zeros_like(drive[:n]), np.zeros_like(drive[:n]), drive[n : 2 * n]])
-        observation = np.stack([row @ by_kind[kind] for row, kind in zip(rows, kinds, strict=True)])
-        reach = _ELONGATION * self._sizes(record)[0]
-        bounded = np.concatenate([incidence.T, np.zeros((u, m - n))], axis=1)
-        noise = [sigma[name] ** 2 for name in _shown(record)]
-        start = np.zeros(m)
-        start[:n], start[n : 2 * n] = self._sizes(record)
-        start[2 * n : 2 * n + u], start[2 * n + u :] = size, size / record.step
-        return LinearModel(
-            transition=transition,
-            process=process,
-            observation=np.concatenate([observation, bounded]),
-            noise=np.array([*noise, *[reach**2 * _CORRELATED] * u]),
-            drive=held,
-            direct=np.concatenate(
-                [
-                    np.stack([row @ direct[kind] for row, kind in zip(rows, kinds, strict=True)]),
-                    np.zeros((u, len(applied))),
-                ]
-            ),
-            first=np.diag(np.square(10.0 * start)),
-        )
-
-    def _force_sizes(self, record: Record) -> Floats:
-        """(U,) sizes of the forces of open links: what would give their ends the measured acceleration."""
-        incidence = self.structure.incidence.toarray()[:, list(self.open)]
-        mobility = np.einsum("il,il->l", incidence, incidence / self.structure.mass_values[:, None])
-        x, v = self._sizes(record)
-        return np.asarray(v**2 / max(x, np.finfo(float).tiny) / mobility)
-
-    def _sizes(self, record: Record) -> tuple[float, float]:
-        """Sizes of displacements and velocities, from the root mean squares and zero crossings of the channels."""
-        x, v = [], []
-        for name in _shown(record):
-            values = record.channel(name)
-            values = values[np.isfinite(values)]
-            crossings = max(int(np.count_nonzero(np.diff(np.signbit(values - values.mean())))), 2)
-            omega = np.pi * crossings * record.rate / len(values)
-            order = "xva".index(Channel.parse(name).kind)
-            size = float(np.sqrt(np.mean(values**2)))
-            x.append(size / omega**order)
-            v.append(size / omega ** (order - 1))
-        return max(x), max(v)
-
-
-def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
-    """Stiffness and damping of a link that is part of the linear system, None for another one."""
-    coefficients = link.coefficients.values()
-    if any(coefficient.value is None for coefficient in coefficients):
-        if mode:
-            missing = next(name for name, each in link.coefficients.items() if each.value is None)
-            raise IdentificationError(
-                f"no starting value for {link.name}.{missing}: state {{ start = ... }} for it in the structure"
-            )
-        return None
-    if not mode and not all(coefficient.known for coefficient in coefficients):
-        return None
-    slopes = link.law.partials(0.0, 0.0, link.values) if not link.law.states else None
-    if slopes is None or not _is_linear(link):
-        return None
-    return float(slopes.by_d), float(slopes.by_v)
-
-
-def _is_linear(link: Link) -> bool:
-    """Whether a law is linear in d and v."""
-    return not any(set(symbols(differentiate(link.law.expression, name))) & {"d", "v"} for name in ("d", "v"))
-
-
-def _shown(record: Record) -> list[str]:
-    """Channels of motion."""
-    return [name for name in record.responses if Channel.parse(name).kind in "xva"]
-
-
-def _samples(record: Record, linear: _LinearPart) -> Floats:
-    """(N, C + U) samples, and zeros that bound the elongations of open links."""
-    shown = record.select(_shown(record)).values
-    return np.concatenate([shown, np.zeros((len(record), len(linear.open)))], axis=1)
-
-
-def _forced(record: Record) -> list[str]:
-    return [name for name in record.inputs if Channel.parse(name).kind == "force"]
-
-
-def _applied(record: Record, structure: Structure) -> Floats:
-    """(r, n) parts of modes and masses in the applied forces."""
-    rows = [structure.topology.row(Channel.parse(name).mass) for name in _forced(record)]
-    return np.stack(rows) if rows else np.zeros((0, structure.size))
-
-
-def _inputs(record: Record) -> Floats:
-    """(N, r) applied forces."""
-    columns = [record.channel(name) for name in _forced(record)]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(record), 0))
-
-
-def _discrete(rates: Floats, drive: Floats, intensity: Floats, step: float) -> tuple[Floats, Floats, Floats]:
-    """Transition, process covariance (by Van Loan's method) and effect of inputs over a step."""
-    m, r = len(rates), drive.shape[1]
-    held = np.zeros((m + r, m + r))
-    held[:m, :m], held[:m, m:] = rates, drive
-    whole = scipy.linalg.expm(held * step)
-    scale = np.sqrt(np.maximum(intensity, 0.0))
-    block = np.zeros((2 * m, 2 * m))
-    block[:m, :m], block[:m, m:], block[m:, m:] = -rates, np.diag(scale**2), rates.T
-    loaned = scipy.linalg.expm(block * step)
-    transition = loaned[m:, m:].T
-    process = transition @ loaned[:m, m:]
-    return whole[:m, :m], 0.5 * (process + process.T), whole[:m, m:]

@@ -109,9 +109,15 @@ def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float
     return _filtered(model, samples, inputs, transient=1).log_likelihood
 
 
-class _Forward(NamedTuple):
-    """Predicted and updated states (N, m), the distinct gains, which of them each sample has, and the log likelihood."""
+def innovations(model: LinearModel, samples: Floats, inputs: Floats) -> Floats:
+    """Whitened errors (N, C) of the predictions of samples (N, C) from those before, 0 where one is missing."""
+    return _filtered(model, samples, inputs, transient=1).whitened
 
+
+class _Forward(NamedTuple):
+    """Predicted and updated states (N, m), the distinct gains, which of them each sample has, errors and log likelihood."""
+
+    whitened: Floats
     predicted: Floats
     updated: Floats
     gains: list[_Gain]
@@ -126,6 +132,7 @@ def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: in
     driven = np.zeros((count, m))
     driven[1:] = 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
     predicted, updated = np.empty((count, m)), np.empty((count, m))
+    whitened = np.zeros(samples.shape)
     steady = _steady(model)
     by_pattern: dict[bytes, int] = {}
     gains: list[_Gain] = []
@@ -149,13 +156,14 @@ def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: in
         state = state + gain.gain @ error
         updated[k] = state
         white = gain.whitening @ error
+        whitened[k, gain.chosen] = white
         total -= 0.5 * float(white @ white) + gain.log_determinant
         state = model.transition @ state
         if k + 1 < count:
             state = state + driven[k + 1]
         if not settled:
             covariance = _symmetric(model.transition @ gain.updated @ model.transition.T + model.process)
-    return _Forward(predicted, updated, gains, which, total)
+    return _Forward(whitened, predicted, updated, gains, which, total)
 
 
 def _steady(model: LinearModel) -> Floats | None:

@@ -90,7 +90,7 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
 
 def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, float]) -> StartStates:
     """The states that a smoother finds, and the scales of defects from its deviations."""
-    motion = host_motion(record, structure, sigma).with_drift_tracked(structure)
+    motion = host_motion(record, structure, sigma)
     memory, sizes = link_states(record, structure, sigma, motion.x, motion.v)
     scale = motion.deviation.reshape(2, -1)
     reach = _UNMEASURED * np.sqrt(np.stack([np.mean(motion.x**2, axis=1), np.mean(motion.v**2, axis=1)]))

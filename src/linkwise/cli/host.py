@@ -1,0 +1,117 @@
+"""`linkwise structure host`: modes or matrices of a linear structure as a host for structure files."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import click
+
+import linkwise as lw
+from linkwise.atomic import atomic_file, to_json
+from linkwise.cli.console import tell
+from linkwise.cli.options import FILE
+
+_NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
+
+
+@click.command()
+@click.argument("files", metavar="FILE...", type=FILE, nargs=-1, required=True)
+@click.option("--name", help="Name of the host; by default that of the first file.")
+@click.option("--mass", metavar="NAME", help="The mass matrix in FILE, by default M or mass.")
+@click.option("--stiffness", metavar="NAME", help="The stiffness matrix in FILE, by default K or stiffness.")
+@click.option(
+    "--point",
+    "points",
+    metavar="NAME=ROW",
+    multiple=True,
+    help="A point to link, sense or force at: a row of the matrices, counted from 1 (repeatable).",
+)
+@click.option(
+    "--keep", type=click.IntRange(min=1), default=10, show_default=True, help="Modes that are kept."
+)
+@click.option(
+    "--modal-damping",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="Damping of every mode, as a part of the critical one.",
+)
+@click.option("--no-residual", is_flag=True, help="Leave out the flexibility of the modes that are not kept.")
+@click.option("-o", "--output", metavar="HOST", type=FILE, help="File to write; without it, standard output.")
+@click.option("--json", "as_json", is_flag=True, help="Print the host as JSON and nothing else.")
+def host(
+    files: tuple[Path, ...],
+    name: str | None,
+    mass: str | None,
+    stiffness: str | None,
+    points: tuple[str, ...],
+    output: Path | None,
+    as_json: bool,
+    **reduction: float,
+) -> None:
+    """Write modes (CSV) or matrices (MAT, NPZ, MTX) of a linear structure as a host, to paste masses and links below.
+
+    A CSV file has the columns frequency[Hz], damping and the shape at every point. Of matrices the lowest modes are kept; that
+    the others give way under a force at the points is kept too. Two MTX files are the mass and the stiffness matrix, in this
+    order.
+
+    \b
+    Example:
+      linkwise structure host beam.mat --point tip=79 --point root=5 --keep 8 --modal-damping 0.01 -o beam.toml
+      linkwise structure host wing_modes.csv --name wing -o wing.toml
+    """
+    title = name or files[0].stem
+    if files[0].suffix.lower() == ".csv":
+        if points or mass or stiffness or len(files) > 1:
+            raise click.UsageError("A CSV file of modes has its points as columns, and is read alone.")
+        made = lw.Host(title, lw.read_modes(files[0]))
+    else:
+        given = {"mass": mass, "stiffness": stiffness}
+        matrices = {what: _matrix(files, what, given[what]) for what in ("mass", "stiffness")}
+        reduced = lw.reduce_host(
+            title,
+            matrices["mass"],
+            matrices["stiffness"],
+            dict(map(_point, points)),
+            keep=int(reduction["keep"]),
+            modal_damping=reduction["modal_damping"],
+            residual=not reduction["no_residual"],
+        )
+        made = reduced.host
+        tell(
+            f"note: {reduced.kept} modes and {len(made.modes) - reduced.kept} residual ones; up to {reduced.band:.4g} Hz the "
+            f"receptances at the points are off by at most {100.0 * reduced.error:.2g} %"
+        )
+    text = lw.format_structure(lw.Structure(title, (), (), (made,)))
+    if output is not None:
+        with atomic_file(output) as partial:
+            partial.write_text(text, encoding="utf-8", newline="\n")
+    if as_json:
+        click.echo(to_json(tomllib.loads(text)))
+    elif output is None:
+        click.echo(text.rstrip())
+
+
+def _matrix(files: tuple[Path, ...], what: str, name: str | None) -> object:
+    """The mass or the stiffness matrix, by its name in the file, or of two files by their order."""
+    if len(files) == 2:
+        return lw.read_matrix(str(files[0 if what == "mass" else 1]) + (f":{name}" if name else ""))
+    if len(files) > 2:
+        raise click.UsageError("Give one file with both matrices, or two, the mass matrix first.")
+    if name:
+        return lw.read_matrix(f"{files[0]}:{name}")
+    first, second = _NAMES[what]
+    try:
+        return lw.read_matrix(f"{files[0]}:{first}")
+    except lw.StructureError as error:
+        try:
+            return lw.read_matrix(f"{files[0]}:{second}")
+        except lw.StructureError:
+            raise error from None
+
+
+def _point(given: str) -> tuple[str, int]:
+    name, equals, row = given.partition("=")
+    if not equals or not name or not row.strip().isdigit():
+        raise click.UsageError(f"--point needs NAME=ROW, such as tip=79, got {given!r}.")
+    return name.strip(), int(row)

@@ -1,0 +1,184 @@
+"""The linear part of a structure with hosts for a Kalman filter, with the forces of other links as random inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.expression import differentiate, symbols
+from linkwise.likelihood.starts.kalman import LinearModel
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+TIGHT = 0.1
+"""A bound on elongations that drift, as a part of the size of the measured motion."""
+_CORRELATED = 0.1  # s over which a bound is one piece of information
+_LOWEST = 3  # periods in a record of the slowest motion that counts for sizes
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPart:
+    """Linear system of a structure: stiffness and damping (n, n), the open links, and rows of the channels (C, n)."""
+
+    structure: Structure
+    stiffness: Floats
+    damping: Floats
+    open: tuple[int, ...]
+
+    @classmethod
+    def of(cls, structure: Structure) -> LinearPart:
+        incidence = structure.incidence.toarray()
+        n = structure.size
+        stiffness, damping, open_links = np.zeros((n, n)), np.zeros((n, n)), []
+        for number, link in enumerate(structure.links):
+            slopes = _linear_slopes(link, mode=link.name in structure.modes)
+            if slopes is None:
+                open_links.append(number)
+                continue
+            both = np.outer(incidence[:, number], incidence[:, number])
+            stiffness += slopes[0] * both
+            damping += slopes[1] * both
+        return cls(structure, stiffness, damping, tuple(open_links))
+
+    def model(
+        self, record: Record, sigma: Mapping[str, float], change: float, reach: float = TIGHT
+    ) -> LinearModel:
+        """The system in samples of a record.
+
+        Forces of open links change by `change` of their size in a sample; their elongations are bounded by `reach` times the
+        size of the measured motion.
+        """
+        structure, n, u = self.structure, self.structure.size, len(self.open)
+        masses = structure.mass_values
+        incidence = structure.incidence.toarray()[:, list(self.open)]
+        m = 2 * n + 2 * u
+        rates = np.zeros((m, m))
+        rates[:n, n : 2 * n] = np.eye(n)
+        rates[n : 2 * n, :n] = -self.stiffness / masses[:, None]
+        rates[n : 2 * n, n : 2 * n] = -self.damping / masses[:, None]
+        rates[n : 2 * n, 2 * n : 2 * n + u] = -incidence / masses[:, None]
+        rates[2 * n : 2 * n + u, 2 * n + u :] = np.eye(u)
+        applied = _applied(record, structure)
+        drive = np.zeros((m, len(applied)))
+        drive[n : 2 * n] = applied.T / masses[:, None]
+        size = self._force_sizes(record)
+        intensity = np.zeros(m)
+        intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
+        transition, process, held = _discrete(rates, drive, intensity, record.step)
+        rows = np.stack([structure.topology.row(Channel.parse(name).mass) for name in _shown(record)])
+        kinds = ["xva".index(Channel.parse(name).kind) for name in _shown(record)]
+        by_kind = np.stack([np.eye(m)[:n], np.eye(m)[n : 2 * n], rates[n : 2 * n]])
+        direct = np.stack([np.zeros_like(drive[:n]), np.zeros_like(drive[:n]), drive[n : 2 * n]])
+        observation = np.stack([row @ by_kind[kind] for row, kind in zip(rows, kinds, strict=True)])
+        bound = reach * self._sizes(record)[0]
+        bounded = np.concatenate([incidence.T, np.zeros((u, m - n))], axis=1)
+        noise = [sigma[name] ** 2 for name in _shown(record)]
+        start = np.zeros(m)
+        start[:n], start[n : 2 * n] = self._sizes(record)
+        start[2 * n : 2 * n + u], start[2 * n + u :] = size, size / record.step
+        return LinearModel(
+            transition=transition,
+            process=process,
+            observation=np.concatenate([observation, bounded]),
+            noise=np.array([*noise, *[bound**2 * _CORRELATED * record.rate] * u]),
+            drive=held,
+            direct=np.concatenate(
+                [
+                    np.stack([row @ direct[kind] for row, kind in zip(rows, kinds, strict=True)]),
+                    np.zeros((u, len(applied))),
+                ]
+            ),
+            first=np.diag(np.square(10.0 * start)),
+        )
+
+    def _force_sizes(self, record: Record) -> Floats:
+        """(U,) sizes of the forces of open links: what would give their ends the measured acceleration."""
+        incidence = self.structure.incidence.toarray()[:, list(self.open)]
+        mobility = np.einsum("il,il->l", incidence, incidence / self.structure.mass_values[:, None])
+        x, v = self._sizes(record)
+        return np.asarray(v**2 / max(x, np.finfo(float).tiny) / mobility)
+
+    def _sizes(self, record: Record) -> tuple[float, float]:
+        """Sizes of displacements and velocities: the largest of the channels, integrated above the lowest frequencies."""
+        sizes = []
+        for name in _shown(record):
+            values = record.channel(name)
+            spectrum = np.fft.rfft(np.where(np.isfinite(values), values, 0.0))[_LOWEST:]
+            omega = 2.0 * np.pi * np.fft.rfftfreq(len(values), record.step)[_LOWEST:]
+            order = "xva".index(Channel.parse(name).kind)
+            powers = [float(np.sum(np.abs(spectrum * omega ** (kind - order)) ** 2)) for kind in (0, 1)]
+            sizes.append(np.sqrt(2.0 * np.array(powers)) / len(values))
+        x, v = np.max(sizes, axis=0)
+        return float(x), float(v)
+
+
+def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
+    """Stiffness and damping of a link that is part of the linear system, None for another one."""
+    coefficients = link.coefficients.values()
+    if any(coefficient.value is None for coefficient in coefficients):
+        if mode:
+            missing = next(name for name, each in link.coefficients.items() if each.value is None)
+            raise IdentificationError(
+                f"no starting value for {link.name}.{missing}: state {{ start = ... }} for it in the structure"
+            )
+        return None
+    if not mode and not all(coefficient.known for coefficient in coefficients):
+        return None
+    slopes = link.law.partials(0.0, 0.0, link.values) if not link.law.states else None
+    if slopes is None or not _is_linear(link):
+        return None
+    return float(slopes.by_d), float(slopes.by_v)
+
+
+def _is_linear(link: Link) -> bool:
+    """Whether a law is linear in d and v."""
+    return not any(set(symbols(differentiate(link.law.expression, name))) & {"d", "v"} for name in ("d", "v"))
+
+
+def _shown(record: Record) -> list[str]:
+    """Channels of motion."""
+    return [name for name in record.responses if Channel.parse(name).kind in "xva"]
+
+
+def samples_of(record: Record, linear: LinearPart) -> Floats:
+    """(N, C + U) samples, and zeros that bound the elongations of open links."""
+    shown = record.select(_shown(record)).values
+    return np.concatenate([shown, np.zeros((len(record), len(linear.open)))], axis=1)
+
+
+def _forced(record: Record) -> list[str]:
+    return [name for name in record.inputs if Channel.parse(name).kind == "force"]
+
+
+def _applied(record: Record, structure: Structure) -> Floats:
+    """(r, n) parts of modes and masses in the applied forces."""
+    rows = [structure.topology.row(Channel.parse(name).mass) for name in _forced(record)]
+    return np.stack(rows) if rows else np.zeros((0, structure.size))
+
+
+def inputs_of(record: Record) -> Floats:
+    """(N, r) applied forces."""
+    columns = [record.channel(name) for name in _forced(record)]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(record), 0))
+
+
+def _discrete(rates: Floats, drive: Floats, intensity: Floats, step: float) -> tuple[Floats, Floats, Floats]:
+    """Transition, process covariance (by Van Loan's method) and effect of inputs over a step."""
+    m, r = len(rates), drive.shape[1]
+    held = np.zeros((m + r, m + r))
+    held[:m, :m], held[:m, m:] = rates, drive
+    whole = scipy.linalg.expm(held * step)
+    scale = np.sqrt(np.maximum(intensity, 0.0))
+    block = np.zeros((2 * m, 2 * m))
+    block[:m, :m], block[:m, m:], block[m:, m:] = -rates, np.diag(scale**2), rates.T
+    loaned = scipy.linalg.expm(block * step)
+    transition = loaned[m:, m:].T
+    process = transition @ loaned[:m, m:]
+    return whole[:m, :m], 0.5 * (process + process.T), whole[:m, m:]

@@ -1,0 +1,236 @@
+"""Hosts from matrices of a finite-element model: the lowest modes, and the flexibility of the others at the points.
+
+Modes that are left out still give way under a force at a point: by K^-1 less the sum of phi phi'/w^2 over those kept. The
+residual attachment modes have this flexibility: what is left of the static response to a unit force at each point, made modes
+by the eigenvalues of the matrices in their span. Without them a link would be felt too stiff by a point that is too stiff.
+
+References
+----------
+R. H. MacNeal, Comput. Struct. 1, 581 (1971); S. Rubin, AIAA J. 13, 995 (1975).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Floats
+from linkwise.errors import StructureError
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host, HostMode
+
+_DENSE = 400  # degrees of freedom up to which all eigenvalues are computed
+_RIGID = 1e-9  # of the largest kept square of a frequency: below it is 0
+_SHIFT = 1e-8  # of the mean stiffness over mass: makes the stiffness of a free structure regular
+_RESIDUAL = 1e-10  # of the largest: residual flexibility that is none
+
+
+@dataclass(frozen=True, eq=False)
+class HostReduction:
+    """A host from matrices, and what the reduction leaves out.
+
+    Attributes
+    ----------
+    host : Host
+        The kept modes and the residual attachment modes.
+    kept : int
+        The number of modes that are natural modes of the matrices.
+    band : float
+        Frequency in Hz up to which `error` holds: half that of the first mode that was left out.
+    error : float
+        Largest relative error of the receptances between the points there, by their Frobenius norm.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> from scipy.sparse import csc_array
+    >>> stiffness = csc_array(1e4 * (2.0 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)))
+    >>> reduced = lw.reduce_host("rod", csc_array(0.1 * np.eye(9)), stiffness, {"mid": 5}, keep=2)
+    >>> round(reduced.band, 1)
+    22.9
+    """
+
+    host: Host
+    kept: int
+    band: float
+    error: float
+
+
+def reduce_host(
+    name: str,
+    mass: scipy.sparse.csc_array,
+    stiffness: scipy.sparse.csc_array,
+    points: Mapping[str, int],
+    *,
+    keep: int = 10,
+    modal_damping: float = 0.0,
+    rayleigh: tuple[float, float] | None = None,
+    residual: bool = True,
+) -> HostReduction:
+    """Reduce the matrices of a finite-element model to a host.
+
+    Parameters
+    ----------
+    name : str
+        Name of the host.
+    mass, stiffness : sparse array of shape (n, n)
+        The matrices in SI units, constrained as the structure is; symmetric, the mass positive definite.
+    points : mapping of str to int
+        Row of the matrices for each point, counted from 1.
+    keep : int, optional
+        Number of the lowest modes that are kept.
+    modal_damping : float, optional
+        Damping of every mode as a part of the critical one.
+    rayleigh : tuple of float, optional
+        Factors a in 1/s and b in s of a damping matrix a M + b K, instead.
+    residual : bool, optional
+        Whether residual attachment modes stand for the modes that are left out.
+
+    Returns
+    -------
+    HostReduction
+        The host and the error of the reduction.
+
+    Raises
+    ------
+    StructureError
+        If a point is no row, the matrices differ in size or are not symmetric, or there are not so many modes.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> from scipy.sparse import csc_array, diags_array
+    >>> stiffness = csc_array(1e4 * diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(30, 30)))
+    >>> reduced = lw.reduce_host("rod", csc_array(0.1 * np.eye(30)), stiffness, {"mid": 15}, keep=4)
+    >>> reduced.kept, len(reduced.host.modes), reduced.error < 1e-3
+    (4, 5, True)
+    """
+    mass, stiffness = scipy.sparse.csc_array(mass), scipy.sparse.csc_array(stiffness)
+    rows = _checked(mass, stiffness, points, keep)
+    squares, shapes = _lowest(mass, stiffness, keep)
+    at_points = np.zeros((mass.shape[0], len(rows)))
+    at_points[rows, range(len(rows))] = 1.0
+    following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
+    squares, shapes = squares[:keep], shapes[:, :keep]
+    kept = len(squares)
+    if residual:
+        more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points)
+        squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
+    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    zeta = _damping_ratios(frequencies, modal_damping, rayleigh)
+    local = shapes[rows]
+    modes = tuple(
+        HostMode(
+            Coefficient.number(float(frequency)),
+            Coefficient.number(float(ratio)),
+            {point: float(value) for point, value in zip(points, column, strict=True)},
+        )
+        for frequency, ratio, column in zip(frequencies, zeta, local.T, strict=True)
+    )
+    square = 0.25 * following  # half of that frequency
+    exact = at_points.T @ scipy.sparse.linalg.splu(scipy.sparse.csc_array(stiffness - square * mass)).solve(
+        at_points
+    )
+    found = (local / (squares - square)) @ local.T
+    error = float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    return HostReduction(Host(name, modes), kept, float(np.sqrt(square) / (2.0 * np.pi)), error)
+
+
+def _checked(
+    mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array, points: Mapping[str, int], keep: int
+) -> list[int]:
+    """Rows of the points from 0; StructureError for what cannot be reduced."""
+    size = mass.shape[0]
+    if mass.shape != stiffness.shape:
+        raise StructureError(
+            f"the mass matrix has {size} rows and the stiffness matrix {stiffness.shape[0]}; they belong to different models"
+        )
+    if not points:
+        raise StructureError(
+            "a host needs at least one point: name a row of the matrices, such as tip = 1205"
+        )
+    wrong = next((point for point, row in points.items() if not 1 <= row <= size), None)
+    if wrong is not None:
+        raise StructureError(
+            f'the point "{wrong}" is row {points[wrong]}, but the matrices have rows 1 to {size}, counted from 1'
+        )
+    if not 1 <= keep < size:
+        raise StructureError(f"the number of kept modes must be from 1 to {size - 1}, got {keep}")
+    for what, matrix in (("mass", mass), ("stiffness", stiffness)):
+        largest = float(np.abs(matrix.data).max(initial=0.0))
+        if float(np.abs((matrix - matrix.T).data).max(initial=0.0)) > 1e-6 * largest:
+            raise StructureError(
+                f"the {what} matrix is not symmetric; a host is a linear structure that keeps energy"
+            )
+    return [row - 1 for row in points.values()]
+
+
+def _lowest(
+    mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array, keep: int
+) -> tuple[Floats, Floats]:
+    """Squares (k,) of the angular frequencies of the lowest modes and one more, and mass-normalised shapes (n, k)."""
+    count = min(keep + 1, mass.shape[0])
+    try:
+        if mass.shape[0] <= _DENSE:
+            squares, shapes = scipy.linalg.eigh(
+                stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1)
+            )
+        else:
+            shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
+            start = np.ones(mass.shape[0])  # eigsh draws one at random otherwise
+            squares, shapes = scipy.sparse.linalg.eigsh(
+                stiffness, count, mass, sigma=shift, which="LM", v0=start
+            )
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise StructureError(
+            f"the modes of the matrices cannot be computed ({error}); the mass matrix must be positive definite"
+        ) from None
+    order = np.argsort(squares)
+    squares, shapes = squares[order], shapes[:, order]
+    squares = np.where(np.abs(squares) < _RIGID * np.abs(squares).max(), 0.0, squares)
+    if (squares < 0.0).any():
+        raise StructureError(
+            "the stiffness matrix has negative eigenvalues: the structure it describes is not stable"
+        )
+    return squares, shapes / np.sqrt(np.einsum("ir,ir->r", shapes, mass @ shapes))
+
+
+def _residual_modes(
+    mass: scipy.sparse.csc_array,
+    stiffness: scipy.sparse.csc_array,
+    squares: Floats,
+    shapes: Floats,
+    at_points: Floats,
+) -> tuple[Floats, Floats]:
+    """Squares (p,) and shapes (n, p) of modes with the flexibility at the points that the kept modes lack."""
+    shift = 0.0
+    if (squares == 0.0).any():
+        shift = _SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
+    static = scipy.sparse.linalg.splu(scipy.sparse.csc_array(stiffness + shift * mass)).solve(at_points)
+    static -= shapes @ ((shapes.T @ at_points) / (squares + shift)[:, None])
+    static -= shapes @ (shapes.T @ (mass @ static))  # rounding
+    of_mass, of_stiffness = static.T @ (mass @ static), static.T @ (stiffness @ static)
+    scale = np.sqrt(of_mass.diagonal())
+    scale[scale == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(of_mass / np.outer(scale, scale))
+    basis = (vectors / scale[:, None])[:, values > _RESIDUAL * values.max()]
+    reduced = scipy.linalg.eigh(basis.T @ of_stiffness @ basis, basis.T @ of_mass @ basis)
+    return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
+
+
+def _damping_ratios(
+    frequencies: Floats, modal_damping: float, rayleigh: tuple[float, float] | None
+) -> Floats:
+    if rayleigh is None:
+        return np.full(len(frequencies), modal_damping)
+    omega = 2.0 * np.pi * frequencies
+    if (omega == 0.0).any() and rayleigh[0] != 0.0:
+        raise StructureError(
+            "Rayleigh damping of a free structure damps its rigid motion; give modal damping"
+        )
+    return np.asarray(0.5 * (rayleigh[0] / np.where(omega > 0.0, omega, 1.0) + rayleigh[1] * omega))

@@ -1,0 +1,86 @@
+"""Hosts on the command line: from a table of modes or matrices to an identified link and its validation."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+
+LINK = """
+[[mass]]
+name = "store"
+mass = "50 g"
+
+[[link]]
+name = "payload"
+between = ["store", "wing.tip"]
+law = "k*d + k3*d**3 + c*v"
+coefficients = { k = 200.0, k3 = 2e6, c = 0.05 }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "modes.csv").write_text(
+        "frequency[Hz],damping,tip,joint\n5.2,0.01,1.0,0.62\n21,0.01,-1,0.3\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_from_modes_to_a_validated_link(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "wing.toml"]) == 0
+    true = (folder / "wing.toml").read_text() + LINK
+    (folder / "true.toml").write_text(true)
+    asked = true.replace("k = 200.0, k3 = 2e6, c = 0.05", 'k = "unknown", k3 = "unknown", c = "unknown"')
+    (folder / "asked.toml").write_text(asked)
+    drive = ["--force", "wing.joint=5*sin(33*t)", "--release", "v:wing.mode1=0.3"]
+    recorded = ["--duration", "2", "--rate", "400", "--noise", "30", "--seed", "2", "-o", "wing.csv"]
+    assert run(["simulate", "true.toml", *drive, *recorded]) == 0
+    assert "1 host, 2 modes, 1 mass, 1 link" in capsys.readouterr().out
+    assert (
+        (folder / "wing.csv").read_text().startswith("time,x:wing.tip,x:wing.joint,x:store,force:wing.joint")
+    )
+    assert run(["identify", "wing.csv", "asked.toml", "-o", "answer"]) == 0
+    result = json.loads((folder / "answer" / "result.json").read_text())
+    assert result["trusted"]
+    assert [mode["name"] for mode in result["modes"]] == ["wing.mode1", "wing.mode2"]
+    found = result["links"][0]["coefficients"]
+    for name, value in (("k", 200.0), ("k3", 2e6), ("c", 0.05)):
+        assert abs(found[name]["value"] - value) < 4.0 * found[name]["standard_error"]
+    assert not list((folder / "answer").glob("force_wing*"))
+    assert run(["validate", "wing.csv", "answer"]) == 0
+    assert "x:wing.tip" in capsys.readouterr().out
+
+
+def test_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stiffness = 1e4 * (2.0 * np.eye(30) - np.eye(30, k=1) - np.eye(30, k=-1))
+    np.savez(folder / "rod.npz", M=0.1 * np.eye(30), K=stiffness)
+    assert (
+        run(["structure", "host", "rod.npz", "--point", "mid=15", "--keep", "4", "--modal-damping", "0.02"])
+        == 0
+    )
+    out, err = capsys.readouterr()
+    assert len(lw.parse_structure(out).hosts[0].modes) == 5
+    assert "4 modes and 1 residual ones" in err
+    for wrong, told in (
+        (["rod.npz"], "at least one point"),
+        (["rod.npz", "--point", "mid=fifteen"], "--point needs NAME=ROW"),
+        (["rod.npz", "--mass", "Q", "--point", "mid=15"], "holds no matrix 'Q'"),
+        (["modes.csv", "--point", "mid=15"], "A CSV file of modes has its points as columns"),
+    ):
+        assert run(["structure", "host", *wrong]) == 2
+        assert told in " ".join(capsys.readouterr().err.split())
+
+
+def test_show_prints_the_modes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "-o", "host.toml"]) == 0
+    assert run(["structure", "show", "host.toml"]) == 0
+    out = capsys.readouterr().out
+    assert "2 modes; shapes in 1/sqrt(kg) at modes.tip, modes.joint" in out
+    assert "modes.mode2  21 Hz" in out

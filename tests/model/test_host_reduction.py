@@ -1,0 +1,160 @@
+"""Hosts from matrices: receptances of a beam, free structures, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+
+import linkwise as lw
+
+Matrices = tuple[scipy.sparse.csc_array, scipy.sparse.csc_array]
+
+
+def beam(elements: int = 40, *, clamped: bool = True) -> Matrices:
+    """Mass and stiffness of a beam of Euler-Bernoulli elements: displacement and slope at every node, in order."""
+    length, bending, line_mass = 1.0 / elements, 11.2, 0.324  # 1 m of aluminium, 30 mm by 4 mm
+    h = length
+    stiffness = bending / h**3 * np.array(
+        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
+    )  # fmt: skip
+    mass = line_mass * h / 420 * np.array(
+        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]
+    )  # fmt: skip
+    size = 2 * elements + 2
+    K, M = scipy.sparse.lil_array((size, size)), scipy.sparse.lil_array((size, size))
+    for element in range(elements):
+        own = slice(2 * element, 2 * element + 4)
+        K[own, own] += stiffness
+        M[own, own] += mass
+    first = 2 if clamped else 0
+    return scipy.sparse.csc_array(M[first:, first:]), scipy.sparse.csc_array(K[first:, first:])
+
+
+def receptance(host: lw.Host, frequency: float) -> float:
+    """Displacement of the first point for a unit force there, at a frequency in Hz, undamped."""
+    omega2 = (2.0 * np.pi * frequency) ** 2
+    return sum(
+        next(iter(mode.shape.values())) ** 2 / ((2.0 * np.pi * (mode.frequency.value or 0.0)) ** 2 - omega2)
+        for mode in host.modes
+    )
+
+
+def test_frequencies_are_those_of_a_cantilever() -> None:
+    """The first two of an Euler-Bernoulli beam are (1.8751, 4.6941)^2 sqrt(EI/m)/(2 pi L^2)."""
+    host = lw.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host
+    expected = np.array([1.8751041, 4.6940911]) ** 2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
+    found = [mode.frequency.value for mode in host.modes[:2]]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)  # 40 cubic elements are off by less
+
+
+def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
+    mass, stiffness = beam()
+    unit = np.zeros(80)
+    unit[78] = 1.0
+    for frequency, limit in ((0.0, 1e-6), (30.0, 1e-4)):  # at rest but for rounding, with matrices of condition 1e9
+        matrix = stiffness - (2.0 * np.pi * frequency) ** 2 * mass
+        exact = scipy.sparse.linalg.spsolve(scipy.sparse.csc_array(matrix), unit)[78]
+        with_residual = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3)
+        without = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3, residual=False)
+        assert receptance(with_residual.host, frequency) == pytest.approx(exact, rel=limit)
+        assert abs(receptance(without.host, frequency) / exact - 1.0) > 10.0 * limit
+        assert without.error > 3.0 * with_residual.error
+
+
+def test_a_large_sparse_model_has_the_modes_of_a_small_one() -> None:
+    """400 elements are past the size up to which matrices are dense; the rows of the same points agree."""
+    small = lw.reduce_host("beam", *beam(40), {"tip": 79, "mid": 39}, keep=3).host
+    large = lw.reduce_host("beam", *beam(400), {"tip": 799, "mid": 399}, keep=3).host
+    for one, other in zip(small.modes[:3], large.modes[:3], strict=True):
+        assert one.frequency.value == pytest.approx(other.frequency.value, rel=1e-5)
+        assert abs(one.shape["mid"] / one.shape["tip"]) == pytest.approx(
+            abs(other.shape["mid"] / other.shape["tip"]), rel=1e-3
+        )
+
+
+def test_a_free_beam_has_rigid_modes() -> None:
+    reduced = lw.reduce_host("beam", *beam(clamped=False), {"tip": 81, "root": 1}, keep=4)
+    frequencies = [mode.frequency.value for mode in reduced.host.modes]
+    assert frequencies[:2] == [0.0, 0.0]
+    assert (frequencies[2] or 0.0) > 10.0
+    # the rigid motion under a unit force at the tip of a free rod of mass m: (1 + 3)/m of its end
+    rigid = sum(mode.shape["tip"] ** 2 for mode in reduced.host.modes[:2])
+    assert rigid == pytest.approx(4.0 / 0.324, rel=1e-6)
+
+
+def test_rayleigh_damping_follows_the_frequencies() -> None:
+    host = lw.reduce_host("beam", *beam(), {"tip": 79}, keep=3, rayleigh=(0.2, 1e-5)).host
+    for mode in host.modes:
+        omega = 2.0 * np.pi * (mode.frequency.value or 0.0)
+        assert mode.damping.value == pytest.approx(0.5 * (0.2 / omega + 1e-5 * omega))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"points": {"tip": 81}}, "rows 1 to 80, counted from 1"),
+        ({"points": {}}, "at least one point"),
+        ({"keep": 80}, "from 1 to 79, got 80"),
+        ({"mass": beam(3)[0]}, "they belong to different models"),
+        ({"stiffness": scipy.sparse.csc_array(np.triu(beam()[1].toarray()))}, "is not symmetric"),
+        ({"stiffness": -1.0 * beam()[1]}, "negative eigenvalues"),
+        ({"mass": -1.0 * beam()[0]}, "positive definite"),
+    ],
+)
+def test_matrices_that_are_no_host_are_refused(change: dict[str, object], told: str) -> None:
+    mass, stiffness = beam()
+    given = {"mass": mass, "stiffness": stiffness, "points": {"tip": 79}, "keep": 3, **change}
+    with pytest.raises(lw.StructureError) as error:
+        lw.reduce_host("beam", **given)  # type: ignore[arg-type]  # of several types
+    assert told in str(error.value)
+
+
+def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
+    mass, stiffness = beam(5)
+    scipy.io.savemat(tmp_path / "beam.mat", {"M": mass.tocsc(), "K": stiffness.toarray(), "title": "beam"})
+    np.savez(tmp_path / "beam.npz", M=mass.toarray(), K=stiffness.toarray())
+    scipy.sparse.save_npz(tmp_path / "sparse.npz", mass)
+    scipy.io.mmwrite(tmp_path / "mass.mtx", mass)
+    for named in ("beam.mat:M", "beam.npz:M", "sparse.npz", "mass.mtx"):
+        np.testing.assert_allclose(lw.read_matrix(named, tmp_path).toarray(), mass.toarray(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("named", "told"),
+    [
+        ("no.mat:M", "there is no such file"),
+        ("beam.mat:Q", "holds no matrix 'Q'; choose from"),
+        ("beam.mat", "holds several matrices; choose from"),
+        ("bad.mat:M", "cannot be read as a MAT file"),
+        ("bad.npz:M", "cannot be read as a .npz file"),
+        ("wide.npz:W", "no square matrix of finite numbers: it has 2 rows and 3 columns"),
+        ("bad.txt:M", "are read from .mat, .npz and .mtx files"),
+    ],
+)
+def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, told: str) -> None:
+    scipy.io.savemat(tmp_path / "beam.mat", {"M": np.eye(3), "K": np.eye(3)})
+    np.savez(tmp_path / "wide.npz", W=np.ones((2, 3)))
+    for name in ("bad.mat", "bad.npz", "bad.txt"):
+        (tmp_path / name).write_bytes(b"MATLAB 5.0 MAT-file no more" * 20)
+    with pytest.raises(lw.StructureError) as error:
+        lw.read_matrix(named, tmp_path)
+    assert told in str(error.value)
+
+
+def test_a_structure_file_names_matrices(tmp_path: Path) -> None:
+    mass, stiffness = beam(10)
+    np.savez(tmp_path / "beam.npz", M=mass.toarray(), K=stiffness.toarray())
+    (tmp_path / "fe.toml").write_text(
+        '[[host]]\nname = "beam"\nmatrices = { mass = "beam.npz:M", stiffness = "beam.npz:K" }\n'
+        "points = { tip = 19 }\nkeep = 3\nmodal_damping = 0.01\n"
+    )
+    host = lw.read_structure(tmp_path / "fe.toml").hosts[0]
+    assert host == lw.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, modal_damping=0.01).host
+    (tmp_path / "fe.toml").write_text('[[host]]\nname = "beam"\npoints = { tip = 19 }\n')
+    with pytest.raises(lw.StructureError, match="either modes or matrices"):
+        lw.read_structure(tmp_path / "fe.toml")
