@@ -133,9 +133,7 @@ def reduce_host(
         for frequency, ratio, column in zip(frequencies, zeta, local.T, strict=True)
     )
     square = 0.25 * following  # half of that frequency
-    exact = at_points.T @ scipy.sparse.linalg.splu(scipy.sparse.csc_array(stiffness - square * mass)).solve(
-        at_points
-    )
+    exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
     found = (local / (squares - square)) @ local.T
     error = float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
     return HostReduction(Host(name, modes), kept, float(np.sqrt(square) / (2.0 * np.pi)), error)
@@ -182,9 +180,10 @@ def _lowest(
             )
         else:
             shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
+            inverse = scipy.sparse.linalg.LinearOperator(mass.shape, _factor(stiffness - shift * mass).solve)
             start = np.ones(mass.shape[0])  # eigsh draws one at random otherwise
             squares, shapes = scipy.sparse.linalg.eigsh(
-                stiffness, count, mass, sigma=shift, which="LM", v0=start
+                stiffness, count, mass, sigma=shift, which="LM", v0=start, OPinv=inverse
             )
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise StructureError(
@@ -200,6 +199,16 @@ def _lowest(
     return squares, shapes / np.sqrt(np.einsum("ir,ir->r", shapes, mass @ shapes))
 
 
+def _factor(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
+    """LU factors of a symmetric matrix, ordered and pivoted as one."""
+    return scipy.sparse.linalg.splu(
+        scipy.sparse.csc_array(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.1,
+        options={"SymmetricMode": True},
+    )
+
+
 def _residual_modes(
     mass: scipy.sparse.csc_array,
     stiffness: scipy.sparse.csc_array,
@@ -211,7 +220,7 @@ def _residual_modes(
     shift = 0.0
     if (squares == 0.0).any():
         shift = _SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
-    static = scipy.sparse.linalg.splu(scipy.sparse.csc_array(stiffness + shift * mass)).solve(at_points)
+    static = _factor(stiffness + shift * mass).solve(at_points)
     static -= shapes @ ((shapes.T @ at_points) / (squares + shift)[:, None])
     static -= shapes @ (shapes.T @ (mass @ static))  # rounding
     of_mass, of_stiffness = static.T @ (mass @ static), static.T @ (stiffness @ static)

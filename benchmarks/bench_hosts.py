@@ -1,0 +1,158 @@
+"""A cantilever of finite elements with a bistable sink at its tip: reduction, free runs, coverage, and large matrices.
+
+LINKWISE_SEEDS says how many records (default 10; 100 are asked). Each has other noise and other frequencies of the host, which
+are known to within 1 %, and shapes that are exact.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import time
+
+import numpy as np
+import pytest
+import scipy
+
+import linkwise as lw
+from linkwise.arrays import Floats
+
+SEEDS = int(os.environ.get("LINKWISE_SEEDS", "10"))
+FIRST_SEED = 9_000_000  # of no test
+ELEMENTS, KEPT = 40, 8
+BENDING, LINE_MASS = 11.2, 0.324  # N m^2 and kg/m of 1 m of aluminium, 30 mm by 4 mm
+DAMPING, SINK, RATE, DURATION, SNR = 0.01, 0.03, 2000.0, 2.0, 25.0
+TRUE = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
+WITHIN = 0.01  # of a frequency
+POINTS = {"tip": 2 * ELEMENTS - 1, "mid": ELEMENTS - 1}
+HITS = "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 1.05)/0.002)**2)"
+SENSORS = ["a:beam.tip", "a:beam.mid", "a:sink"]
+
+
+def _beam(elements: int) -> tuple[scipy.sparse.csc_array, scipy.sparse.csc_array]:
+    """Mass and stiffness of a cantilever of Euler-Bernoulli elements: displacement and slope of every free node."""
+    h = 1.0 / elements
+    stiffness = BENDING / h**3 * np.array(
+        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
+    )  # fmt: skip
+    mass = LINE_MASS * h / 420 * np.array(
+        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]
+    )  # fmt: skip
+    first = 2 * np.arange(elements)[:, None, None]
+    rows = np.broadcast_to(first + np.arange(4)[:, None], (elements, 4, 4)).ravel()
+    columns = np.broadcast_to(first + np.arange(4), (elements, 4, 4)).ravel()
+    size = 2 * elements + 2
+    whole = (
+        scipy.sparse.coo_array((np.tile(each.ravel(), elements), (rows, columns)), (size, size)).tocsc()
+        for each in (mass, stiffness)
+    )
+    mass_matrix, stiffness_matrix = (scipy.sparse.csc_array(each[2:, 2:]) for each in whole)
+    return mass_matrix, stiffness_matrix
+
+
+def _structure(keep: int, *, residual: bool = True) -> lw.Structure:
+    host = lw.reduce_host(
+        "beam", *_beam(ELEMENTS), POINTS, keep=keep, modal_damping=DAMPING, residual=residual
+    ).host
+    law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
+    link = lw.Link(
+        "nes", ("sink", "beam.tip"), law, {name: lw.Coefficient.number(each) for name, each in TRUE.items()}
+    )
+    return lw.Structure("beam", (lw.Mass("sink", lw.Coefficient.number(SINK)),), (link,), (host,))
+
+
+def _run(structure: lw.Structure) -> lw.Record:
+    return lw.simulate(
+        structure,
+        forces={"beam.mid": HITS},
+        release={"x:sink": 0.00707},
+        duration=DURATION,
+        rate=RATE,
+        sensors=[*SENSORS, "f:nes"],
+    )
+
+
+def _asked(rng: np.random.Generator) -> lw.Structure:
+    """The sink unknown, the frequencies known to within, wrong by as much as that says."""
+    structure = _structure(KEPT, residual=False)
+    host = structure.hosts[0]
+    modes = []
+    for mode in host.modes:
+        assert mode.frequency.value is not None
+        sigma = WITHIN * mode.frequency.value
+        start = mode.frequency.value + sigma * rng.standard_normal()
+        modes.append(lw.HostMode(lw.Coefficient.unknown(start, sigma=sigma), mode.damping, mode.shape))
+    link = structure.link("nes")
+    free = lw.Link("nes", link.between, link.law, {name: lw.Coefficient.unknown() for name in TRUE})
+    return lw.Structure("beam", (structure.mass("sink"),), (free,), (lw.Host("beam", tuple(modes)),))
+
+
+def test_free_run_of_the_reduced_structure(capsys: pytest.CaptureFixture[str]) -> None:
+    """The force in the link against that of 30 modes, up to the horizon of both."""
+    full, reduced = _run(_structure(30)), _run(_structure(KEPT))
+    horizon = min(each.simulated.horizon or DURATION for each in (full, reduced) if each.simulated)
+    count = int(horizon * RATE)
+    one, other = (each.channel("f:nes")[:count] for each in (full, reduced))
+    departed = np.abs(one - other) > 0.5 * np.sqrt(np.mean(one**2))  # in another well: the motion is chaotic
+    until = int(np.argmax(departed)) if departed.any() else count
+    error = np.sqrt(np.mean((one - other)[:until] ** 2) / np.mean(one[:until] ** 2))
+    early = slice(0, int(0.2 * RATE))
+    first = np.sqrt(np.mean((one - other)[early] ** 2) / np.mean(one[early] ** 2))
+    with capsys.disabled():
+        print(f"\n{KEPT} modes and residual ones against 30: force in the link off by {100 * first:.3f} % over 0.2 s, "
+              f"{100 * error:.2f} % until it departs at {until / RATE:.2f} s")  # fmt: skip
+    assert first < 0.005
+
+
+def test_coverage_of_the_sink(capsys: pytest.CaptureFixture[str]) -> None:
+    record = _run(_structure(KEPT, residual=False)).select([*SENSORS, "force:beam.mid"])
+    scores: list[Floats] = []
+    refused, seconds = [], []
+    for seed in range(FIRST_SEED, FIRST_SEED + SEEDS):
+        asked, began = _asked(np.random.default_rng(seed)), time.perf_counter()
+        fit = lw.identify(record.with_noise(SNR, seed=seed), asked)
+        seconds.append(time.perf_counter() - began)
+        if not fit.trusted:
+            refused.append(fit.status)
+            continue
+        found = [fit.coefficient(f"nes.{name}") for name in TRUE]
+        scores.append(
+            np.array(
+                [
+                    (each.value - true) / (each.standard_error or np.nan)
+                    for each, true in zip(found, TRUE.values(), strict=True)
+                ]
+            )
+        )
+    z = np.abs(np.array(scores))
+    with capsys.disabled():
+        print(f"\n{SEEDS} records: {len(scores)} trusted, refused: {refused}; coverage {100 * np.mean(z < 1.96):.1f} %, "
+              f"worst {z.max(initial=0.0):.2f} standard errors; {np.median(seconds):.1f} s in the median")  # fmt: skip
+    assert z.max(initial=0.0) < 5.0
+
+
+def _membrane(side: int) -> tuple[scipy.sparse.csc_array, scipy.sparse.csc_array]:
+    """Mass and stiffness of a square net of strings under unit tension, held at its edge, with `side` free knots a side."""
+    line = scipy.sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(side, side))
+    stiffness = scipy.sparse.csc_array(scipy.sparse.kronsum(line, line))
+    return scipy.sparse.csc_array(scipy.sparse.eye_array(side**2) / (side + 1.0) ** 2), stiffness
+
+
+def test_large_matrices(capsys: pytest.CaptureFixture[str]) -> None:
+    side = 316
+    mass, stiffness = _membrane(side)
+    points = {"middle": side // 2 * side + side // 2, "quarter": side // 4 * side + side // 4}
+    began = time.perf_counter()
+    reduced = lw.reduce_host("membrane", mass, stiffness, points, keep=20)
+    seconds = time.perf_counter() - began
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    squares = 4.0 * (side + 1.0) ** 2 * np.sin(0.5 * np.pi * np.arange(1, 4) / (side + 1.0)) ** 2
+    expected = np.sqrt([squares[0] + squares[0], squares[0] + squares[1]]) / (2.0 * np.pi)
+    found = [each.frequency.value for each in reduced.host.modes[:2]]
+    with capsys.disabled():
+        print(f"\n{side**2} degrees of freedom, 20 modes: {seconds:.1f} s, {peak:.2f} GB, first frequencies "
+              f"{found} Hz of {expected.tolist()}")  # fmt: skip
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    assert peak < 4.0
