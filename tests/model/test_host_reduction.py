@@ -56,7 +56,10 @@ def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
     mass, stiffness = beam()
     unit = np.zeros(80)
     unit[78] = 1.0
-    for frequency, limit in ((0.0, 1e-6), (30.0, 1e-4)):  # at rest but for rounding, with matrices of condition 1e9
+    for frequency, limit in (
+        (0.0, 1e-6),
+        (30.0, 1e-4),
+    ):  # at rest but for rounding, with matrices of condition 1e9
         matrix = stiffness - (2.0 * np.pi * frequency) ** 2 * mass
         exact = scipy.sparse.linalg.spsolve(scipy.sparse.csc_array(matrix), unit)[78]
         with_residual = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3)
