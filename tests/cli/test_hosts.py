@@ -72,7 +72,7 @@ def test_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]
         (["rod.npz"], "at least one point"),
         (["rod.npz", "--point", "mid=fifteen"], "--point needs NAME=ROW"),
         (["rod.npz", "--mass", "Q", "--point", "mid=15"], "holds no matrix 'Q'"),
-        (["modes.csv", "--point", "mid=15"], "A CSV file of modes has its points as columns"),
+        (["modes.csv", "--point", "mid=15"], "A file of modes has its own points"),
     ):
         assert run(["structure", "host", *wrong]) == 2
         assert told in " ".join(capsys.readouterr().err.split())

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+import pyuff
 
 import linkwise as lw
 
@@ -124,3 +125,32 @@ def test_methods_without_hosts_say_so(method: Literal["weak", "sindy"]) -> None:
     record = lw.simulate(wing, release={"v:store": 0.1}, duration=0.2, rate=500.0)
     with pytest.raises(lw.StructureError, match="a host is not supported"):
         lw.identify(record, wing.unknown("payload"), method=method)
+
+
+def _universal(path: Path, modes: list[tuple[float, float, float, list[float]]], analysis: int = 2) -> None:
+    """Data sets of type 55 with frequency, damping, modal mass and displacement along z at the nodes 12 and 15."""
+    sets = [
+        {
+            "type": 55, "analysis_type": analysis, "data_ch": 2, "spec_data_type": 8, "data_type": 2, "data_type_id": 2,
+            "load_case": 0, "mode_n": number, "freq": frequency, "modal_m": mass, "modal_damp_vis": damping,
+            "modal_damp_his": 0.0, "eig": 1.0 + 0j, "modal_a": 1.0 + 0j, "modal_b": 1.0 + 0j, "freq_step_n": 1,
+            "node_nums": np.array([12, 15]), "r1": np.zeros(2), "r2": np.zeros(2), "r3": np.array(shape),
+        }
+        for number, (frequency, damping, mass, shape) in enumerate(modes, start=1)
+    ]  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
+
+
+def test_modes_are_read_from_a_universal_file(tmp_path: Path) -> None:
+    path = tmp_path / "wing.uff"
+    _universal(path, [(5.2, 0.01, 4.0, [2.0, 1.24]), (21.0, 0.02, 1.0, [-1.0, 0.3])])
+    modes = lw.read_modes(path)
+    assert [mode.frequency.value for mode in modes] == [5.2, 21.0]
+    assert [mode.damping.value for mode in modes] == [0.01, 0.02]
+    assert modes[0].shape == {"12z": 1.0, "15z": 0.62}  # over the root of the modal mass
+    _universal(path, [(5.2, 0.01, 0.0, [2.0, 1.24])])
+    with pytest.raises(lw.StructureError, match="has the modal mass 0"):
+        lw.read_modes(path)
+    path.write_text("no universal file")
+    with pytest.raises(lw.StructureError, match=r"wing\.uff: (holds no modes|cannot be read)"):
+        lw.read_modes(path)

@@ -48,7 +48,7 @@ def test_frequencies_are_those_of_a_cantilever() -> None:
     """The first two of an Euler-Bernoulli beam are (1.8751, 4.6941)^2 sqrt(EI/m)/(2 pi L^2)."""
     host = lw.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host
     expected = np.array([1.8751041, 4.6940911]) ** 2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
-    found = [mode.frequency.value for mode in host.modes[:2]]
+    found = [mode.frequency.value or 0.0 for mode in host.modes[:2]]
     np.testing.assert_allclose(found, expected, rtol=1e-6)  # 40 cubic elements are off by less
 
 
@@ -113,7 +113,7 @@ def test_matrices_that_are_no_host_are_refused(change: dict[str, object], told: 
     mass, stiffness = beam()
     given = {"mass": mass, "stiffness": stiffness, "points": {"tip": 79}, "keep": 3, **change}
     with pytest.raises(lw.StructureError) as error:
-        lw.reduce_host("beam", **given)  # type: ignore[arg-type]  # of several types
+        lw.reduce_host("beam", **given)
     assert told in str(error.value)
 
 

@@ -49,11 +49,11 @@ def host(
     as_json: bool,
     **reduction: float,
 ) -> None:
-    """Write modes (CSV) or matrices (MAT, NPZ, MTX) of a linear structure as a host, to paste masses and links below.
+    """Write modes (CSV, UFF) or matrices (MAT, NPZ, MTX) of a linear structure as a host, to paste masses and links below.
 
-    A CSV file has the columns frequency[Hz], damping and the shape at every point. Of matrices the lowest modes are kept; that
-    the others give way under a force at the points is kept too. Two MTX files are the mass and the stiffness matrix, in this
-    order.
+    A CSV file has the columns frequency[Hz], damping and the shape at every point, in 1/sqrt(kg). Of matrices the lowest modes
+    are kept; that the others give way under a force at the points is kept too. Two MTX files are the mass and the stiffness
+    matrix, in this order.
 
     \b
     Example:
@@ -61,9 +61,9 @@ def host(
       linkwise structure host wing_modes.csv --name wing -o wing.toml
     """
     title = name or files[0].stem
-    if files[0].suffix.lower() == ".csv":
+    if files[0].suffix.lower() in (".csv", ".uff", ".unv"):
         if points or mass or stiffness or len(files) > 1:
-            raise click.UsageError("A CSV file of modes has its points as columns, and is read alone.")
+            raise click.UsageError("A file of modes has its own points, and is read alone.")
         made = lw.Host(title, lw.read_modes(files[0]))
     else:
         given = {"mass": mass, "stiffness": stiffness}

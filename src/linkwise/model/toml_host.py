@@ -20,13 +20,14 @@ from linkwise.model.host_reduction import reduce_host
 from linkwise.model.matrices import read_matrix
 from linkwise.model.toml_link import coefficient_of
 from linkwise.model.toml_tables import decode, read_toml_text
+from linkwise.model.uff_modes import modes_of_uff
 from linkwise.units import to_si
 
 _FREQUENCY, _DAMPING = "frequency", "damping"
 
 
 class HostTable(msgspec.Struct, forbid_unknown_fields=True):
-    """A host as written: `modes` is a list of tables or the name of a CSV file; or `matrices` with `points` and options."""
+    """A host as written: `modes`, a list of tables or the name of a file of modes; or `matrices` with `points` and options."""
 
     name: str
     modes: list[Any] | str | None = None
@@ -100,18 +101,19 @@ def _mode(given: object, source: str, path: str) -> HostMode:
 
 
 def read_modes(path: str | Path) -> tuple[HostMode, ...]:
-    """Read the modes of a host from a CSV file.
+    """Read the modes of a host from a CSV or a universal file.
 
     Parameters
     ----------
     path : str or Path
-        A file with the columns ``frequency[Hz]``, ``damping`` (0 without it) and one for the shape at each point, in
-        1/sqrt(kg).
+        A CSV file with the columns ``frequency[Hz]``, ``damping`` (0 without it) and one for the shape at each point, in
+        1/sqrt(kg); or a universal file (.uff, .unv) with data sets of type 55 in SI units, whose points are named by node
+        and direction, such as ``"12z"``.
 
     Returns
     -------
     tuple of HostMode
-        The modes, one for each line.
+        The modes.
 
     Raises
     ------
@@ -130,6 +132,8 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     5.2
     """
     source = str(path)
+    if Path(path).suffix.lower() in (".uff", ".unv"):
+        return modes_of_uff(path)
     lines = list(csv.reader(read_toml_text(path, StructureError).splitlines()))
     rows = [(number, cells) for number, cells in enumerate(lines, start=1) if any(c.strip() for c in cells)]
     if len(rows) < 2:
