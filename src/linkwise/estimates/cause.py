@@ -15,9 +15,9 @@ class Cause:
     ----------
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
-        share, ``"mass"``, the ``"frequency"`` of a mode of a host, ``"force gain"`` or ``"force delay"`` of an applied force,
-        a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
-        ``"prior"``, that the records contradict.
+        share, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, ``"force gain"`` or ``"force
+        delay"`` of an applied force, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground,
+        or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -32,7 +32,7 @@ class Cause:
     term : str
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
-        The channel that crosstalk comes from, else empty.
+        The channel that crosstalk comes from, or the mode of a shape, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares.
     remark : str
@@ -96,6 +96,8 @@ class Cause:
                 return f"a filter of {place}, as a low pass of first order at {corner:.3g} Hz"
             case "frequency":
                 return f"a frequency of {place} that is off by {100.0 * self.size:+.3g} %"
+            case "shape":
+                return f"a shape of {self.source} at {place} that is off by {100.0 * self.size:+.3g} %"
             case "mass":
                 return f"a mass of {place} that is off by {100.0 * self.size:+.3g} %"
             case "force gain":

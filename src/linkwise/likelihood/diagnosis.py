@@ -26,6 +26,7 @@ from linkwise.likelihood.score_test import (
     candidate_forces,
 )
 from linkwise.likelihood.sensor_errors import SensorErrors, common_filter, relative_to_gain
+from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.single_tests import SingleTests, single_tests
 from linkwise.likelihood.tangents import CandidateForces
 from linkwise.likelihood.tested_columns import TestedColumns
@@ -36,7 +37,7 @@ from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
 _JUMPS = ("sign(v)",)  # terms without a slope, which the log determinant does not see
-_RELATIVE = ("gain", "crosstalk", "mass", "force gain")
+_RELATIVE = ("gain", "crosstalk", "mass", "force gain", "shape")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _ROUNDING = 1e-9  # of a force
@@ -115,6 +116,12 @@ def _diagnosed(
         base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
         hypotheses += [Hypothesis(kind, base, UNITS[kind]) for kind in BASE_ERRORS]
         columns = columns.with_base(of_base)
+    shapes = ShapeErrors.of(optimum, misfit, identified, channels) if identified.hosts else None
+    if shapes is not None:
+        hypotheses += [
+            Hypothesis("shape", point, UNITS["shape"], source=mode) for point, mode in shapes.places
+        ]
+        columns = columns.with_shapes(shapes)
     parameters = optimum.segments.system.parameters.size
     augmented = augmented_quadratic(optimum, misfit, columns.pushes, columns.errors)
     curvature, slope, scatter = columns.joined(augmented, parameters)

@@ -26,6 +26,7 @@ UNITS = {
     "force gain": "1",
     "force delay": "s",
     "frequency": "1",
+    "shape": "1",
     "term": "N",
     "link": "N",
 }

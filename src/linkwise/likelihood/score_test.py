@@ -116,7 +116,7 @@ def candidate_forces(
 ) -> tuple[CandidateForces, Floats]:
     """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
     segments = optimum.segments
-    ends, middles = _states(
+    ends, middles = states_at_ends_and_middles(
         misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
     )
     ends, middles = (_with_points(motion, segments.system.points) for motion in (ends, middles))
@@ -142,7 +142,9 @@ def candidate_forces(
     return CandidateForces(first, second, starts, between), units
 
 
-def _states(orbit: Trajectories, refine: int, step: Floats, inputs: Inputs) -> tuple[Floats, Floats]:
+def states_at_ends_and_middles(
+    orbit: Trajectories, refine: int, step: Floats, inputs: Inputs
+) -> tuple[Floats, Floats]:
     """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
 
     The base and the ground follow the masses. The middles follow from x, v and a at both ends, to the sixth order.

@@ -63,7 +63,7 @@ def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:
     values = []
     for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
         if kind == X and segments.carried is None:
-            values.append(_motion(segments, misfit, V, int(mass))[1])
+            values.append(motion_of(segments, misfit, V, int(mass))[1])
         else:
             rate = _shown(segments, misfit, channel, int(kind), int(mass))[1]
             values.append(_with_rate(segments, rate)[1])
@@ -81,13 +81,13 @@ def relative_to_gain(filtered: SensorErrors, errors: SensorErrors) -> float:
 
 def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor shows of a mass and of moving coordinates, and its rate."""
-    value, rate = _motion(segments, misfit, kind, mass)
+    value, rate = motion_of(segments, misfit, kind, mass)
     if segments.carried is None:
         return value, rate
     return value + segments.carried[0, :, channel], rate + segments.carried[1, :, channel]
 
 
-def _motion(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
+def motion_of(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor of this kind shows of a mass, and its rate."""
     every = slice(None, segments.steps, segments.refine)
     orbit = segments.sensors.orbit_with_points(misfit.trajectories)

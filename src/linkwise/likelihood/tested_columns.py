@@ -11,6 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.score_test import AugmentedQuadratic
 from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.tangents import CandidateForces
 
 
@@ -57,6 +58,10 @@ class TestedColumns:
         pushes = CandidateForces(np.full(len(masses), -1), masses, starts, middles)
         errors = SensorErrors(sensors, BASE_ERRORS * channels, np.full(len(sensors), -1), values)
         return self._with(pushes, errors, np.tile(np.eye(count), (n + channels, 1)), 1.0 / scale)
+
+    def with_shapes(self, shapes: ShapeErrors) -> TestedColumns:
+        """These and errors of the shapes of hosts, each of which acts on several places and channels."""
+        return self._with(shapes.pushes, shapes.errors, shapes.weights, np.ones(len(shapes.places)))
 
     def _with(
         self, pushes: CandidateForces, errors: SensorErrors, weights: Floats, units: Floats
