@@ -232,7 +232,7 @@ def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int) -> None:
             none[:, 0],
             none[1:, 0],
         )
-        found = module._states(orbit, 1, np.array([h]), Inputs())[1][:, row, 0, 0]
+        found = module.states_at_ends_and_middles(orbit, 1, np.array([h]), Inputs())[1][:, row, 0, 0]
         return float(np.abs(found - (np.sin(3.0 * middles), 3.0 * np.cos(3.0 * middles))[row]).max())
 
     orders = [np.log2(error(steps) / error(2 * steps)) for steps in (5, 10, 20)]

@@ -62,6 +62,10 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
     wing = lw.read_structure(tmp_path / "wing.toml")
     assert wing.coefficient("wing.mode1.frequency").value == pytest.approx(5.2)
     assert wing.hosts[0].modes[1].shape == {"tip": -1.0, "joint": 0.3}
+    (tmp_path / "modes.csv").write_text("Frequency[Hz],damping[%],tip[1/sqrt(kg)]\n5.2,1.5,1.0\n")
+    (mode,) = lw.read_modes(tmp_path / "modes.csv")
+    assert mode.damping.value == pytest.approx(0.015)
+    assert dict(mode.shape) == {"tip": 1.0}
 
 
 @pytest.mark.parametrize(
@@ -78,6 +82,10 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
         ('name = "wing"', 'name = "wing.left"', "its name has no dot"),
         ("damping = 0.01", 'damping = "0.01 kg"', "kg"),
         ("joint", "mode1", "has the name of a mode"),
+        ('"5.2 Hz"', '"31.4 rad/s"', "a frequency is given in Hz, not in rad/s"),
+        ("damping = 0.01", "damping = -0.01", "the damping of a mode must not be negative"),
+        ("joint", "'a(1)'", "cannot be part of the name of a channel: leave out ( )"),
+        ('name = "store"', 'name = "wing.tip"', "names must be unique"),
     ],
 )
 def test_a_wrong_host_is_told(old: str, new: str, told: str) -> None:
@@ -96,6 +104,10 @@ def test_a_wrong_host_is_told(old: str, new: str, told: str) -> None:
         ("frequency[Hz],tip\n5\n", "line 2: expected 2 cells"),
         ("frequency[Hz],tip\n5,x\n", "expected a number in the column tip, got 'x'"),
         ("frequency[Hz],tip,tip\n5,1,1\n", "the column tip is there twice"),
+        ("frequency[rpm],tip\n5,1\n", "a frequency is given in Hz, not in rpm"),
+        ("frequency[Hz];tip\n5;1\n", "separated by commas"),
+        ("frequency[Hz],tip[mm]\n5,1\n", "the unit of tip must be 1/sqrt(kg)"),
+        ("frequency[Hz],\n5,1\n", "a column has no name"),
     ],
 )
 def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, told: str) -> None:

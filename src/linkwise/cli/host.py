@@ -60,6 +60,8 @@ def host(
       linkwise structure host beam.mat --point tip=79 --point root=5 --keep 8 --modal-damping 0.01 -o beam.toml
       linkwise structure host wing_modes.csv --name wing -o wing.toml
     """
+    if output is not None and any(output.resolve() == each.resolve() for each in files):
+        raise click.UsageError(f"-o {output} is the file that is read; write to another one.")
     title = name or files[0].stem
     if files[0].suffix.lower() in (".csv", ".uff", ".unv"):
         if points or mass or stiffness or len(files) > 1:
@@ -67,6 +69,10 @@ def host(
         made = lw.Host(title, lw.read_modes(files[0]))
     else:
         given = {"mass": mass, "stiffness": stiffness}
+        named = [each.partition("=")[0].strip() for each in points]
+        twice = next((each for number, each in enumerate(named) if each in named[:number]), None)
+        if twice is not None:
+            raise click.UsageError(f"--point {twice} is given twice.")
         matrices = {what: _matrix(files, what, given[what]) for what in ("mass", "stiffness")}
         reduced = lw.reduce_host(
             title,
@@ -79,8 +85,8 @@ def host(
         )
         made = reduced.host
         tell(
-            f"note: {reduced.kept} modes and {len(made.modes) - reduced.kept} residual ones; up to {reduced.band:.4g} Hz the "
-            f"receptances at the points are off by at most {100.0 * reduced.error:.2g} %"
+            f"note: {reduced.kept} modes and {len(made.modes) - reduced.kept} residual ones; at {reduced.band:.4g} Hz the "
+            f"receptances at the points are off by {100.0 * reduced.error:.2g} %"
         )
     text = lw.format_structure(lw.Structure(title, (), (), (made,)))
     if output is not None:
@@ -112,6 +118,6 @@ def _matrix(files: tuple[Path, ...], what: str, name: str | None) -> object:
 
 def _point(given: str) -> tuple[str, int]:
     name, equals, row = given.partition("=")
-    if not equals or not name or not row.strip().isdigit():
+    if not equals or not name or not row.strip().isdecimal():
         raise click.UsageError(f"--point needs NAME=ROW, such as tip=79, got {given!r}.")
     return name.strip(), int(row)

@@ -29,6 +29,7 @@ from linkwise.likelihood.random_forces import (
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.segmentation import require_units_of_states
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
+from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.values import starting_values
@@ -142,6 +143,8 @@ class MaximumLikelihood(Estimator):
         """
         for record in records:
             require_units_of_states(record, structure)
+            if structure.hosts:
+                require_supported(framed(record, structure).record, structure)
         options = LikelihoodOptions(
             self.offsets,
             self.gains,

@@ -51,12 +51,13 @@ def missing_forces(structure: Structure) -> tuple[list[Hypothesis], list[Candida
 
 
 def missing_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack, with the force of each."""
+    """Terms that links may lack, with the force of each; modes of hosts come last."""
+    names = [link.name for link in structure.links]
+    tested = set(sorted(names, key=lambda name: name in structure.modes)[:_LINKS])
     pairs = [
         (_of_term(link.name, law, structure), CandidateForce(first, second, law))
-        for link, (first, second) in zip(
-            structure.links[:_LINKS], structure.topology.ends.tolist(), strict=False
-        )
+        for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True)
+        if link.name in tested
         for law in (_OF_MODES if link.name in structure.modes else _TERMS)
     ]
     return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]

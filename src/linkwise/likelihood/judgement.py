@@ -39,6 +39,11 @@ _FILTERED = (
 )
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
 _FEW_LINKS = 4  # whose missing terms cost little to look for: then wherever chi-square is above 1
+_NO_ERRORS = (
+    "The search converged, but standard errors are not finite, so no interval is given: a coefficient has no effect on what "
+    "was recorded, or a mode or a link moves faster than the sampling rate lets it be followed. Leave out modes far above the "
+    "band of the record, or record at a higher rate."
+)
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,10 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     if fit.status is not AnnealingStatus.CONVERGED:
         reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
         return Judgement(Verdict.NOT_CONVERGED, reason)
+    if not np.isfinite(fit.covariance.diagonal()[fit.free]).all():
+        return Judgement(Verdict.HARDLY_DETERMINED, _NO_ERRORS)
     coloured = fit.optimum.coloured
-    chance = 0.0 if len(identified.links) <= _FEW_LINKS else _CHANCE
+    chance = 0.0 if len(identified.links) - len(identified.modes) <= _FEW_LINKS else _CHANCE
     imperfect = (
         coloured is not None
         or fit.model_error > 0.0

@@ -24,6 +24,9 @@ MODE_LAW = Law.parse(
 """Force of a mode of unit modal mass; frequency in Hz, damping as a part of the critical one."""
 
 
+_RESERVED = frozenset("()\"',;")  # beside those of every name: a point is part of the names of channels
+
+
 @dataclass(frozen=True)
 class HostMode:
     """A mode of a host.
@@ -40,7 +43,7 @@ class HostMode:
     Raises
     ------
     StructureError
-        If the frequency is negative, or the shape not finite.
+        If the frequency or the damping is negative, or the shape not finite.
 
     Examples
     --------
@@ -59,6 +62,8 @@ class HostMode:
             raise StructureError(
                 f"the frequency of a mode must not be negative, got {self.frequency.value!r} Hz"
             )
+        if self.damping.value is not None and not self.damping.value >= 0.0:
+            raise StructureError(f"the damping of a mode must not be negative, got {self.damping.value!r}")
         for point, value in self.shape.items():
             if not math.isfinite(value):
                 raise StructureError(
@@ -123,8 +128,13 @@ class Host:
                     f"{', '.join(points)}; give every mode a number at every point",
                     where,
                 )
-        for point in points:
-            check_name(point, "point of a host")
+        for name in (self.name, *points):
+            check_name(name, "host or point")
+            reserved = sorted(_RESERVED & set(name))
+            if reserved:
+                raise StructureError(
+                    f"{name!r} cannot be part of the name of a channel: leave out {' '.join(reserved)}", where
+                )
         taken = [point for point in points if f"{self.name}.{point}" in self.coordinates]
         if taken:
             raise StructureError(f'the point "{taken[0]}" has the name of a mode; choose another', where)

@@ -70,7 +70,9 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     if name not in found:
         what = f"holds no matrix {name!r}{near_miss(name, found)}" if name else "holds several matrices"
         raise StructureError(f"{what}; choose from {', '.join(found) or 'none'}, as in {file}:NAME", source)
-    matrix = scipy.sparse.csc_array(found[name])
+    if found[name].dtype.kind not in "fiu":
+        raise StructureError(f"{name} holds {found[name].dtype} values, not real numbers", source)
+    matrix = scipy.sparse.csc_array(found[name]).astype(float)
     if matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix.data).all():
         raise StructureError(
             f"{name} is no square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
@@ -130,7 +132,7 @@ def main() -> None:
     path, folder = sys.argv[1:]
     for name, value in scipy.io.loadmat(path).items():
         numeric = scipy.sparse.issparse(value) or (
-            isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
+            isinstance(value, np.ndarray) and value.dtype.kind in "fiuc"
         )
         if numeric and len(value.shape) == 2 and not name.startswith("__"):
             scipy.sparse.save_npz(Path(folder) / f"{name}.npz", scipy.sparse.csc_array(value))

@@ -81,7 +81,7 @@ class Structure(NotebookView):
         object.__setattr__(self, "links", links)
         if not self.masses:
             raise StructureError("a structure needs at least one mass or host")
-        check_unique(self.mass_names, "mass")
+        check_unique((*self.points, *self.mass_names), "mass")
         check_unique(tuple(link.name for link in self.links), "link")
         check_ends(self.mass_names, self.places, self.links)
         slots = self._slots

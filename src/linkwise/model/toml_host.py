@@ -51,6 +51,8 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
     where = f'{source}, {path} "{entry.name}"'
     if (entry.modes is None) == (entry.matrices is None):
         raise StructureError("a host has either modes or matrices", where)
+    if entry.modes is not None and entry.points:
+        raise StructureError("points belong to matrices; modes have a shape at every point", where)
     if entry.modes is None:
         return _of_matrices(entry, source, where)
     if isinstance(entry.modes, str):
@@ -92,6 +94,9 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
 
 def _mode(given: object, source: str, path: str) -> HostMode:
     table = decode(given, _ModeTable, source, path, StructureError)
+    stated = table.frequency.values() if isinstance(table.frequency, dict) else (table.frequency,)
+    for text in (each for each in stated if isinstance(each, str) and each != "unknown" and "%" not in each):
+        _require_frequency(text.lstrip("+-0123456789.eE ") or "Hz", f"{source}, {path}.frequency")
     frequency = coefficient_of(table.frequency, "Hz", source, f"{path}.frequency")
     damping = coefficient_of(table.damping, "", source, f"{path}.damping")
     try:
@@ -134,7 +139,11 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     source = str(path)
     if Path(path).suffix.lower() in (".uff", ".unv"):
         return modes_of_uff(path)
-    lines = list(csv.reader(read_toml_text(path, StructureError).splitlines()))
+    text = read_toml_text(path, StructureError)
+    try:
+        lines = list(csv.reader(text.splitlines()))
+    except csv.Error as error:
+        raise StructureError(f"cannot be read as a CSV file: {error}", source) from None
     rows = [(number, cells) for number, cells in enumerate(lines, start=1) if any(c.strip() for c in cells)]
     if len(rows) < 2:
         raise StructureError(
@@ -142,30 +151,54 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
             source,
         )
     (_, header), *modes = rows
-    names, unit = _columns([name.strip() for name in header], source)
-    return tuple(_mode_of_line(names, unit, cells, f"{source}, line {number}") for number, cells in modes)
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        raise StructureError(
+            "the columns are separated by commas, not by semicolons or tabs", f"{source}, line 1"
+        )
+    names, units = _columns([name.strip() for name in header], source)
+    return tuple(_mode_of_line(names, units, cells, f"{source}, line {number}") for number, cells in modes)
 
 
-def _columns(header: list[str], source: str) -> tuple[list[str], str]:
-    """The columns, with the unit of the frequency taken from its name."""
-    unit, names = "Hz", []
+def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]:
+    """The columns, and the units that their names state."""
+    where, names, units = f"{source}, line 1", [], {}
     for name in header:
         plain, bracket, rest = name.partition("[")
-        if plain.strip() == _FREQUENCY and bracket:
-            unit = rest.rstrip("] ")
-        names.append(plain.strip() if plain.strip() in (_FREQUENCY, _DAMPING) else name)
+        key = plain.strip().lower() if plain.strip().lower() in (_FREQUENCY, _DAMPING) else plain.strip()
+        names.append(key)
+        if bracket:
+            units[key] = rest.rstrip("] ")
     repeated = next((name for number, name in enumerate(names) if name in names[:number]), None)
-    if _FREQUENCY not in names or repeated is not None:
+    if _FREQUENCY not in names or repeated is not None or "" in names:
         what = f"the column {repeated} is there twice" if repeated else "there is no column frequency[Hz]"
-        raise StructureError(f"{what}; the columns are {', '.join(names)}", f"{source}, line 1")
+        what = "a column has no name" if "" in names else what
+        raise StructureError(f"{what}; the columns are {', '.join(names)}", where)
+    _require_frequency(units.get(_FREQUENCY, "Hz"), where)
+    for key, unit in units.items():
+        allowed = {_DAMPING: ("", "1", "%")}.get(key, _OF_SHAPES)
+        if key != _FREQUENCY and unit.replace(" ", "") not in allowed:
+            raise StructureError(
+                f"the unit of {key} must be {' or '.join(filter(None, allowed))}, got {unit!r}", where
+            )
+    return names, units
+
+
+_OF_SHAPES = ("1/sqrt(kg)", "kg^-0.5", "kg**-0.5", "1/kg^0.5")
+
+
+def _require_frequency(unit: str, where: str) -> None:
+    """Raise StructureError unless a unit is one of cycles per time, for which an angle must not be taken."""
+    if any(word in unit.lower() for word in ("rad", "deg", "rpm", "rev", "turn")):
+        raise StructureError(
+            f"a frequency is given in Hz, not in {unit}: divide rad/s by 2 pi, and rpm by 60", where
+        )
     try:
         to_si(f"1 {unit}", "Hz")
     except LinkwiseError as error:
-        raise StructureError(f"unit of the frequency: {error}", f"{source}, line 1") from None
-    return names, unit
+        raise StructureError(f"unit of the frequency: {error}", where) from None
 
 
-def _mode_of_line(names: list[str], unit: str, cells: list[str], where: str) -> HostMode:
+def _mode_of_line(names: list[str], units: dict[str, str], cells: list[str], where: str) -> HostMode:
     if len(cells) != len(names):
         raise StructureError(f"expected {len(names)} cells, as in the first line, got {len(cells)}", where)
     numbers = {}
@@ -178,7 +211,8 @@ def _mode_of_line(names: list[str], unit: str, cells: list[str], where: str) -> 
             ) from None
     frequency, damping = numbers.pop(_FREQUENCY), numbers.pop(_DAMPING, 0.0)
     try:
-        in_hertz = float(to_si(f"{frequency!r} {unit}", "Hz"))
+        in_hertz = float(to_si(f"{frequency!r} {units.get(_FREQUENCY, 'Hz')}", "Hz"))
+        damping *= 0.01 if units.get(_DAMPING) == "%" else 1.0
         return HostMode(Coefficient.number(in_hertz), Coefficient.number(damping), numbers)
     except LinkwiseError as error:
         raise StructureError(str(error), where) from None

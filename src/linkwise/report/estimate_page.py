@@ -115,6 +115,11 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
         "masses": [
             _row(mass, None if truth is None else _true_mass(truth, mass.name)) for mass in estimate.masses
         ],
+        "modes": [
+            _row(coefficient, None if truth is None else truth.coefficient(coefficient.name).value)
+            for mode in estimate.modes
+            for coefficient in mode.coefficients
+        ],
         "chi_square": ""
         if estimate.chi_square_per_sample is None
         else f"{estimate.chi_square_per_sample:.3f}",

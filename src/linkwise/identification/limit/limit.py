@@ -202,11 +202,11 @@ def _refinement(record: Record, structure: Structure) -> int:
     d = structure.elongations(truth.displacement, truth.base)
     base_rate = None if truth.base is None else np.gradient(truth.base, record.step)
     v = structure.elongations(truth.velocity, base_rate)
-    masses = dict(zip(structure.mass_names, structure.mass_values, strict=True))
+    masses, columns = structure.mass_values, structure.topology.columns
     fastest = 0.0
     for index, link in enumerate(structure.links):
         by_d, by_v = link.tangent(d[:, index], v[:, index])
-        mobility = sum(1.0 / masses[end] for end in link.between if end in masses)
+        mobility = sum(part**2 / masses[mass] for mass, part in columns[index])
         stiffness, damping = (float(np.nanmax(np.abs(slope))) * mobility for slope in (by_d, by_v))
         fastest = max(fastest, np.sqrt(stiffness), damping)
     return int(np.clip(np.ceil(fastest * record.step / _LARGEST_PHASE), 1, _MOST_STEPS))

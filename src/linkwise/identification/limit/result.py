@@ -292,7 +292,7 @@ class Limit(NotebookView):
         selected = [columns[key] for key in free]
         covariance = self.covariance[np.ix_(selected, selected)]
         errors = self.standard_errors
-        masses = dict(zip(self.structure.mass_names, self.structure.mass_values, strict=True))
+        masses, column = self.structure.mass_values, self.structure.topology.columns[index]
         return LinkEstimate(
             link=link,
             coefficients=tuple(
@@ -305,7 +305,7 @@ class Limit(NotebookView):
             v_range=(float(rate.min()), float(rate.max())),
             free=free,
             covariance=covariance if np.isfinite(covariance).all() else None,
-            moving_mass=1.0 / sum(1.0 / masses[end] for end in link.between if end in masses),
+            moving_mass=1.0 / sum(part**2 / masses[mass] for mass, part in column),
         )
 
 

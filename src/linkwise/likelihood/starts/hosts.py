@@ -21,9 +21,11 @@ from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
 from linkwise.likelihood.starts.kalman import Smoothed, innovations, log_likelihood, smooth
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 _TRIED = 2000  # samples that decide how fast the forces of links change
+_FEWEST = 50  # samples that a smoother needs to forget its start
 _TUNED = 4000  # samples that the frequencies of modes are tuned to
 _ROUGH = 0.05  # relative size of a change of a frequency or damping without a prior
 _DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
@@ -102,7 +104,11 @@ def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]
     HostMotion
         The motion; where elongations drift, that which fits the forces best.
     """
-    tracked = (motion.with_drift_tracked(structure) for motion in _motions(record, structure, sigma))
+    require_supported(record, structure)
+    try:
+        tracked = [motion.with_drift_tracked(structure) for motion in _motions(record, structure, sigma)]
+    except np.linalg.LinAlgError:
+        raise IdentificationError(_TOO_LITTLE) from None
     return min(tracked, key=lambda motion: motion.misfit(structure))
 
 
@@ -151,7 +157,9 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
     if not free:
         return {}
     start = np.array([float(p.start or 0.0) for p in free])
-    unit = np.array([min(p.sigma, _ROUGH * abs(value)) for p, value in zip(free, start, strict=True)])
+    unit = np.array(
+        [min(p.sigma, _ROUGH * abs(value) or _ROUGH) for p, value in zip(free, start, strict=True)]
+    )
     stated = np.array([p.sigma < np.inf for p in free])
     first = slice(None, min(_TUNED, len(record)))
     linear = LinearPart.of(structure)
@@ -246,6 +254,52 @@ def host_start(
     IdentificationError
         If an unknown has no starting value, and the forces of the links do not tell one.
     """
+    require_supported(record, structure)
+    given = dict(given)
+    own = {name: value for name, value in given.items() if not name.endswith(".mass")}
+    structure = _with_starts(structure, own)
+    try:
+        return _best_start(record, structure, sigma, given)
+    except np.linalg.LinAlgError:
+        raise IdentificationError(_TOO_LITTLE) from None
+
+
+_TOO_LITTLE = (
+    "no starting values can be found: the record is too short, has too few samples, or its sensors do not show the modes of "
+    "the host; give a longer record, or more sensors"
+)
+
+
+def require_supported(record: Record, structure: Structure) -> None:
+    """Raise IdentificationError for what a start of a structure with hosts does not take."""
+    if np.any(structure.base_incidence) or any(Channel.parse(name).relative for name in record.channels):
+        raise IdentificationError(
+            "a moving base beside a host is not supported in identification and validation"
+        )
+    states = [link.name for link in structure.links if link.law.states]
+    if states:
+        raise IdentificationError(
+            f'link "{states[0]}" has memory, which is not supported beside a host in identification and validation'
+        )
+    for name in record.channels:
+        channel = Channel.parse(name)
+        if not channel.of_link and channel.mass not in structure.topology.index:
+            raise IdentificationError(
+                f"channel {name} belongs to no mass or point of the structure, which are {', '.join(structure.places)}"
+            )
+        if channel.is_input and not np.isfinite(record.channel(name)).all():
+            raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
+    if len(record) < _FEWEST:
+        raise IdentificationError(
+            f"the record has too few samples, {len(record)}, to tell the motion of a host; {_FEWEST} are the least"
+        )
+    if not any(Channel.parse(name).kind in "xva" for name in record.responses):
+        raise IdentificationError("the record shows no motion: give a channel x:PLACE, v:PLACE or a:PLACE")
+
+
+def _best_start(
+    record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
+) -> dict[str, float]:
     tuned = tuned_modes(record, structure, sigma)
     trials: list[tuple[float, int, dict[str, float]]] = []
     for motion in _motions(record, _with_starts(structure, tuned), sigma):

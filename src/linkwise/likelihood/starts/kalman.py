@@ -134,22 +134,24 @@ def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: in
     predicted, updated = np.empty((count, m)), np.empty((count, m))
     whitened = np.zeros(samples.shape)
     steady = _steady(model)
-    by_pattern: dict[bytes, int] = {}
     gains: list[_Gain] = []
     which: list[int] = []
     state, covariance, total = np.zeros(m), model.first, 0.0
-    settled = False
+    complete: Bools = np.asarray(known.all(axis=1))
+    settled, since, constant = False, 0, -1  # the steady gain is that of complete samples
     for k in range(count):
-        if steady is not None and not settled and (k >= transient or _close(covariance, steady)):
-            covariance, settled = steady, True
-        pattern = known[k].tobytes()
-        if settled and pattern in by_pattern:
-            which.append(by_pattern[pattern])
+        if not complete[k]:
+            settled, since = False, 0
+        elif steady is not None and not settled:
+            since += 1
+            if since > transient or _close(covariance, steady):
+                covariance, settled = steady, True
+        if settled and constant >= 0:
+            which.append(constant)
         else:
             gains.append(_gain(model, covariance, known[k]))
             which.append(len(gains) - 1)
-            if settled:
-                by_pattern[pattern] = len(gains) - 1
+            constant = which[-1] if settled else constant
         gain = gains[which[-1]]
         predicted[k] = state
         error = (shown[k] - model.observation @ state)[gain.chosen]
