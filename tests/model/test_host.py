@@ -53,6 +53,16 @@ def test_a_host_is_written_and_read_back() -> None:
     assert [parameter.unit for parameter in wing.parameters] == ["Hz"]
 
 
+def test_a_link_that_nothing_stretches_is_told() -> None:
+    alike = WING.replace("tip = -1.0, joint = 0.3", "tip = -1.0, joint = -1.0").replace(
+        "joint = 0.62", "joint = 1.0"
+    )
+    still = alike.replace('["store", "wing.tip"]', '["wing.joint", "wing.tip"]')
+    still = still[: still.index("[[mass]]")] + still[still.index("[[link]]") :]
+    with pytest.raises(lw.StructureError, match="move alike in every mode"):
+        _ = lw.parse_structure(still).incidence
+
+
 def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
     (tmp_path / "modes.csv").write_text(
         "frequency[kHz],damping,tip,joint\n0.0052,0.01,1.0,0.62\n0.021,0,-1,0.3\n"

@@ -346,7 +346,7 @@ def _fit(
         misfit,
         q,
         scales,
-        covariance(linear.equations(q).factor(), scales, free),
+        covariance(linear.factor(q), scales, free),
         ~free,
         misfit.cost(q) / (freedom(segments) * loss.expected),
         samples,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.bordered_system import BorderedSystem, Damping
+from linkwise.likelihood.bordered_system import BorderedFactor, BorderedSystem, Damping
 from linkwise.likelihood.late_sensors import late_motion
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.prior import Prior
@@ -23,6 +23,7 @@ from linkwise.likelihood.tangents import CandidateForces, Single, tangents
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
+_NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
 def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
@@ -82,6 +83,20 @@ class Linearization:
             self.data.corner + weight * self.defects.corner,
             self.data.corner_gradient + weight * self.defects.corner_gradient,
         )
+
+    def factor(self, q: float) -> BorderedFactor | None:
+        """Factor of `equations`; of nodes that the samples hardly tell, such as a fast mode, with the least that makes it one.
+
+        What is added is below the rounding of single precision, in which the sensitivities are.
+        """
+        equations = self.equations(q)
+        nothing = np.zeros(len(equations.corner))
+        nodes = np.einsum("kii->ki", equations.diagonal).copy()
+        for strength in (0.0, *_NEGLIGIBLE):
+            factor = equations.factor(Damping(strength * nodes, nothing) if strength else None)
+            if factor is not None:
+                return factor
+        return None
 
     def damping(self, strength: float) -> Damping | None:
         """`strength` times the diagonal at q = 1, so that a trust region means the same at every q."""

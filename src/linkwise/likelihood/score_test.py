@@ -87,7 +87,7 @@ def augmented_quadratic(
     """
     segments = optimum.segments
     linear = linearise(segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors)
-    factor = linear.equations(optimum.q).factor()
+    factor = linear.factor(optimum.q)
     if factor is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))

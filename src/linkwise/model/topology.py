@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
+from linkwise.errors import StructureError
 from linkwise.expression import Expression
 from linkwise.model.host import Host
 from linkwise.model.law import Law
@@ -106,6 +107,11 @@ class Topology:
         -------
         Topology
             The numbering.
+
+        Raises
+        ------
+        StructureError
+            If no motion of a host stretches a link.
         """
         index = {name: number for number, name in enumerate(mass_names)}
         index |= {GROUND: GROUND_INDEX, BASE: BASE_INDEX}
@@ -123,7 +129,18 @@ class Topology:
             members.setdefault(link.law, []).append(number)
         by_law = tuple((law, np.array(numbers, dtype=np.intp)) for law, numbers in members.items())
         states = tuple((number, name) for number, link in enumerate(links) for name in link.law.states)
-        return cls(index, ends, by_law, states, shapes)
+        topology = cls(index, ends, by_law, states, shapes)
+        still = (
+            [link for link, column in zip(links, topology.columns, strict=True) if not column]
+            if hosts
+            else []
+        )
+        if still:
+            raise StructureError(
+                f"both ends, {still[0].between[0]} and {still[0].between[1]}, move alike in every mode: nothing stretches it",
+                f'link "{still[0].name}"',
+            )
+        return topology
 
     @property
     def dimension(self) -> int:
