@@ -11,7 +11,13 @@ import pytest
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.judgement import assess
+from linkwise.likelihood.loss import Gaussian
+from linkwise.likelihood.normal_equations import whitened_jacobian
+from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.segmentation import cut_segments
+from linkwise.likelihood.segments import Iterate, Scales
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.system import System
 
 number = lw.Coefficient.number
 FREQUENCIES = (3.3, 20.6, 57.7, 113.0)  # Hz, of a slender cantilever
@@ -188,3 +194,121 @@ def test_what_a_start_does_not_take_is_told() -> None:
     _refused({}, "has memory", replace(free, links=(*free.links, joint)))
     shaker = lw.Link("shaker", ("beam.mid", lw.BASE), lw.Law.parse("k*d"), {"k": number(10.0)})
     _refused({}, "moving base beside a host", replace(free, links=(*free.links, shaker)))
+
+
+def beside(structure: lw.Structure, host: lw.Host) -> lw.Structure:
+    """The structure with another host of the same points and the sink unknown."""
+    return lw.Structure("beam", (structure.mass("sink"),), (structure.unknown("nes").link("nes"),), (host,))
+
+
+def mistaken(seed: int, part: float = 0.02) -> lw.Host:
+    """The host with shapes that are off by normal errors of this part of the largest of the mode."""
+    rng, modes = np.random.default_rng(seed), []
+    for mode in beam().hosts[0].modes:
+        size = part * max(map(abs, mode.shape.values()))
+        shape = {point: value + size * rng.standard_normal() for point, value in mode.shape.items()}
+        modes.append(replace(mode, shape=shape))
+    return lw.Host("beam", tuple(modes))
+
+
+def test_sensitivities_to_shapes_are_those_of_differences() -> None:
+    """Of samples and of the ends of segments, with shapes at points with a link, a force and sensors."""
+    structure = beside(beam(), beam().hosts[0].known_to_within(shape=0.02))
+    shown, count = record()[:100], 20
+    segments = cut_segments([shown], structure, System.of(structure), samples=5, refine=4)
+    segments = replace(segments, tangent_refine=4)
+    values = [
+        structure.coefficient(p.name).value or TRUE[p.name.removeprefix("nes.")] for p in structure.parameters
+    ]
+    theta = np.array(values) * (1.0 + 0.03 * np.sin(np.arange(len(values))))  # off what the structure states
+    truth = shown.simulated
+    assert truth is not None
+    nodes = np.concatenate([truth.displacement[::5].T, truth.velocity[::5].T])
+    scales = Scales(np.ones(3), np.ones(len(nodes)), np.abs(theta))
+
+    def misfit(values: np.ndarray) -> Misfit:
+        return evaluate(segments, Iterate(nodes, values, np.zeros(0)), scales, Gaussian())
+
+    rows, ends = whitened_jacobian(segments, misfit(theta), scales, Gaussian(), slice(0, count))
+    shapes = [column for column, p in enumerate(structure.parameters) if ".shape." in p.name]
+    assert len(shapes) == 12
+    for column in shapes:
+        step = 1e-4 * scales.theta[column] * np.eye(len(theta))[column]
+        later, earlier = misfit(theta + step), misfit(theta - step)
+        own = rows[:, :, len(nodes) + column].reshape(count, 5, 3).transpose(1, 2, 0)
+        expected = (earlier.residuals - later.residuals) / 2e-4
+        # single precision, order 4: 1e-5 measured; a wrong term is an error of order 1
+        assert np.linalg.norm(own - expected) < 1e-4 * np.linalg.norm(expected)
+        at_ends = (later.trajectories.ends(segments.step) - earlier.trajectories.ends(segments.step)) / 2e-4
+        left = np.linalg.norm(ends[:, :, len(nodes) + column].T - at_ends)
+        assert left <= 1e-4 * np.linalg.norm(at_ends)
+
+
+def test_shapes_known_to_within_are_found_and_counted() -> None:
+    """Shapes off by 2 %: held as known they take trust away and are named, known to within they come out."""
+    host = mistaken(100)
+    held = lw.identify(record(), beside(beam(), host))
+    assert not held.trusted
+    assert held.diagnosis[0].kind == "shape"
+    fit = lw.identify(record(), beside(beam(), host.known_to_within(shape=0.02)))
+    assert fit.trusted
+    assert np.abs(errors(fit)).max() < 4.0
+    assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.08)
+    assert len(fit.shapes) == 12
+    for each in fit.shapes:
+        true = beam().coefficient(each.name).value
+        assert true is not None
+        assert each.standard_error is not None
+        assert abs(each.value - true) < 4.0 * each.standard_error
+        assert each.standard_error < 0.02 * 3.21  # the prior of the largest; the record adds to it
+    (first, *_) = fit.to_dict()["modes"]
+    assert first["shape"]["tip"]["unit"] == "1/sqrt(kg)"
+    assert fit.structure.coefficient("beam.mode1.shape.tip").value == first["shape"]["tip"]["value"]
+    assert "... and 6 more" in str(fit)
+    known = lw.identify(record(), beam().unknown("nes"))
+    for name in TRUE:
+        wide, narrow = (each.coefficient(f"nes.{name}").standard_error for each in (fit, known))
+        assert wide is not None
+        assert narrow is not None
+        assert wide > narrow
+
+
+def test_a_prior_of_a_shape_that_the_record_contradicts_is_named() -> None:
+    modes = beam().hosts[0].modes
+    wrong = replace(
+        modes[1], shape={**modes[1].shape, "tip": 1.05 * modes[1].shape["tip"]}, shape_sigma={"tip": 0.01}
+    )
+    fit = lw.identify(record(), beside(beam(), lw.Host("beam", (modes[0], wrong, *modes[2:]))))
+    assert not fit.trusted
+    assert ("prior", "beam.mode2.shape.tip") in [(cause.kind, cause.where) for cause in fit.diagnosis]
+
+
+def test_a_shape_that_nothing_tells_is_left_alone() -> None:
+    modes = tuple(replace(mode, shape={**mode.shape, "wall": 0.5}) for mode in beam().hosts[0].modes)
+    host = lw.Host("beam", modes)
+    free = beside(beam(), replace(host, modes=tuple(replace(m, shape_sigma={"wall": 0.1}) for m in modes)))
+    fit, without = (lw.identify(record(), each) for each in (free, beside(beam(), host)))
+    assert not fit.shapes
+    np.testing.assert_allclose(fit.values, without.values, rtol=1e-8)
+
+
+def test_limit_counts_shapes_known_to_within() -> None:
+    structure = beside(beam(), beam().hosts[0])
+
+    def planned(host: lw.Host) -> lw.Limit:
+        return lw.limit(
+            lw.Structure("beam", (structure.mass("sink"),), (beam().link("nes"),), (host,)),
+            duration=0.5,
+            rate=1000.0,
+            noise=30.0,
+            unknown=["nes"],
+            forces={"beam.mid": "20*sin(60*t)"},
+            release={"x:sink": 0.00707},
+            sensors=["a:beam.tip", "a:sink"],
+        )
+
+    exact, loose = planned(beam().hosts[0]), planned(beam().hosts[0].known_to_within(shape=0.02))
+    assert len(loose.values) == len(exact.values) + 12
+    assert (np.diag(loose.covariance)[:3] > np.diag(exact.covariance)[:3]).all()
+    priors = np.array([p.sigma for p in loose.parameters])[3:]
+    assert (np.sqrt(np.diag(loose.covariance)[3:]) <= priors * (1.0 + 1e-9)).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from typing import Literal
 
@@ -88,7 +89,16 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
             "mode 2 has a shape at tip, root, and the first mode at tip, joint",
         ),
         ('"5.2 Hz"', "-5.2", "the frequency of a mode must not be negative"),
-        ("joint = 0.62", 'joint = "0.62"', "expected `float`"),
+        ("joint = 0.62", 'joint = "0.62"', "expected `float"),
+        ("joint = 0.62", "joint = { sigma = 0.02 }", "needs a start"),
+        ("joint = 0.62", "joint = { lower = 0.1 }", "a table of start and sigma"),
+        ("joint = 0.62", "joint = { start = 0.62, sigma = -0.02 }", "sigma must be positive"),
+        (
+            'name = "wing"',
+            'name = "wing"\nshape_sigma = "2"',
+            "expected a percentage, such as \"2 %\", got '2'",
+        ),
+        ('name = "wing"', 'name = "wing"\nfrequency_sigma = "-1 %"', "must not be negative"),
         ('name = "wing"', 'name = "wing.left"', "its name has no dot"),
         ("damping = 0.01", 'damping = "0.01 kg"', "kg"),
         ("joint", "mode1", "has the name of a mode"),
@@ -176,3 +186,43 @@ def test_modes_are_read_from_a_universal_file(tmp_path: Path) -> None:
     path.write_text("no universal file")
     with pytest.raises(lw.StructureError, match=r"wing\.uff: (holds no modes|cannot be read)"):
         lw.read_modes(path)
+
+
+def test_shapes_known_to_within_are_parameters_and_are_written() -> None:
+    text = WING.replace('name = "wing"\n', 'name = "wing"\nshape_sigma = "2 %"\nfrequency_sigma = "1 %"\n')
+    text = text.replace(
+        "tip = 1.0, joint = 0.62", 'tip = 1.0, joint = { start = 0.62, sigma = "5 %" }, root = 0.0'
+    )
+    wing = lw.parse_structure(text.replace("joint = 0.3", "joint = 0.3, root = 0.0"))
+    found = {parameter.name: (parameter.start, parameter.sigma) for parameter in wing.parameters}
+    assert found == {
+        "wing.mode1.frequency": (5.2, pytest.approx(0.052)),
+        "wing.mode2.frequency": (21.0, 0.2),  # its own
+        "wing.mode1.shape.tip": (1.0, pytest.approx(0.02)),
+        "wing.mode1.shape.joint": (0.62, pytest.approx(0.031)),  # its own
+        "wing.mode2.shape.tip": (-1.0, pytest.approx(0.02)),
+        "wing.mode2.shape.joint": (0.3, pytest.approx(0.02)),  # a part of the largest, that of the tip
+    }  # at the root, which does not move, they are known
+    assert {parameter.unit for parameter in wing.parameters} == {"Hz", "1/sqrt(kg)"}
+    assert lw.parse_structure(lw.format_structure(wing)) == wing
+    assert pickle.loads(pickle.dumps(wing)) == wing
+
+
+def test_a_shape_is_set_and_freed() -> None:
+    wing = lw.parse_structure(WING)
+    changed = wing.with_values({"wing.mode1.shape.tip": 1.1})
+    assert changed.coefficient("wing.mode1.shape.tip") == lw.Coefficient.number(1.1)
+    assert changed.incidence.toarray()[0, 2] == -1.1
+    freed = wing.unknown("wing.mode2.shape.joint")
+    assert freed.coefficient("wing.mode2.shape.joint") == lw.Coefficient.unknown(
+        0.3
+    )  # a start, without a prior
+    assert freed.with_values({"wing.mode2.shape.joint": 0.3}).hosts == wing.hosts
+
+
+def test_a_mode_has_no_mass_to_change() -> None:
+    wing, told = lw.parse_structure(WING), r'unknown coefficient "wing\.mode1\.mass"'
+    with pytest.raises(lw.StructureError, match=told):
+        wing.with_values({"wing.mode1.mass": 2.0})
+    with pytest.raises(lw.StructureError, match=told):
+        wing.unknown("mass:wing.mode1")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
+from linkwise.model.parameters import SHAPE
 
 
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
@@ -67,18 +69,22 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
     return document
 
 
-def mode_document(mode: LinkEstimate) -> dict[str, Any]:
+def mode_document(mode: LinkEstimate, shapes: Sequence[CoefficientEstimate] = ()) -> dict[str, Any]:
     """A mode of a host as plain data.
 
     Parameters
     ----------
     mode : LinkEstimate
         The mode.
+    shapes : sequence of CoefficientEstimate, optional
+        Shapes that were estimated, of all modes.
 
     Returns
     -------
     dict
-        Its name, frequency and damping.
+        Its name, frequency and damping, and where shapes were estimated those of the mode, by point.
     """
     coefficients = {c.name.rpartition(".")[2]: coefficient_document(c) for c in mode.coefficients}
-    return {"name": mode.link.name, **coefficients}
+    start = f"{mode.link.name}.{SHAPE}"
+    own = {c.name.removeprefix(start): coefficient_document(c) for c in shapes if c.name.startswith(start)}
+    return {"name": mode.link.name, **coefficients, **({"shape": own} if own else {})}

@@ -25,7 +25,7 @@ from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.inspect import inspect
-from linkwise.model.parameters import Parameter
+from linkwise.model.parameters import SHAPE_UNIT, Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -198,6 +198,15 @@ class Estimate(JudgedView):
         )
 
     @cached_property
+    def shapes(self) -> tuple[CoefficientEstimate, ...]:
+        """Estimates of the shapes of hosts that were not known exactly, with names such as "wing.mode1.shape.tip"."""
+        given = ((p.name, *p.members[0]) for p in self.parameters if p.unit == SHAPE_UNIT)
+        return tuple(
+            self._coefficient(name, (index, key), SHAPE_UNIT, self.structure.coefficient(name).value or 0.0)
+            for name, index, key in given
+        )
+
+    @cached_property
     def findings(self) -> tuple[str, ...]:
         """Sentences on what is wrong with the records or cannot be determined; empty where there is nothing to say."""
         stopped = [
@@ -314,7 +323,7 @@ class Estimate(JudgedView):
             "notes": list(self.notes),
             "masses": {mass.name.removesuffix(".mass"): coefficient_document(mass) for mass in self.masses},
             "links": [link_document(link) for link in self.links],
-            **({"modes": [mode_document(mode) for mode in self.modes]} if self.modes else {}),
+            **({"modes": [mode_document(mode, self.shapes) for mode in self.modes]} if self.modes else {}),
         }
 
     def __str__(self) -> str:
@@ -324,7 +333,11 @@ class Estimate(JudgedView):
     def _coefficients(self) -> dict[str, CoefficientEstimate]:
         return {
             one.name: one
-            for one in (*(c for link in self._every_link for c in link.coefficients), *self.masses)
+            for one in (
+                *(c for link in self._every_link for c in link.coefficients),
+                *self.masses,
+                *self.shapes,
+            )
         }
 
     @cached_property

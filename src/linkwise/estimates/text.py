@@ -10,6 +10,7 @@ from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantit
 from linkwise.text import align_columns, as_text, format_error, format_value
 
 _MANY = 12  # channels or links that are shown
+_SHAPES = 6  # of modes at points, that are shown
 _CAUSES = 4  # of what is left, that are shown
 _WIDTH = 100  # at which sentences are broken
 _HEAD = ("", "value", "std. error", "95 % interval", "unit")
@@ -38,6 +39,8 @@ def text_table(estimate: Estimate) -> str:
     if of_modes:
         rows = [_row(coefficient, coefficient.name) for coefficient in of_modes]
         blocks.append("\n".join(["modes", *align_columns([_HEAD, *rows])]))
+    if estimate.shapes:
+        blocks.append(_shapes(estimate))
     shown = [link for link in estimate.links if link.free]
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:
@@ -59,6 +62,22 @@ def _verdict(estimate: Estimate) -> str:
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
     summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
     return f"{head}\n{fill(summary, _WIDTH)}"
+
+
+def _shapes(estimate: Estimate) -> str:
+    """The shapes that moved farthest from what was known of them, in its standard deviations."""
+    known = {p.name: (p.start or 0.0, p.sigma) for p in estimate.parameters}
+    moved = sorted(
+        ((abs(each.value - known[each.name][0]) / known[each.name][1], each) for each in estimate.shapes),
+        key=lambda pair: -pair[0],
+    )
+    lines = ["shapes", *align_columns([_HEAD, *(_row(each, each.name) for _, each in moved[:_SHAPES])])]
+    if len(moved) > _SHAPES:
+        lines.append(
+            f"  ... and {len(moved) - _SHAPES} more, which moved by {moved[_SHAPES][0]:.2g} of their standard deviation "
+            "beforehand or less; the result folder lists all of them"
+        )
+    return "\n".join(lines)
 
 
 def _diagnosis(estimate: Estimate) -> str:

@@ -17,14 +17,11 @@ from linkwise.estimates.cause import Cause
 from linkwise.expression import to_text
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.flow import at_ends_and_middles
 from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.residuals import Misfit, evaluate
-from linkwise.likelihood.score_test import (
-    at_ends_and_middles,
-    augmented_quadratic,
-    candidate_forces,
-)
+from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.single_tests import SingleTests, single_tests

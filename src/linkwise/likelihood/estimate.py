@@ -29,6 +29,7 @@ from linkwise.likelihood.random_forces import (
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.segmentation import require_units_of_states
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
+from linkwise.likelihood.shape_parameters import held_where_unseen
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
@@ -145,6 +146,7 @@ class MaximumLikelihood(Estimator):
             require_units_of_states(record, structure)
             if structure.hosts:
                 require_supported(framed(record, structure).record, structure)
+        structure = held_where_unseen(structure, records[0].channels)
         options = LikelihoodOptions(
             self.offsets,
             self.gains,

@@ -16,6 +16,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.likelihood.flow import flow
 from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, V, X
+from linkwise.likelihood.shown_tangents import shown_tangents
 from linkwise.likelihood.tangents import tangents
 
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
@@ -139,13 +140,15 @@ def _sensitivities(segments: Segments, point: Iterate, scales: Scales, part: sli
 def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) -> Iterator[Floats]:
     """(k, C, 2n + p) sample by sample."""
     mechanics, step = segments.system.at(point.theta), segments.step[part]
-    orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, segments.inputs.part(part))
-    observed, sensors = segments.observed[..., part], segments.sensors
+    inputs = segments.inputs.part(part)
+    orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, inputs)
+    observed, sensors = segments.observed[..., part], segments.sensors.at(mechanics)
     rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2, F: 1.0 / step**2, S: np.ones_like(step)}
-    for sample, tangent in enumerate(tangents(mechanics, orbit, step, scales.state, scales.theta)):
+    found = tangents(mechanics, orbit, step, scales.state, scales.theta, inputs=inputs)
+    for sample, tangent in enumerate(found):
         if tangent.acceleration is None or not observed[sample].any():
             continue
-        motion = sensors.shown(tangent.shown(), 0)
+        motion = shown_tangents(sensors, tangent, mechanics, orbit, sample, (step, scales.theta))
         rows = np.empty((len(step), len(sensors.kind), tangent.state.shape[2]))
         for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
             weight = observed[sample, channel] * rates[kind] / scales.sigma[channel]

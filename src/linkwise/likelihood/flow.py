@@ -33,15 +33,31 @@ class Inputs:
         Displacement in m and velocity in m/s of the base.
     frame : array of shape (J, 5, K) or None
         Acceleration in m/s^2 of the coordinates, of which `force` has the forces of inertia.
+    points : array of shape (J, 5, k, K) or None
+        Forces on points of hosts in N, where shapes are parameters; `force` has them by the shapes that the structure states.
     """
 
     force: Floats | None = None
     base: Floats | None = None
     frame: Floats | None = None
+    points: Floats | None = None
 
     def part(self, segments: slice | Indices) -> Inputs:
         """The inputs of some segments."""
-        return Inputs(*(None if a is None else a[..., segments] for a in (self.force, self.base, self.frame)))
+        every = (self.force, self.base, self.frame, self.points)
+        return Inputs(*(None if a is None else a[..., segments] for a in every))
+
+    def first(self, steps: int) -> Inputs:
+        """The inputs of the first steps."""
+        every = (self.force, self.base, self.frame, self.points)
+        return Inputs(*(None if a is None else a[:steps] for a in every))
+
+    def applied(self, mechanics: NumericSystem, steps: int | slice) -> Floats:
+        """Forces on the masses (..., 5, n, K) in N in some steps; there must be some."""
+        assert self.force is not None
+        if self.points is None or mechanics.shape_change is None:
+            return np.asarray(self.force[steps])
+        return np.asarray(self.force[steps] + mechanics.shape_change.T @ self.points[steps])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +102,13 @@ class Trajectories:
             np.empty((steps + 1, S, K)),
             np.empty((steps, S, K)),
         )
+
+    def middles(self, step: Floats) -> Floats:
+        """(J, 2, n, K) x and u = h v in the middles of steps (K,) in s, from x, u and a at both ends, to the sixth order."""
+        x, u, a = self.states[:, 0], self.states[:, 1], self.accelerations * step**2
+        middle_x = 0.5 * (x[1:] + x[:-1]) - (5.0 / 32.0) * (u[1:] - u[:-1]) + (a[1:] + a[:-1]) / 64.0
+        middle_u = (15.0 / 8.0) * (x[1:] - x[:-1]) - (7.0 / 16.0) * (u[1:] + u[:-1]) + (a[1:] - a[:-1]) / 32.0
+        return np.stack([middle_x, middle_u], axis=1)
 
     def ends(self, step: Floats) -> Floats:
         """(2n + S, K) displacements in m, velocities in m/s and states at the ends of the segments, steps (K,) in s."""
@@ -185,7 +208,7 @@ class _Stages:
         L, K = mechanics.gain.shape[1], len(step)
         self.mechanics, self.inputs = mechanics, inputs
         self.step, self.step2, self.rate = step, step * step, 1.0 / step
-        self.into_links = mechanics.system.incidence.T
+        self.into_links = mechanics.incidence.T
         self.stack = np.empty((2 + STAGES, L, K))
         flat = self.stack.reshape(2 + STAGES, L * K)
         #: Per stage its row of the table and what this combines.
@@ -208,7 +231,9 @@ class _Stages:
         states, memory, forces, slopes = orbit.states, orbit.memory[j], self.forces, self.slopes
         mechanics, motion, into_links = self.mechanics, self.motion, self.into_links
         row_of_motion, v = motion.reshape(2, -1), motion[1]
-        applied = None if self.inputs.force is None else self.inputs.force[j] / mechanics.masses[:, None]
+        applied = None
+        if self.inputs.force is not None:
+            applied = self.inputs.applied(mechanics, j) / mechanics.masses[:, None]
         np.matmul(into_links, states[j], out=self.stack[:2])
         for i, (row, above) in enumerate(self.combined):
             np.matmul(row, above, out=row_of_motion)
@@ -255,8 +280,14 @@ class _Stages:
         self.evaluate()
         np.matmul(self.mechanics.gain, self.force, out=orbit.accelerations[steps])
         if self.inputs.force is not None:
-            applied = self.inputs.force[steps - 1, 4]
+            applied = self.inputs.applied(self.mechanics, steps - 1)[4]
             orbit.accelerations[steps] += applied / self.mechanics.masses[:, None]
+
+
+def at_ends_and_middles(points: Floats, refine: int) -> tuple[Floats, Floats]:
+    """(J + 1, ...) and (J, ...) of an input (J refine, 5, ...) that is given at the POINTS of every step of the flow."""
+    ends = np.concatenate([points[::refine, 0], points[-1:, 4]])
+    return ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0]
 
 
 def _add_base(mechanics: NumericSystem, motion: Floats, inputs: Inputs, j: int, point: int) -> None:

@@ -19,6 +19,7 @@ from linkwise.likelihood.random_states import RandomStates
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, Sensors, V, X
 from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.shown_tangents import shown_tangents
 from linkwise.likelihood.tangents import CandidateForces, Single, tangents
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
@@ -186,14 +187,15 @@ def whitened_jacobian(
     errors: SensorErrors | None = None,
 ) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
-    sensors, step = segments.sensors, segments.step[part] * segments.flow_steps_per_tangent
+    step = segments.step[part] * segments.flow_steps_per_tangent
+    mechanics = segments.system.at(misfit.point.theta)
+    sensors = segments.sensors.at(mechanics)
     M, C, K = segments.samples[..., part].shape
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
     m = segments.system.dimension
     P = m + segments.parameters + _extra_columns(candidates, errors)
     moving = m + p + (0 if candidates is None else len(candidates.first))
     width = moving + (0 if errors is None else len(errors.channel))
-    mechanics = segments.system.at(misfit.point.theta)
     residuals = misfit.residuals[..., part]
     root = np.sqrt(loss.weight(residuals)) * segments.observed[..., part]
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
@@ -204,13 +206,14 @@ def whitened_jacobian(
     chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A, F, S)]
     rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
+    pushes, inputs = candidates and candidates.part(part), segments.inputs.part(part)
     for number, tangent in enumerate(
-        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], candidates and candidates.part(part))
+        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], pushes, inputs)
     ):
         sample, between = divmod(number, segments.tangent_refine)
         if tangent.acceleration is None or between:
             continue
-        motions = sensors.shown(tangent.shown(), 0)
+        motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
         for kind in (X, V, A, F, S):
             if len(chosen[kind]):
                 factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
@@ -253,7 +256,7 @@ def _add_delays(
     jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, whiten: Single, part: slice
 ) -> None:
     """The columns of delays: the rate of the motion that the sensor shows, sign reversed."""
-    sensors, point = segments.sensors, misfit.point
+    sensors, point = segments.sensors.at(segments.system.at(misfit.point.theta)), misfit.point
     first = jacobian.shape[-1] - 1 - sensors.delays
     units, factors = scales.theta[len(scales.theta) - sensors.delays :], sensors.factors(point.gains)
     for channel in sensors.late:

@@ -80,6 +80,11 @@ def shooting_problem(
     starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
     deviations = first_deviations(sensing.random, records[0], valued, starts[0].v)
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
+    if system.shapes is not None:  # which may be small, beside a node
+        priors = np.array([parameter.sigma for parameter in structure.parameters])[system.shapes.columns]
+        unit[system.shapes.columns] = np.maximum(
+            unit[system.shapes.columns], np.where(np.isfinite(priors), priors, 0.0)
+        )
     offset_units = [sensing.noise[0].get(name, 1.0) for name in sensing.offsets]
     scales = Scales(
         sensing.sigma,
@@ -159,7 +164,7 @@ class _TestedFlow:
         thinned = segments.refine // steps
         orbit, step = self.misfit.trajectories.thinned(thinned), segments.step * thinned
         units = self.scales.state, self.scales.theta[: len(theta)]
-        for tangent in tangents(segments.system.at(theta), orbit, step, *units):
+        for tangent in tangents(segments.system.at(theta), orbit, step, *units, inputs=segments.inputs):
             ends = tangent
         x, u = ends.state
         return np.concatenate([x, u / step, ends.memory]) / self.scales.state[:, None, None]

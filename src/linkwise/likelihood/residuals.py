@@ -80,7 +80,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     mechanics = segments.system.at(point.theta)
     with np.errstate(over="ignore", invalid="ignore"):
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, segments.inputs)
-    sensors, rate = segments.sensors, 1.0 / segments.step
+    sensors, rate = segments.sensors.at(mechanics), 1.0 / segments.step
     shown_orbit = sensors.orbit_with_points(orbit)
     every = slice(None, segments.steps, segments.refine)
     residuals = np.empty_like(segments.samples)

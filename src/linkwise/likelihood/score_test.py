@@ -16,7 +16,7 @@ from linkwise.arrays import Floats
 from linkwise.expression import Program
 from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.flow import Inputs, Trajectories
+from linkwise.likelihood.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.sensor_errors import SensorErrors
@@ -119,7 +119,8 @@ def candidate_forces(
     ends, middles = states_at_ends_and_middles(
         misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
     )
-    ends, middles = (_with_points(motion, segments.system.points) for motion in (ends, middles))
+    points = segments.system.at(optimum.point.theta).points
+    ends, middles = (_with_points(motion, points) for motion in (ends, middles))
     first = np.array([force.first for force in forces], dtype=int)
     second = np.array([force.second for force in forces], dtype=int)
     starts = np.empty((len(ends), len(forces), segments.count))
@@ -151,13 +152,10 @@ def states_at_ends_and_middles(
     """
     coarse = orbit.thinned(refine)
     h = step * refine
-    x, u, a = coarse.states[:, 0], coarse.states[:, 1], coarse.accelerations * h**2
-    change_x, change_a = x[1:] - x[:-1], a[1:] - a[:-1]
-    middle_x = 0.5 * (x[1:] + x[:-1]) - (5.0 / 32.0) * (u[1:] - u[:-1]) + (a[1:] + a[:-1]) / 64.0
-    middle_u = (15.0 / 8.0) * change_x - (7.0 / 16.0) * (u[1:] + u[:-1]) + change_a / 32.0
-    base_ends, base_middles = _base(inputs, refine, len(x), x.shape[-1])
-    ends = np.stack([x, u / h], axis=1)
-    middles = np.stack([middle_x, middle_u / h], axis=1)
+    ends, middles = coarse.states.copy(), coarse.middles(h)
+    ends[:, 1] /= h
+    middles[:, 1] /= h
+    base_ends, base_middles = _base(inputs, refine, len(ends), ends.shape[-1])
     return _with_base_and_ground(ends, base_ends), _with_base_and_ground(middles, base_middles)
 
 
@@ -182,9 +180,3 @@ def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Floats, F
         return np.zeros((ends, 2, 1, count)), np.zeros((ends - 1, 2, 1, count))
     at_ends, middles = at_ends_and_middles(inputs.base, refine)
     return at_ends[:, :, None], middles[:, :, None]
-
-
-def at_ends_and_middles(points: Floats, refine: int) -> tuple[Floats, Floats]:
-    """(J + 1, ...) and (J, ...) of an input (J refine, 5, ...) that is given at the POINTS of every step of the flow."""
-    ends = np.concatenate([points[::refine, 0], points[-1:, 4]])
-    return ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0]

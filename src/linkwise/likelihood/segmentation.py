@@ -175,6 +175,7 @@ def sensor_arrays(
     index |= {(kind, name): structure.size + i for i, name in enumerate(points) for kind in "xva"}
     return Sensors(
         shapes=np.stack([structure.topology.row(name) for name in points]) if points else None,
+        points=np.array([structure.points.index(name) for name in points], dtype=int),
         kind=np.array([_KINDS[channel.kind] for channel in parsed]),
         mass=np.array([index[channel.kind, channel.mass] for channel in parsed]),
         offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
@@ -283,6 +284,7 @@ def flow_inputs(
     ]
     has_base = bool(np.any(structure.base_incidence))
     force = base = None
+    at_points = forces_at_points(structure, [name for _, name in forced], (samples * refine, sum(counts)))
     if forced:
         force = np.zeros((samples * refine, len(POINTS), structure.size, sum(counts)))
         for row, name in forced:
@@ -290,7 +292,10 @@ def flow_inputs(
                 _at_points(record, name, count, samples, refine)[0]
                 for record, count in zip(records, counts, strict=True)
             ]
-            force += row[:, None] * np.concatenate(pieces, axis=2)[:, :, None]
+            values = np.concatenate(pieces, axis=2)
+            force += row[:, None] * values[:, :, None]
+            if at_points is not None and Channel.parse(name).mass in structure.points:
+                at_points[:, :, structure.points.index(Channel.parse(name).mass)] = values
     if has_base:
         if "x:base" not in records[0].channels:
             has = [name for name in records[0].inputs if name.endswith(":base")]
@@ -307,7 +312,30 @@ def flow_inputs(
             for record, count in zip(records, counts, strict=True)
         ]
         base = np.concatenate(pieces, axis=3) if any(piece.any() for piece in pieces) else None
-    return Inputs(force, base)
+    return Inputs(force, base, points=at_points)
+
+
+def forces_at_points(structure: Structure, channels: Sequence[str], size: tuple[int, int]) -> Floats | None:
+    """Room (J, 5, k, K) for forces on the k points of hosts, `size` being (J, K); None where `channels` or shapes need none.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    channels : sequence of str
+        Channels of applied forces.
+    size : tuple of int
+        Number of steps, and of segments.
+
+    Returns
+    -------
+    array or None
+        Zeros.
+    """
+    uncertain = any(mode.shape_sigma for host in structure.hosts for mode in host.modes)
+    if not uncertain or not any(Channel.parse(name).mass in structure.points for name in channels):
+        return None
+    return np.zeros((size[0], len(POINTS), len(structure.points), size[1]))
 
 
 def _at_points(record: Record, name: str, count: int, samples: int, refine: int) -> tuple[Floats, Floats]:

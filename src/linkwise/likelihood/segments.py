@@ -19,7 +19,7 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.flow import Inputs, Trajectories
 from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.random_states import RandomStates
-from linkwise.likelihood.system import System
+from linkwise.likelihood.system import NumericSystem, System
 
 X, V, A, F, S = 0, 1, 2, 3, 4
 """Kinds of sensors: displacement, velocity and acceleration of a mass, force in a link, state of a link."""
@@ -29,8 +29,8 @@ X, V, A, F, S = 0, 1, 2, 3, 4
 class Sensors:
     """`kind` (C,) is X, V, A, F or S, `mass` (C,) the number of a mass, or of a link or a state in the order of the system.
 
-    From n on it is the number of a point of a host, which moves by its row in `shapes` (k, n). `offset`, `delay` (C,) are
-    indices of its unknown errors, -1 for none.
+    From n on it is the number of a point of a host, which moves by its row in `shapes` (c, n); `points` (c,) are their
+    numbers among the points of the system. `offset`, `delay` (C,) are indices of its unknown errors, -1 for none.
 
     A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
     g): ones where a factor acts on the channel, else zeros.
@@ -42,6 +42,13 @@ class Sensors:
     gain: Floats = field(default_factory=lambda: np.empty((0, 0)))
     delay: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
     shapes: Floats | None = None
+    points: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
+
+    def at(self, mechanics: NumericSystem) -> Sensors:
+        """The sensors with the shapes of hosts that a system has at its parameters."""
+        if mechanics.shape_change is None or self.shapes is None:
+            return self
+        return replace(self, shapes=mechanics.points[self.points])
 
     def with_points(self, motion: NDArray[Any], axis: int) -> NDArray[Any]:
         """The motion of the masses along an axis, and behind them that of the points with a sensor."""

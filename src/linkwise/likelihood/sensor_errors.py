@@ -90,11 +90,12 @@ def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: in
 def motion_of(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor of this kind shows of a mass, and its rate."""
     every = slice(None, segments.steps, segments.refine)
-    orbit = segments.sensors.orbit_with_points(misfit.trajectories)
+    mechanics = segments.system.at(misfit.point.theta)
+    orbit = segments.sensors.at(mechanics).orbit_with_points(misfit.trajectories)
     if kind in (F, S):
         inside = orbit.memory[every]
         if kind == F:
-            inside = forces_at_samples(segments, segments.system.at(misfit.point.theta), orbit)
+            inside = forces_at_samples(segments, mechanics, orbit)
         return _with_rate(segments, inside[:, mass])
     x = orbit.states[every, 0, mass]
     v = orbit.states[every, 1, mass] / segments.step

@@ -10,10 +10,12 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum
+from linkwise.likelihood.flow import at_ends_and_middles
 from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.score_test import at_ends_and_middles, states_at_ends_and_middles
+from linkwise.likelihood.score_test import states_at_ends_and_middles
 from linkwise.likelihood.sensor_errors import SensorErrors, motion_of
 from linkwise.likelihood.tangents import CandidateForces
+from linkwise.model.parameters import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 
@@ -36,13 +38,14 @@ class ShapeErrors:
         """The shapes at points with a link, a force or a sensor; None where there are none, or too many."""
         used = {end for link in structure.links for end in link.between}
         used |= {Channel.parse(name).mass for name in channels}
+        found = optimum.segments.system.parameters.names
         places = [
             (point, mode, shape)
             for host in structure.hosts
             for point in host.points
             if point in used
             for mode, shape in host.shape(point).items()
-            if shape
+            if shape and f"{mode}.{SHAPE}{point.removeprefix(f'{host.name}.')}" not in found
         ]
         if not 0 < len(places) <= _MOST:
             return None
@@ -107,8 +110,9 @@ class _Parts:
         if segments.inputs.force is not None and forced:
             rows = np.stack([structure.topology.row(name) for name in forced])
             known = np.linalg.pinv(rows.T)  # a few points by modes
+            on_modes = segments.inputs.applied(mechanics, slice(None))
             for name, row in zip(forced, known, strict=True):
-                at_place = np.einsum("n,jpnk->jpk", row, segments.inputs.force)
+                at_place = np.einsum("n,jpnk->jpk", row, on_modes)
                 applied[name] = at_ends_and_middles(at_place, stride)
         return cls(optimum, misfit, structure, channels, motion, tuple(slopes), tuple(forces), applied)
 

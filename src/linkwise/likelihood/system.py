@@ -16,6 +16,8 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.expression import Operation
 from linkwise.likelihood.law_group import LawGroup
 from linkwise.likelihood.rate_partials import MemorySlopes, RatePartials
+from linkwise.likelihood.shape_parameters import ShapeParameters
+from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 
 
@@ -57,7 +59,7 @@ class System:
     Attributes
     ----------
     incidence : array of shape (n, L)
-        B, links sorted by law.
+        B, links sorted by law, with the shapes of hosts that the structure states.
     base : array of shape (L,)
         Incidence of the base.
     groups : tuple of LawGroup
@@ -71,7 +73,9 @@ class System:
     states : tuple of (int, str)
         Each state as index of its link in the structure and name.
     points : array of shape (k, n)
-        How each point of a host moves, in the order of their numbers, -3 first.
+        How each point of a host moves, in the order of their numbers, -3 first, with the shapes that the structure states.
+    shapes : ShapeParameters or None
+        The shapes among the parameters.
     """
 
     incidence: Floats
@@ -82,6 +86,7 @@ class System:
     state_links: Indices
     states: tuple[tuple[int, str], ...]
     points: Floats
+    shapes: ShapeParameters | None = None
 
     @property
     def dimension(self) -> int:
@@ -129,6 +134,7 @@ class System:
             points=np.array([structure.topology.row(name) for name in structure.points]).reshape(
                 -1, structure.size
             ),
+            shapes=ShapeParameters.of(structure, order),
         )
 
     def at(self, theta: Floats) -> NumericSystem:
@@ -149,6 +155,7 @@ class System:
             self,
             parameters.constant + parameters.map @ theta,
             parameters.mass_constant + parameters.mass_map @ theta,
+            None if self.shapes is None else self.shapes.change(theta),
         )
 
     @cached_property
@@ -193,9 +200,9 @@ def _parameters(structure: Structure, groups: list[LawGroup], order: Indices, ro
     map_, mass_map = np.zeros((rows, len(free))), np.zeros((structure.size, len(free)))
     for column, parameter in enumerate(free):
         for index, name in parameter.members:
-            if index < 0:
+            if index < 0 and name == MASS:
                 mass_map[-1 - index, column] = 1.0
-            else:
+            elif index >= 0:
                 map_[row_of[index, name], column] = 1.0
     constant = np.zeros(rows)
     for (index, name), row in row_of.items():
@@ -245,11 +252,14 @@ class NumericSystem:
         The coefficients in SI units.
     masses : array of shape (n,)
         The masses in kg.
+    shape_change : array of shape (k, n) or None
+        By how much points of hosts move more with each mode than with the shapes that the structure states.
     """
 
     system: System
     coefficients: Floats
     masses: Floats
+    shape_change: Floats | None = None
 
     @cached_property
     def _values(self) -> list[Floats]:
@@ -260,14 +270,26 @@ class NumericSystem:
         ]
 
     @cached_property
+    def points(self) -> Floats:
+        """(k, n) how each point of a host moves."""
+        return self.system.points if self.shape_change is None else self.system.points + self.shape_change
+
+    @cached_property
+    def incidence(self) -> Floats:
+        """B (n, L)."""
+        if self.system.shapes is None or self.shape_change is None:
+            return self.system.incidence
+        return self.system.incidence + self.shape_change.T @ self.system.shapes.sides
+
+    @cached_property
     def gain(self) -> Floats:
         """-M^-1 B (n, L): accelerations of masses by link forces."""
-        return -self.system.incidence / self.masses[:, None]
+        return -self.incidence / self.masses[:, None]
 
     @cached_property
     def link_gain(self) -> Floats:
         """-B^T M^-1 B (L, L): accelerations of elongations by link forces."""
-        return np.asarray(self.system.incidence.T @ self.gain)
+        return np.asarray(self.incidence.T @ self.gain)
 
     def force(self, d: Floats, v: Floats, states: Floats, out: Floats, rates: Floats) -> None:
         """Link forces, and rates of states.

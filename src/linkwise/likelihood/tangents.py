@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.flow import Trajectories
+from linkwise.likelihood.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.system import NumericSystem
 from linkwise.likelihood.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
 from linkwise.model.topology import FIRST_POINT
@@ -80,6 +80,7 @@ def tangents(
     scale: Floats,
     unit: Floats,
     candidates: CandidateForces | None = None,
+    inputs: Inputs | None = None,
 ) -> Iterator[TangentStep]:
     """Sensitivities along an orbit, by Nystroem's method of order 4.
 
@@ -100,6 +101,8 @@ def tangents(
         Units of the parameters.
     candidates : CandidateForces, optional
         Candidate forces.
+    inputs : Inputs, optional
+        What acts along the orbit; needed where it acts on points of hosts whose shapes are parameters.
 
     Yields
     ------
@@ -110,16 +113,10 @@ def tangents(
     steps, K = len(orbit.middle_links), orbit.links.shape[-1]
     S = orbit.memory.shape[1]
     P = 2 * n + S + len(unit) + (0 if candidates is None else len(candidates.first))
-    starts = _TangentForces(mechanics, orbit.links, orbit.memory, orbit.accelerations, step, unit)
-    middles = _TangentForces(
-        mechanics, orbit.middle_links, orbit.middle_memory, orbit.middle_accelerations, step, unit
-    )
-    if candidates is not None:
-        starts.add_candidates(candidates, candidates.starts, step)
-        middles.add_candidates(candidates, candidates.middles, step)
+    starts, middles = _forces(mechanics, orbit, step, unit, candidates, inputs)
     into_links, gain, link_gain = (
         np.ascontiguousarray(a, np.float32)
-        for a in (mechanics.system.incidence.T, mechanics.gain, mechanics.link_gain)
+        for a in (mechanics.incidence.T, mechanics.gain, mechanics.link_gain)
     )
     state, inner = _units(scale, step, n, P)
     stack, pulls = np.empty((4, L, P, K), np.float32), np.empty((3, L, P, K), np.float32)
@@ -158,6 +155,31 @@ def tangents(
             starts.inertia(j + 1, row, weight=third)
         state += moved
     yield TangentStep(state, inner, None, None)
+
+
+def _forces(
+    mechanics: NumericSystem,
+    orbit: Trajectories,
+    step: Floats,
+    unit: Floats,
+    candidates: CandidateForces | None,
+    inputs: Inputs | None,
+) -> tuple[_TangentForces, _TangentForces]:
+    """Tangent forces at the ends of the steps and in their middles; arguments as of `tangents`."""
+    starts = _TangentForces(mechanics, orbit.links, orbit.memory, orbit.accelerations, step, unit)
+    middles = _TangentForces(
+        mechanics, orbit.middle_links, orbit.middle_memory, orbit.middle_accelerations, step, unit
+    )
+    if candidates is not None:
+        starts.add_candidates(candidates, candidates.starts, step)
+        middles.add_candidates(candidates, candidates.middles, step)
+    if mechanics.system.shapes is not None:
+        applied = None if inputs is None else inputs.points
+        stride = 1 if applied is None else len(applied) // len(orbit.middle_links)
+        at_ends, between = (None, None) if applied is None else at_ends_and_middles(applied, stride)
+        starts.add_shapes(orbit.states, orbit.links, orbit.memory, at_ends, step)
+        middles.add_shapes(orbit.middles(step), orbit.middle_links, orbit.middle_memory, between, step)
+    return starts, middles
 
 
 def _units(scale: Floats, step: Floats, n: int, P: int) -> tuple[Single, Single]:
@@ -201,8 +223,10 @@ class _TangentForces:
             self.masses.append(
                 (i, first + column, (accelerations[:, i] * (factor * step2)).astype(np.float32))
             )
+        self.mechanics, self.unit = mechanics, unit
         self.mass_values = mechanics.masses
-        self.points = system.points
+        self.points = mechanics.points
+        self.by_shape: tuple[Indices, Indices, Single] | None = None
         inner = slopes.memory
         self.owners = system.state_links
         self.by_state = (inner.force * step2).astype(np.float32)
@@ -225,6 +249,30 @@ class _TangentForces:
                     weights = np.full(len(at_point), sign * shape[mode])
                     self._push(np.full(len(at_point), mode), at_point, weights, force, step)
 
+    def add_shapes(
+        self, states: Floats, links: Floats, memory: Floats, applied: Floats | None, step: Floats
+    ) -> None:
+        """Count shapes that are parameters: they stretch links at the point, and pass its forces on to the mode.
+
+        `states` (..., 2, n, K) are x and u, `applied` (..., k, K) the forces on the points.
+        """
+        shapes = self.mechanics.system.shapes
+        assert shapes is not None
+        unit, points, modes = self.unit[shapes.columns], shapes.points, shapes.modes
+        force = np.empty_like(links[:, 0])
+        self.mechanics.force(links[:, 0], links[:, 1], memory, force, np.empty_like(memory))
+        acting = -(shapes.sides @ force)
+        if applied is not None:
+            acting += applied
+        factor = (unit / self.mass_values[modes])[:, None] * step**2
+        columns = self.width - len(self.unit) + shapes.columns
+        self.candidates.append((modes, columns, (acting[:, points] * factor).astype(np.float32)))
+        which, link = np.nonzero(shapes.sides[points])
+        weight = (shapes.sides[points[which], link] * unit[which])[:, None]
+        x, u = (states[:, kind][:, modes[which]] for kind in (0, 1))
+        change = weight * (self.by_d[:, link] * x + self.by_v[:, link] * u)
+        self.by_shape = link, columns[which], change.astype(np.float32)
+
     def _push(self, masses: Indices, which: Indices, weights: Floats, force: Floats, step: Floats) -> None:
         """Count the forces `which` (k,) of `force`, weighted, on masses (k,), none of which occurs twice for a force."""
         factor = (weights / self.mass_values[masses])[:, None] * step**2
@@ -236,6 +284,9 @@ class _TangentForces:
         np.multiply(self.by_d[j][:, None], motion[0], out=out)
         out += self.by_v[j][:, None] * motion[1]
         out[self.rows, self.columns] += self.by_parameter[j]
+        if self.by_shape is not None:
+            links, columns, change = self.by_shape
+            out[links, columns] += change[j]
         for state, owner in enumerate(self.owners.tolist()):
             out[owner] += self.by_state[j, state] * inner[state]
             np.multiply(self.rate_by_d[j, state], motion[0, owner], out=rates[state])

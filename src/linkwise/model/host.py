@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from linkwise.errors import StructureError
@@ -39,6 +39,9 @@ class HostMode:
         Damping as a part of the critical one.
     shape : mapping of str to float
         Mass-normalised shape at every point of the host, in 1/sqrt(kg).
+    shape_sigma : mapping of str to float, optional
+        Standard deviations to which the shape is known, by point: Gaussian priors about `shape`, infinite where it is only a
+        start. At points that are not named it is known exactly.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class HostMode:
     frequency: Coefficient
     damping: Coefficient
     shape: Mapping[str, float] = field(hash=False)
+    shape_sigma: Mapping[str, float] = field(hash=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.frequency.value is not None and not self.frequency.value >= 0.0:
@@ -69,11 +73,55 @@ class HostMode:
                 raise StructureError(
                     f'the shape of a mode at the point "{point}" must be a finite number, got {value!r}'
                 )
-        shape = {point: float(value) for point, value in self.shape.items()}
-        object.__setattr__(self, "shape", MappingProxyType(shape))
+        for point, sigma in self.shape_sigma.items():
+            if point not in self.shape or not sigma > 0.0:
+                raise StructureError(
+                    f'the standard deviation of the shape at "{point}" must be positive, and its point one of the shape, '
+                    f"got {sigma!r}"
+                )
+        for name in ("shape", "shape_sigma"):
+            numbers = {point: float(value) for point, value in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(numbers))
 
     def __reduce__(self) -> tuple[type[HostMode], tuple[object, ...]]:
-        return HostMode, (self.frequency, self.damping, dict(self.shape))
+        return HostMode, (self.frequency, self.damping, dict(self.shape), dict(self.shape_sigma))
+
+    def shape_value(self, point: str) -> Coefficient:
+        """The shape at a point, known or known to within.
+
+        Parameters
+        ----------
+        point : str
+            Its name in the host.
+
+        Returns
+        -------
+        Coefficient
+            The shape in 1/sqrt(kg).
+        """
+        value, sigma = self.shape[point], self.shape_sigma.get(point)
+        return Coefficient.number(value) if sigma is None else Coefficient.unknown(value, sigma=sigma)
+
+    def with_shape(self, changes: Mapping[str, Coefficient]) -> HostMode:
+        """The mode with other shapes at some points.
+
+        Parameters
+        ----------
+        changes : mapping of str to Coefficient
+            The shape by point; an unknown without a start keeps the present value as one.
+
+        Returns
+        -------
+        HostMode
+            The mode.
+        """
+        shape, sigma = dict(self.shape), dict(self.shape_sigma)
+        for point, change in changes.items():
+            shape[point] = shape[point] if change.value is None else change.value
+            sigma.pop(point, None)
+            if not change.known:
+                sigma[point] = change.sigma
+        return replace(self, shape=shape, shape_sigma=sigma)
 
 
 @dataclass(frozen=True)
@@ -165,6 +213,45 @@ class Host:
         own = point.removeprefix(f"{self.name}.")
         return {name: mode.shape[own] for name, mode in zip(self.coordinates, self.modes, strict=True)}
 
+    def known_to_within(self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0) -> Host:
+        """The host with values known to within parts of themselves, as Gaussian priors.
+
+        What is unknown or known to within already stays as it is. Errors of a shape do not vanish at a node, so its part is
+        that of the largest value of the mode at the points; a value of exactly 0, as at a support or in a direction in which
+        nothing moves, stays known.
+
+        Parameters
+        ----------
+        frequency, damping : float, optional
+            Standard deviations as parts of each value; 0 leaves the values known.
+        shape : float, optional
+            Standard deviation of shapes as a part of the largest absolute value of the mode.
+
+        Returns
+        -------
+        Host
+            The host.
+
+        Raises
+        ------
+        StructureError
+            If a part is negative or not finite.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> known = lw.Coefficient.number
+        >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+        >>> wing.known_to_within(frequency=0.01, shape=0.02).modes[0].shape_sigma["joint"]
+        0.02
+        """
+        for what, part in (("frequency", frequency), ("damping", damping), ("shape", shape)):
+            if not 0.0 <= part < math.inf:
+                raise StructureError(
+                    f"the part to within which the {what} is known must not be negative, got {part!r}"
+                )
+        return replace(self, modes=tuple(_uncertain(mode, frequency, damping, shape) for mode in self.modes))
+
     def parts(self) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
         """The modes as masses of 1 kg, each with a link to the ground.
 
@@ -181,6 +268,23 @@ class Host:
             for name, mode in zip(self.coordinates, self.modes, strict=True)
         )
         return masses, links
+
+
+def _uncertain(mode: HostMode, frequency: float, damping: float, shape: float) -> HostMode:
+    largest = shape * max(map(abs, mode.shape.values()))
+    sigma = {point: largest for point, value in mode.shape.items() if value} if largest > 0.0 else {}
+    return HostMode(
+        _to_within(mode.frequency, frequency),
+        _to_within(mode.damping, damping),
+        mode.shape,
+        {**sigma, **mode.shape_sigma},
+    )
+
+
+def _to_within(given: Coefficient, part: float) -> Coefficient:
+    if not given.known or not given.value or not part:
+        return given
+    return Coefficient.unknown(given.value, lower=0.0, sigma=part * given.value)
 
 
 def with_modes(

@@ -1,7 +1,7 @@
 """The coefficients of a structure by full name: which of them are shared, and which are free parameters.
 
-Every coefficient has a full name: "nes1.alpha" for that of a link, "m1.mass" for a mass. A shared coefficient refers to its
-leader, the coefficient that it is equal to.
+Every coefficient has a full name: "nes1.alpha" for that of a link, "m1.mass" for a mass, "wing.mode1.shape.tip" for the shape
+of a mode of a host at a point. A shared coefficient refers to its leader, the coefficient that it is equal to.
 """
 
 from __future__ import annotations
@@ -12,17 +12,23 @@ from dataclasses import dataclass, replace
 
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host
 from linkwise.model.law import Law
 from linkwise.model.link import Link, Mass
+from linkwise.model.names import matching, quoted
 from linkwise.text import near_miss
 
 KILOGRAM = "kg"
+MASS = "mass"
+SHAPE = "shape."
+"""What the names of shapes in their mode begin with; the name of the point follows."""
+SHAPE_UNIT = "1/sqrt(kg)"
 _ANY_UNIT = "?"  # unit of a coefficient that its law does not determine
 
 
 @dataclass(frozen=True)
 class CoefficientSlot:
-    """A coefficient in its place: link `index`, or -1 - i for mass i, and its name `key` there."""
+    """A coefficient in its place: link `index`, or -1 - i for mass or mode i, and its name `key` there."""
 
     index: int
     key: str
@@ -32,7 +38,9 @@ class CoefficientSlot:
     @property
     def unit(self) -> str:
         """SI unit. Inferred on access, since a simulation never needs it."""
-        return KILOGRAM if self.law is None else self.law.units[self.key]
+        if self.law is not None:
+            return self.law.units[self.key]
+        return KILOGRAM if self.key == MASS else SHAPE_UNIT
 
 
 @dataclass(frozen=True)
@@ -50,7 +58,8 @@ class Parameter:
     lower, upper : float
         Bounds.
     members : tuple of (int, str)
-        Coefficients that take its value: index of the link, or -1 - i for mass i, and name of the coefficient there.
+        Coefficients that take its value: index of the link, or -1 - i for mass or mode i, and name of the coefficient there:
+        "mass", or "shape." and a point.
     sigma : float
         Standard deviation of a Gaussian prior about `start`; infinite without one.
 
@@ -70,8 +79,10 @@ class Parameter:
     sigma: float = math.inf
 
 
-def coefficient_slots(masses: Sequence[Mass], links: Sequence[Link]) -> dict[str, CoefficientSlot]:
-    """Every coefficient by its full name, links first, in the order of the file.
+def coefficient_slots(
+    masses: Sequence[Mass], links: Sequence[Link], hosts: Sequence[Host] = ()
+) -> dict[str, CoefficientSlot]:
+    """Every coefficient by its full name, links first, in the order of the file. The mass of a mode, 1 kg, is none.
 
     Raises StructureError where a mass and a link of the same name make a full name ambiguous.
     """
@@ -79,13 +90,24 @@ def coefficient_slots(masses: Sequence[Mass], links: Sequence[Link]) -> dict[str
     for index, link in enumerate(links):
         for key, coefficient in link.coefficients.items():
             slots[f"{link.name}.{key}"] = CoefficientSlot(index, key, link.law, coefficient)
+    modes = {name: mode for host in hosts for name, mode in zip(host.coordinates, host.modes, strict=True)}
     for index, mass in enumerate(masses):
+        if mass.name in modes:
+            continue
         name = f"{mass.name}.mass"
         if name in slots:
             raise StructureError(
                 f'"{name}" names both a mass and a coefficient of a link; rename the mass or the link'
             )
-        slots[name] = CoefficientSlot(-1 - index, "mass", None, mass.mass)
+        slots[name] = CoefficientSlot(-1 - index, MASS, None, mass.mass)
+    for index, mass in enumerate(masses if modes else ()):
+        if mass.name in modes:
+            mode = modes[mass.name]
+            keys = {f"{SHAPE}{point}": mode.shape_value(point) for point in mode.shape}
+            slots |= {
+                f"{mass.name}.{key}": CoefficientSlot(-1 - index, key, None, value)
+                for key, value in keys.items()
+            }
     return slots
 
 
@@ -137,7 +159,8 @@ def _parameter(
     name: str, unit: str, slot: CoefficientSlot, members: tuple[tuple[int, str], ...]
 ) -> Parameter:
     coefficient = slot.coefficient
-    lower = max(coefficient.lower, 0.0) if any(index < 0 for index, _ in members) else coefficient.lower
+    of_mass = any(index < 0 and key == MASS for index, key in members)
+    lower = max(coefficient.lower, 0.0) if of_mass else coefficient.lower
     return Parameter(name, unit, coefficient.value, lower, coefficient.upper, members, coefficient.sigma)
 
 
@@ -146,6 +169,31 @@ def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:
         raise StructureError(
             f'is in {unit or "1"} and cannot be equal to "{leader}" in {leader_unit or "1"}', name
         )
+
+
+def is_shape(name: str) -> bool:
+    """Whether a full name is that of a shape of a host, such as "wing.mode1.shape.tip"."""
+    return f".{SHAPE}" in name
+
+
+def chosen_names(selector: str, links: Mapping[str, int], slots: Mapping[str, CoefficientSlot]) -> list[str]:
+    """Full names that one argument of `Structure.unknown` selects, `links` being numbers by name. Raises StructureError."""
+    if selector == "all":
+        return [name for name, slot in slots.items() if slot.index >= 0]
+    if is_shape(selector) and selector in slots:
+        return [selector]
+    numbers = {links[name] for name in matching(links, selector)}
+    if numbers:
+        return [name for name, slot in slots.items() if slot.index in numbers]
+    head, _, key = selector.rpartition(".")
+    chosen = [f"{name}.{key}" for name in (matching(links, head) if head else ())]
+    chosen = [name for name in chosen if name in slots]
+    if not chosen:
+        raise StructureError(
+            f'"{selector}" is not a link, a prefix of link names or a coefficient'
+            f"{near_miss(selector, [*links, *slots])}; the links are {quoted(links)}"
+        )
+    return chosen
 
 
 def replace_coefficients(
@@ -159,6 +207,8 @@ def replace_coefficients(
     by_link: dict[int, dict[str, Coefficient]] = {}
     for name, coefficient in changes.items():
         slot = slots[name]
+        if slot.key.startswith(SHAPE) and slot.law is None:
+            continue
         if slot.index < 0:
             new_masses[-1 - slot.index] = replace(masses[-1 - slot.index], mass=coefficient)
         else:
@@ -166,3 +216,24 @@ def replace_coefficients(
     for index, new in by_link.items():
         new_links[index] = replace(links[index], coefficients={**links[index].coefficients, **new})
     return tuple(new_masses), tuple(new_links)
+
+
+def replace_shapes(hosts: tuple[Host, ...], changes: Mapping[str, Coefficient]) -> tuple[Host, ...]:
+    """Hosts with some shapes, given by full name, replaced."""
+    by_mode: dict[str, dict[str, Coefficient]] = {}
+    for name, coefficient in changes.items():
+        mode, found, point = name.partition(f".{SHAPE}")
+        if found:
+            by_mode.setdefault(mode, {})[point] = coefficient
+    if not by_mode:
+        return hosts
+    return tuple(
+        replace(
+            host,
+            modes=tuple(
+                mode.with_shape(by_mode[name]) if name in by_mode else mode
+                for name, mode in zip(host.coordinates, host.modes, strict=True)
+            ),
+        )
+        for host in hosts
+    )

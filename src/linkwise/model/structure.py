@@ -22,13 +22,15 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.ends import check_ends
 from linkwise.model.host import Host, counted, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
-from linkwise.model.names import check_unique, index_of, matching, quoted
+from linkwise.model.names import check_unique, index_of, quoted
 from linkwise.model.parameters import (
     CoefficientSlot,
     Parameter,
+    chosen_names,
     coefficient_slots,
     free_parameters,
     replace_coefficients,
+    replace_shapes,
     resolve_sharing,
 )
 from linkwise.model.topology import LinkShape, Topology
@@ -98,7 +100,7 @@ class Structure(NotebookView):
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
-        return coefficient_slots(self.masses, self.links)
+        return coefficient_slots(self.masses, self.links, self.hosts)
 
     @cached_property
     def _leaders(self) -> dict[str, str]:
@@ -254,7 +256,7 @@ class Structure(NotebookView):
         Parameters
         ----------
         name : str
-            Its full name, such as ``"nes1.alpha"`` or ``"m1.mass"``.
+            Its full name, such as ``"nes1.alpha"``, ``"m1.mass"`` or ``"wing.mode1.shape.tip"``.
 
         Returns
         -------
@@ -284,7 +286,8 @@ class Structure(NotebookView):
         ----------
         *which : str
             Each is ``"all"`` (every link), the name of a link, a prefix of link names (``"nes"``), ``"link.coefficient"``
-            (with a prefix too), or ``"mass:NAME"``. For a shared coefficient its leader is made unknown.
+            (with a prefix too), ``"mass:NAME"``, or ``"HOST.mode1.shape.POINT"``, whose value stays as its start. For a shared
+            coefficient its leader is made unknown.
 
         Returns
         -------
@@ -364,26 +367,15 @@ class Structure(NotebookView):
 
     def _with(self, changes: Mapping[str, Coefficient]) -> Structure:
         masses, links = replace_coefficients(self.masses, self.links, self._slots, changes)
-        return Structure(self.name, masses, links, self.hosts)
+        return Structure(self.name, masses, links, replace_shapes(self.hosts, changes))
 
     def _chosen(self, selector: str) -> list[str]:
         """Full names that one argument of `unknown` selects. Raises StructureError if there are none."""
-        if selector.startswith("mass:"):
-            return [f"{self.mass(selector.removeprefix('mass:')).name}.mass"]
-        if selector == "all":
-            return [name for name, slot in self._slots.items() if slot.index >= 0]
-        links = matching(self._link_index, selector)
-        if links:
-            return [f"{name}.{key}" for name in links for key in self.link(name).coefficients]
-        head, _, key = selector.rpartition(".")
-        chosen = [f"{name}.{key}" for name in (matching(self._link_index, head) if head else ())]
-        chosen = [name for name in chosen if name in self._slots]
-        if not chosen:
-            raise StructureError(
-                f'"{selector}" is not a link, a prefix of link names or a coefficient'
-                f"{near_miss(selector, [*self._link_index, *self._slots])}; the links are {quoted(self._link_index)}"
-            )
-        return chosen
+        if not selector.startswith("mass:"):
+            return chosen_names(selector, self._link_index, self._slots)
+        name = f"{self.mass(selector.removeprefix('mass:')).name}.mass"
+        self.coefficient(name)  # a mode has none
+        return [name]
 
     @cached_property
     def topology(self) -> Topology:

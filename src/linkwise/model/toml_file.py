@@ -288,7 +288,9 @@ def _host_text(host: Host, structure: Structure) -> str:
     modes = []
     for name, mode in zip(host.coordinates, host.modes, strict=True):
         now = structure.link(name).coefficients
-        shape = ", ".join(f"{_key(point)} = {value!r}" for point, value in mode.shape.items())
+        shape = ", ".join(
+            f"{_key(point)} = {_coefficient_text(mode.shape_value(point))}" for point in mode.shape
+        )
         modes.append(
             f"    {{ frequency = {_coefficient_text(now['frequency'])}, damping = {_coefficient_text(now['damping'])}, "
             f"shape = {{ {shape} }} }},\n"

@@ -1,13 +1,15 @@
 """A host of a structure file: modes in place or in a CSV file, or matrices of a finite-element model in other files.
 
-A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } }`. A CSV file has the columns
-frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are reduced to `keep` modes and residual
-attachment modes when the file is read.
+A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } }`; a shape may be known to within,
+`{ start = 0.62, sigma = 0.02 }`. `frequency_sigma`, `damping_sigma` and `shape_sigma`, such as "2 %", are for all modes. A CSV
+file has the columns frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are reduced to `keep`
+modes and residual attachment modes when the file is read.
 """
 
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +39,14 @@ class HostTable(msgspec.Struct, forbid_unknown_fields=True):
     modal_damping: float = 0.0
     rayleigh: tuple[float, float] | None = None
     residual: bool = True
+    frequency_sigma: str | None = None
+    damping_sigma: str | None = None
+    shape_sigma: str | None = None
 
 
 class _ModeTable(msgspec.Struct, forbid_unknown_fields=True):
     frequency: float | str | dict[str, Any]
-    shape: dict[str, float]
+    shape: dict[str, float | dict[str, Any]]
     damping: float | str | dict[str, Any] = 0.0
 
 
@@ -53,13 +58,37 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         raise StructureError("a host has either modes or matrices", where)
     if entry.modes is not None and entry.points:
         raise StructureError("points belong to matrices; modes have a shape at every point", where)
-    if entry.modes is None:
-        return _of_matrices(entry, source, where)
+    host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
+    parts = {
+        what: part_of(getattr(entry, f"{what}_sigma"), f"{source}, {path}.{what}_sigma")
+        for what in ("frequency", "damping", "shape")
+    }
+    try:
+        return host.known_to_within(**parts)
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+
+
+def part_of(text: str | None, where: str = "") -> float:
+    """A part such as "2 %" as a number; 0 for None. Raises StructureError with the place `where`."""
+    if text is None:
+        return 0.0
+    try:
+        number, percent, rest = text.partition("%")
+        if not percent or rest.strip():
+            raise ValueError
+        return 0.01 * float(number)
+    except ValueError:
+        raise StructureError(f'expected a percentage, such as "2 %", got {text!r}', where) from None
+
+
+def _of_modes(entry: HostTable, source: str, path: str) -> Host:
+    where = f'{source}, {path} "{entry.name}"'
     if isinstance(entry.modes, str):
         modes = read_modes(Path(source).parent / entry.modes)
     else:
         modes = tuple(
-            _mode(given, source, f"{path}.modes[{number}]") for number, given in enumerate(entry.modes)
+            _mode(given, source, f"{path}.modes[{number}]") for number, given in enumerate(entry.modes or ())
         )
     try:
         return Host(entry.name, modes)
@@ -99,8 +128,18 @@ def _mode(given: object, source: str, path: str) -> HostMode:
         _require_frequency(text.lstrip("+-0123456789.eE ") or "Hz", f"{source}, {path}.frequency")
     frequency = coefficient_of(table.frequency, "Hz", source, f"{path}.frequency")
     damping = coefficient_of(table.damping, "", source, f"{path}.damping")
+    shape = {
+        point: coefficient_of(value, "", source, f"{path}.shape.{point}")
+        for point, value in table.shape.items()
+    }
+    for point, value in shape.items():
+        if value.value is None or (value.lower, value.upper) != (-math.inf, math.inf):
+            raise StructureError(
+                "expected a number, or a table of start and sigma", f"{source}, {path}.shape.{point}"
+            )
     try:
-        return HostMode(frequency, damping, table.shape)
+        starts = {point: float(value.value or 0.0) for point, value in shape.items()}
+        return HostMode(frequency, damping, starts).with_shape(shape)
     except StructureError as error:
         raise StructureError(error.message, f"{source}, {path}") from None
 

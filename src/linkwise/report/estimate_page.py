@@ -117,8 +117,7 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
         ],
         "modes": [
             _row(coefficient, None if truth is None else truth.coefficient(coefficient.name).value)
-            for mode in estimate.modes
-            for coefficient in mode.coefficients
+            for coefficient in (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
         ],
         "chi_square": ""
         if estimate.chi_square_per_sample is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import scipy
 
@@ -10,6 +11,8 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.result import CoefficientAgreement
 from linkwise.likelihood.estimate import MaximumLikelihood
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.parameters import is_shape, replace_shapes
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -28,18 +31,30 @@ def uncertain(posterior: Posterior) -> Structure:
 
 
 def estimated_again(record: Record, posterior: Posterior, progress: Progress) -> Estimate:
-    """The uncertain coefficients from the record alone, by maximum likelihood that starts at the answer."""
+    """The uncertain coefficients from the record alone, by maximum likelihood that starts at the answer.
+
+    Shapes of hosts stay known to within what the answer says: a record need not show again what they are.
+    """
     starts = dict(zip(posterior.names, map(float, posterior.values), strict=True))
-    method = MaximumLikelihood(starts=starts)
-    return method.estimate([record], uncertain(posterior), progress)
+    deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
+    free = uncertain(posterior)
+    shapes = {
+        name: Coefficient.unknown(starts[name], sigma=float(deviation))
+        for name, deviation in deviations.items()
+        if is_shape(name) and deviation > 0.0
+    }
+    structure = replace(free, hosts=replace_shapes(free.hosts, shapes))
+    return MaximumLikelihood(starts=starts).estimate([record], structure, progress)
 
 
 def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgreement, ...]:
-    """The answer beside an estimate from another record, coefficient by coefficient."""
+    """The answer beside an estimate from another record, coefficient by coefficient, shapes of hosts left out."""
     count = len(posterior.names)
     limit = float(-scipy.special.ndtri(LEVEL / (2 * max(count, 1))))
     rows = []
     for index, name in enumerate(posterior.names):
+        if is_shape(name):
+            continue
         own = estimate.coefficient(name)
         error = math.sqrt(max(posterior.covariance[index, index], 0.0))
         if own.standard_error is None or not own.standard_error > 0.0:

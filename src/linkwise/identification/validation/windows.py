@@ -6,14 +6,15 @@ as the state of a mass without a sensor; its uncertainty is then part of that of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.flow import Inputs, Trajectories, flow
-from linkwise.likelihood.segmentation import sensor_arrays
+from linkwise.likelihood.segmentation import forces_at_points, sensor_arrays
 from linkwise.likelihood.segments import A, Sensors, V, X
+from linkwise.likelihood.shown_tangents import shown_tangents
 from linkwise.likelihood.starts.states import start_states
 from linkwise.likelihood.system import System
 from linkwise.likelihood.tableau import POINTS
@@ -152,14 +153,19 @@ class _Setup:
         force = base = None
         everywhere = (*structure.mass_names, *structure.points)
         forced = [name for name in everywhere if f"force:{name}" in record.channels]
+        size = samples * refine, len(firsts)
+        at_points = forces_at_points(structure, [f"force:{name}" for name in forced], size)
         if forced:
             force = np.zeros((samples * refine, len(POINTS), structure.size, len(firsts)))
             for name in forced:
                 row = structure.topology.row(name)
-                force += row[:, None] * _at(record, f"force:{name}", index)[0][:, :, None]
+                values = _at(record, f"force:{name}", index)[0]
+                force += row[:, None] * values[:, :, None]
+                if at_points is not None and name in structure.points:
+                    at_points[:, :, structure.points.index(name)] = values
         if np.any(structure.base_incidence):
             base = np.stack(_at(record, f"x:{BASE}", index), axis=2)
-        return Inputs(force, base)
+        return Inputs(force, base, points=at_points)
 
     def run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
         """The motion from states (2, n, K)."""
@@ -171,7 +177,7 @@ class _Setup:
     def shown(self, orbit: Trajectories, refine: int) -> Floats:
         """(M, C, K) what the sensors show along an orbit."""
         every = slice(None, len(orbit.middle_links), refine)
-        orbit = self.sensors.orbit_with_points(orbit)
+        orbit = self.sensors.at(self.system.at(self.theta)).orbit_with_points(orbit)
         motion = {
             X: orbit.states[every, 0],
             V: orbit.states[every, 1] * (refine * self.record.rate),
@@ -180,16 +186,18 @@ class _Setup:
         pairs = zip(self.sensors.kind, self.sensors.mass, strict=True)
         return np.stack([motion[int(kind)][:, mass] for kind, mass in pairs], axis=1)
 
-    def slopes(self, orbit: Trajectories, refine: int) -> Floats:
+    def slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> Floats:
         """(K, M C, 2 n + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit."""
         step = np.full(orbit.states.shape[-1], self.record.step / refine)
-        unit = theta_unit(self.theta)
+        unit, mechanics = theta_unit(self.theta), self.system.at(self.theta)
+        sensors = self.sensors.at(mechanics)
         rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2}
         rows = []
-        for number, tangent in enumerate(tangents(self.system.at(self.theta), orbit, step, self.prior, unit)):
+        found = tangents(mechanics, orbit, step, self.prior, unit, inputs=inputs)
+        for number, tangent in enumerate(found):
             if tangent.acceleration is None or number % refine:
                 continue
-            motion = self.sensors.shown(tangent.shown(), 0)
+            motion = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, unit))
             for kind, mass in zip(self.sensors.kind, self.sensors.mass, strict=True):
                 rows.append(motion[int(kind)][mass].T * rates[int(kind)])
         return np.stack(rows, axis=1).astype(float)
@@ -242,14 +250,14 @@ def _predicted(
     observed = _observed(setup, firsts, burn)
     fitted = min(_FIRST, burn)
     while True:
-        part = Inputs(*(None if a is None else a[: fitted * refine] for a in (inputs.force, inputs.base)))
+        part = inputs.first(fitted * refine)
         most = _ITERATIONS if fitted == burn else _ROUGH_ITERATIONS
         nodes = _fitted_states(setup, nodes, part, observed[:fitted], (refine, most))
         if fitted == burn:
             break
         fitted = min(_GROWTH * fitted, burn)
     orbit = setup.run(nodes, inputs, samples, refine)
-    slopes = setup.slopes(orbit, refine)
+    slopes = setup.slopes(orbit, inputs, refine)
     C = len(setup.sigma)
     weight = np.isfinite(observed).transpose(2, 0, 1) / setup.sigma
     head = slopes[:, : burn * C] * weight.reshape(K, burn * C, 1)
@@ -297,7 +305,7 @@ def _by_laws(
     for mass in range(len(masses)):
         force = applied.copy()
         force[:, :, mass] += law_error * (masses[mass] * acceleration[:, :, mass] - applied[:, :, mass])
-        changed = setup.run(nodes, Inputs(force, inputs.base), samples, refine)
+        changed = setup.run(nodes, replace(inputs, force=force), samples, refine)
         variance += (setup.shown(changed, refine) - shown) ** 2
     return variance
 
@@ -331,7 +339,7 @@ def _fitted_states(
     states = centre.copy()
     orbit, left, cost = misfit(states)
     for _ in range(most):
-        slopes = setup.slopes(orbit, refine)[..., :m]
+        slopes = setup.slopes(orbit, inputs, refine)[..., :m]
         weight = present.transpose(2, 0, 1) / setup.sigma
         rows = slopes * weight.reshape(K, samples * C, 1)
         normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)

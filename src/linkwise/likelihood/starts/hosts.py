@@ -20,6 +20,7 @@ from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
 from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
 from linkwise.likelihood.starts.kalman import Smoothed, innovations, log_likelihood, smooth
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
+from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -153,7 +154,7 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
     dict of str to float
         Values by name of the parameter; empty where all modes are known.
     """
-    free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.modes]
+    free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.modes]  # not shapes
     if not free:
         return {}
     start = np.array([float(p.start or 0.0) for p in free])
@@ -301,9 +302,10 @@ def _best_start(
     record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
 ) -> dict[str, float]:
     tuned = tuned_modes(record, structure, sigma)
+    shapes = {p.name: p.start for p in structure.parameters if is_shape(p.name) and p.start is not None}
     trials: list[tuple[float, int, dict[str, float]]] = []
     for motion in _motions(record, _with_starts(structure, tuned), sigma):
-        found = start_of_links(motion.signals, structure, given, motion.open) | dict(given) | tuned
+        found = start_of_links(motion.signals, structure, given, motion.open) | shapes | dict(given) | tuned
         valued = structure.with_values(
             {p.name: found[p.name] for p in structure.parameters if p.name in found}
         )
