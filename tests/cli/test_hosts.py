@@ -73,6 +73,10 @@ def test_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]
         (["rod.npz", "--point", "mid=fifteen"], "--point needs NAME=ROW"),
         (["rod.npz", "--mass", "Q", "--point", "mid=15"], "holds no matrix 'Q'"),
         (["modes.csv", "--point", "mid=15"], "A file of modes has its own points"),
+        (["modes.csv", "--keep", "1"], "--keep is for matrices"),
+        (["modes.csv", "--no-residual"], "--no-residual is for matrices"),
+        (["modes.csv", "--shape-sigma", "2"], "--shape-sigma needs a percentage, such as 2%, got '2'"),
+        (["rod.npz", "--mass", "K", "--stiffness", "M", "--point", "mid=15"], "may be swapped"),
     ):
         assert run(["structure", "host", *wrong]) == 2
         assert told in " ".join(capsys.readouterr().err.split())
@@ -84,3 +88,27 @@ def test_show_prints_the_modes(folder: Path, capsys: pytest.CaptureFixture[str])
     out = capsys.readouterr().out
     assert "2 modes; shapes in 1/sqrt(kg) at modes.tip, modes.joint" in out
     assert "modes.mode2  21 Hz" in out
+
+
+def test_values_of_a_host_known_to_within(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sigmas = ["--frequency-sigma", "1%", "--damping-sigma", "20 %", "--shape-sigma", "2%"]
+    assert run(["structure", "host", "modes.csv", *sigmas, "-o", "host.toml"]) == 0
+    (first, second) = lw.read_structure(folder / "host.toml").hosts[0].modes
+    assert first.frequency.sigma == pytest.approx(0.052)
+    assert second.damping.sigma == pytest.approx(0.002)
+    assert dict(second.shape_sigma) == {"tip": pytest.approx(0.02), "joint": pytest.approx(0.02)}
+    assert run(["structure", "show", "host.toml"]) == 0
+    assert "0.62 +- 0.02" in capsys.readouterr().out
+
+
+def test_a_record_may_show_the_coordinate_of_a_mode(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "wing.toml"]) == 0
+    (folder / "true.toml").write_text((folder / "wing.toml").read_text() + LINK)
+    (folder / "asked.toml").write_text(
+        (folder / "true.toml").read_text().replace("k = 200.0", 'k = "unknown"')
+    )
+    drive = ["--release", "v:wing.mode1=0.3", "--sensors", "x:wing.mode1,x:wing.mode2,x:store"]
+    recorded = ["--duration", "1", "--rate", "400", "--noise", "40", "--seed", "2", "-o", "modal.csv"]
+    assert run(["simulate", "true.toml", *drive, *recorded]) == 0
+    assert run(["identify", "modal.csv", "asked.toml"]) == 0
+    assert "x:wing.mode1" in capsys.readouterr().out

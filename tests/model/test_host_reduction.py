@@ -118,6 +118,8 @@ def test_rayleigh_damping_follows_the_frequencies() -> None:
         ({"stiffness": scipy.sparse.csc_array(np.triu(beam()[1].toarray()))}, "is not symmetric"),
         ({"stiffness": -1.0 * beam()[1]}, "negative eigenvalues"),
         ({"mass": -1.0 * beam()[0]}, "positive definite"),
+        ({"mass": beam()[1], "stiffness": beam()[0]}, "mass and stiffness may be swapped"),
+        ({"mass": beam(clamped=False)[1], "stiffness": beam(clamped=False)[0]}, "swapped"),
     ],
 )
 def test_matrices_that_are_no_host_are_refused(change: dict[str, object], told: str) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import click
+from click.core import ParameterSource
 
 import linkwise as lw
 from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import tell
 from linkwise.cli.options import FILE
 
+_OF_MATRICES = ("keep", "modal_damping", "no_residual")  # options that mean nothing for modes
 _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
 
 
@@ -37,9 +41,25 @@ _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
     help="Damping of every mode, as a part of the critical one.",
 )
 @click.option("--no-residual", is_flag=True, help="Leave out the flexibility of the modes that are not kept.")
+@click.option(
+    "--frequency-sigma",
+    metavar="PERCENT%",
+    help="Frequencies are known to within this part of themselves, such as 1%: identify finds them with the links.",
+)
+@click.option(
+    "--damping-sigma", metavar="PERCENT%", help="Damping is known to within this part of itself, such as 20%."
+)
+@click.option(
+    "--shape-sigma",
+    metavar="PERCENT%",
+    help="Shapes are known to within this part of the largest of their mode at the points, such as 2%.",
+)
 @click.option("-o", "--output", metavar="HOST", type=FILE, help="File to write; without it, standard output.")
 @click.option("--json", "as_json", is_flag=True, help="Print the host as JSON and nothing else.")
+@click.pass_context
 def host(
+    context: click.Context,
+    /,
     files: tuple[Path, ...],
     name: str | None,
     mass: str | None,
@@ -47,7 +67,7 @@ def host(
     points: tuple[str, ...],
     output: Path | None,
     as_json: bool,
-    **reduction: float,
+    **options: Any,
 ) -> None:
     """Write modes (CSV, UFF) or matrices (MAT, NPZ, MTX) of a linear structure as a host, to paste masses and links below.
 
@@ -58,7 +78,7 @@ def host(
     \b
     Example:
       linkwise structure host beam.mat --point tip=79 --point root=5 --keep 8 --modal-damping 0.01 -o beam.toml
-      linkwise structure host wing_modes.csv --name wing -o wing.toml
+      linkwise structure host wing_modes.csv --name wing --shape-sigma 2% -o wing.toml
     """
     if output is not None and any(output.resolve() == each.resolve() for each in files):
         raise click.UsageError(f"-o {output} is the file that is read; write to another one.")
@@ -66,6 +86,11 @@ def host(
     if files[0].suffix.lower() in (".csv", ".uff", ".unv"):
         if points or mass or stiffness or len(files) > 1:
             raise click.UsageError("A file of modes has its own points, and is read alone.")
+        for option in _OF_MATRICES:
+            if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
+                raise click.UsageError(
+                    f"--{option.replace('_', '-')} is for matrices; of a file of modes, all are taken as they are."
+                )
         made = lw.Host(title, lw.read_modes(files[0]))
     else:
         given = {"mass": mass, "stiffness": stiffness}
@@ -79,15 +104,18 @@ def host(
             matrices["mass"],
             matrices["stiffness"],
             dict(map(_point, points)),
-            keep=int(reduction["keep"]),
-            modal_damping=reduction["modal_damping"],
-            residual=not reduction["no_residual"],
+            keep=options["keep"],
+            modal_damping=options["modal_damping"],
+            residual=not options["no_residual"],
         )
         made = reduced.host
         tell(
             f"note: {reduced.kept} modes and {len(made.modes) - reduced.kept} residual ones; at {reduced.band:.4g} Hz the "
             f"receptances at the points are off by {100.0 * reduced.error:.2g} %"
         )
+    made = made.known_to_within(
+        **{what: _part(options[f"{what}_sigma"], what) for what in ("frequency", "damping", "shape")}
+    )
     text = lw.format_structure(lw.Structure(title, (), (), (made,)))
     if output is not None:
         with atomic_file(output) as partial:
@@ -114,6 +142,16 @@ def _matrix(files: tuple[Path, ...], what: str, name: str | None) -> object:
             return lw.read_matrix(f"{files[0]}:{second}")
         except lw.StructureError:
             raise error from None
+
+
+def _part(given: str | None, what: str) -> float:
+    """A percentage as a part; 0 without one."""
+    if given is None:
+        return 0.0
+    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", given)
+    if found is None:
+        raise click.UsageError(f"--{what}-sigma needs a percentage, such as 2%, got {given!r}.")
+    return 0.01 * float(found[1])
 
 
 def _point(given: str) -> tuple[str, int]:

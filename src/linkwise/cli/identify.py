@@ -191,7 +191,7 @@ def _estimator(chosen: MethodOptions, ml: dict[str, Any], sindy: dict[str, Any])
 
 
 def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
-    record = source.read(subject.places)
+    record = source.read(tuple(dict.fromkeys((*subject.places, *subject.mass_names))))
     for note in record.notes:
         tell(f"note: {note}")
     return record

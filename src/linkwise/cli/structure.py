@@ -162,7 +162,10 @@ def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
     lines = [f"  {host.name:10} {len(host.modes)} modes; shapes in 1/sqrt(kg) at {', '.join(host.points)}"]
     for name, mode in zip(host.coordinates, host.modes, strict=True):
         frequency, damping = (subject.link(name).coefficients[key] for key in ("frequency", "damping"))
-        shape = "  ".join(f"{value:10.4g}" for value in mode.shape.values())
+        shape = "  ".join(
+            f"{value:10.4g}" + (f" +- {mode.shape_sigma[point]:.2g}" if point in mode.shape_sigma else "")
+            for point, value in mode.shape.items()
+        )
         lines.append(f"    {name:12} {_shown(frequency)} Hz, damping {_shown(damping)}; {shape}")
     return lines
 

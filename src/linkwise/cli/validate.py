@@ -55,7 +55,7 @@ def validate(
     process = drawing_beside(output, "linkwise.report.validation_folder:VALIDATION_FOLDER", VALIDATION)
     subject = answers.ValidatedAnswer.of(answer)
     with progress("reading") as step:
-        record = source.read(subject.structure.places)
+        record = source.read(tuple(dict.fromkeys((*subject.structure.places, *subject.structure.mass_names))))
         for note in record.notes:
             tell(f"note: {note}")
         validation = lw.validate(record, answer, burn=burn, progress=step)

@@ -30,6 +30,9 @@ _SOFT = (
     1e-3  # of the first elastic square of a frequency: makes the static response of a free structure finite
 )
 _SHIFT = 1e-8  # of the mean stiffness over mass: makes the stiffness of a free structure regular
+_SLOWEST = (
+    1e-2  # 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
+)
 _RESIDUAL = 1e-10  # of the largest: residual flexibility that is none
 
 
@@ -174,7 +177,24 @@ def _checked(
             raise StructureError(
                 f"the {what} matrix is not symmetric; a host is a linear structure that keeps energy"
             )
+    _require_plausible(mass, stiffness)
     return [row - 1 for row in points.values()]
+
+
+def _require_plausible(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> None:
+    """Raise StructureError for matrices that may have been taken for each other."""
+    of_mass, of_stiffness = mass.diagonal(), stiffness.diagonal()
+    if not (of_mass > 0.0).all():
+        raise StructureError(
+            "the mass matrix must be positive definite, and has a degree of freedom without mass: condense that, or check "
+            "that mass and stiffness are not swapped"
+        )
+    fastest = float(np.max(of_stiffness / of_mass))
+    if 0.0 < fastest < _SLOWEST:
+        raise StructureError(
+            f"with these matrices nothing moves faster than about {np.sqrt(fastest) / (2.0 * np.pi):.2g} Hz: mass and "
+            "stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one system"
+        )
 
 
 def _lowest(
@@ -196,7 +216,8 @@ def _lowest(
             )
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise StructureError(
-            f"the modes of the matrices cannot be computed ({error}); the mass matrix must be positive definite"
+            f"the modes of the matrices cannot be computed ({error}); the mass matrix must be positive definite, and "
+            "may be swapped with the stiffness"
         ) from None
     order = np.argsort(squares)
     squares, shapes = squares[order], shapes[:, order]
