@@ -198,11 +198,17 @@ def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
 
 
 def _profiles(estimate: lw.Estimate, step: lw.Progress) -> dict[str, tuple[float, float]]:
-    """Profile intervals of all unknowns that have one, with a note on those that have none; Ctrl-C leaves the rest out."""
+    """Profile intervals of all unknowns that have one, with a note on those that have none; Ctrl-C leaves the rest out.
+
+    Shapes of hosts, of which there are dozens, are left out.
+    """
     intervals: dict[str, tuple[float, float]] = {}
     if not estimate.trusted:
         return intervals
-    names = [parameter.name for parameter in estimate.parameters]
+    shapes = {each.name for each in estimate.shapes}
+    names = [parameter.name for parameter in estimate.parameters if parameter.name not in shapes]
+    if shapes:
+        tell(f"note: the {len(shapes)} shapes of hosts get no profile intervals")
     try:
         for number, name in enumerate(names):
             step(lw.ProgressReport(number / len(names), f"profile of {name}"))
