@@ -82,6 +82,10 @@ class Verdict(Enum):
     SEARCH_UNSETTLED = (
         "The search for terms did not settle: this is the best model so far, and another may be better."
     )
+    LINKS_IN_DOUBT = (
+        "No link is certain: other links would explain the record nearly as well. Excite the masses one at a time, record for "
+        "longer or with less noise, or state links that are known."
+    )
     DISPLACEMENTS_INTEGRATED = (
         "Displacements were integrated from velocities or accelerations: links or terms may be false. Measure the "
         "displacements too."

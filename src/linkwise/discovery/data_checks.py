@@ -39,12 +39,13 @@ class DataChecks:
     """What the records cannot show, as sentences in `remarks`, and the masses concerned.
 
     Masses `at_rest` did not move. Masses that are `collinear` moved so much like another one that links to either can be
-    exchanged.
+    exchanged; those `in_proportion` to it rather than by as much as it.
     """
 
     remarks: tuple[str, ...]
     at_rest: tuple[str, ...]
     collinear: tuple[str, ...]
+    in_proportion: tuple[str, ...]
 
 
 def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
@@ -94,7 +95,8 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
             "explain such motions as well. Excite more than one mode."
         )
     collinear = dict.fromkeys(name for group, _ in (*together, *in_proportion) for name in group)
-    return DataChecks(tuple(remarks), tuple(at_rest), tuple(collinear))
+    proportional = dict.fromkeys(name for group, _ in in_proportion for name in group)
+    return DataChecks(tuple(remarks), tuple(at_rest), tuple(collinear), tuple(proportional))
 
 
 def _level(ratio: float) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
+from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
 from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
@@ -321,6 +322,9 @@ def _discovery(
     """The estimate of the selected structure and the evidence for it; `delays` in s were found by channel."""
     fit = selection.fit
     estimate = estimate_of(selection.structure, fit, records, delays)
+    dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
+    alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
+    estimate = replace(estimate, covariance=estimate.covariance + dropped.covariance, profile=None)
     search = [
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
@@ -328,24 +332,34 @@ def _discovery(
     ]
     verdicts = (*estimate.verdicts, *(verdict for applies, verdict, _ in search if applies))
     trusted = is_trusted(verdicts)
-    return Discovery(
+    discovery = Discovery(
         estimate=estimate,
         terms=term_evidence(
             selection,
             screened.candidates,
             trusted=trusted,
             collinear=checks.collinear,
+            in_proportion=checks.in_proportion,
             shares=unit_shares(selection, screened.candidates) if trusted else {},
+            added=dropped.covariance.diagonal(),
         ),
         path=selection_path(selection),
         runners_up=runners_up(selection),
         remarks=(
             *(remark for applies, _, remark in search if applies),
             *checks.remarks,
+            *(dropped_terms_remark(dropped, estimate, alone) if trusted else ()),
             *screened.remarks,
             *(exchange_remarks(selection) if estimate.trusted and selection.settled else ()),
         ),
         verdicts=verdicts,
         rounds=selection.rounds,
         seconds=estimate.seconds,
+    )
+    if not trusted or len(discovery.in_doubt) < len(discovery.structure.links):
+        return discovery
+    return replace(
+        discovery,
+        verdicts=(*verdicts, Verdict.LINKS_IN_DOUBT),
+        terms=tuple(replace(term, unambiguous=False) for term in discovery.terms),
     )

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
@@ -27,13 +28,16 @@ def term_evidence(
     *,
     trusted: bool,
     collinear: Collection[str] = (),
+    in_proportion: Collection[str] = (),
     shares: Mapping[str, float] = MappingProxyType({}),
+    added: Floats | None = None,
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: first those kept, the most certain first, then those dropped, the least certain first.
 
     Terms of links to `collinear` masses are not unambiguous, nor those of a mass whose links are spread over several of them,
-    nor terms that can be exchanged at little cost; without a `trusted` fit no term is. `shares` are the `unit_shares` of those
-    dropped.
+    or over the ground and one that moved `in_proportion` to another, nor terms that can be exchanged at little cost; without a
+    `trusted` fit no term is. `shares` are the `unit_shares` of those dropped, which add the variances `added` (p,) to the
+    parameters.
     """
     quadratic = selection.quadratic
     inside = list(range(len(selection.structure.parameters)))
@@ -43,7 +47,7 @@ def term_evidence(
         for move in selection.neighbours
         if move.kind is not MoveKind.SWAP
     }
-    ambiguous = _ambiguous_masses(selection, collinear)
+    ambiguous = _ambiguous_masses(selection, collinear, in_proportion)
     exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)}
     coefficients = [
         *zip(inside, solution.values, solution.z, strict=True),
@@ -54,6 +58,8 @@ def term_evidence(
         if (entry := candidates.by_name.get(quadratic.names[k])) is not None:
             pair = candidates.pairs[entry.pair]
             error = abs(float(value / z)) if z else np.inf
+            if added is not None and k < len(inside):
+                error = float(np.sqrt(error**2 + added[k]))
             term = TermEvidence(
                 name=entry.name,
                 link=pair.name,
@@ -78,15 +84,27 @@ def term_evidence(
     )
 
 
-def _ambiguous_masses(selection: Selection, collinear: Collection[str]) -> frozenset[str]:
-    """The `collinear` masses, and those that were found linked to several of them: what such links share may be wrong."""
+def _ambiguous_masses(
+    selection: Selection, collinear: Collection[str], in_proportion: Collection[str]
+) -> frozenset[str]:
+    """The `collinear` masses, and those that were found linked to several of them: what such links share may be wrong.
+
+    A mass that moved `in_proportion` to another moved as that one and the ground together do, so that a link to the ground may
+    make up for a wrong share as well.
+    """
+    if not collinear:
+        return frozenset()
     neighbours: dict[str, set[str]] = {}
-    for first, second in {link.between for link in selection.structure.links} if collinear else ():
-        for mass, other in ((first, second), (second, first)):
-            if other in collinear:
-                neighbours.setdefault(mass, set()).add(other)
-    spread = {mass for mass, others in neighbours.items() if len(others) > 1} - {GROUND, BASE}
-    return frozenset(collinear) | spread
+    for link in selection.structure.links:
+        for mass, other in (link.between, link.between[::-1]):
+            neighbours.setdefault(mass, set()).add(other)
+    supports = {GROUND, BASE}
+    spread = {
+        mass
+        for mass, others in neighbours.items()
+        if len(others & set(collinear)) > 1 or (others & supports and others & set(in_proportion))
+    }
+    return frozenset(collinear) | (spread - supports)
 
 
 def selection_path(selection: Selection) -> tuple[PathPoint, ...]:

@@ -55,7 +55,7 @@ class QuadraticModel:
         Raises numpy.linalg.LinAlgError if their columns are linearly dependent.
         """
         inside = np.asarray(chosen, dtype=np.intp)
-        inverse = _inverse(self.h[np.ix_(inside, inside)])
+        inverse = inverse_of(self.h[np.ix_(inside, inside)])
         values = inverse @ self.g[inside]
         covariance = (
             inverse if self.scatter is None else inverse @ self.scatter[np.ix_(inside, inside)] @ inverse
@@ -75,7 +75,7 @@ class QuadraticModel:
         inside = np.asarray(chosen, dtype=np.intp)
         others = np.setdiff1d(np.arange(len(self.g)), inside)
         cross = self.h[np.ix_(inside, others)]
-        solved = _inverse(self.h[np.ix_(inside, inside)]) @ np.column_stack([cross, self.g[inside]])
+        solved = inverse_of(self.h[np.ix_(inside, inside)]) @ np.column_stack([cross, self.g[inside]])
         projection, fitted = solved[:, :-1], solved[:, -1]
         gradient = self.g[others] - cross.T @ fitted
         square = self.h[others, others]
@@ -95,7 +95,7 @@ class QuadraticModel:
         )
 
 
-def _inverse(matrix: Floats) -> Floats:
+def inverse_of(matrix: Floats) -> Floats:
     """The inverse of a positive definite matrix, which is scaled to unit diagonal first."""
     if not len(matrix):
         return matrix

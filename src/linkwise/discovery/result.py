@@ -49,9 +49,9 @@ class TermEvidence:
     value : float
         The coefficient, of a dropped term the one it would have if it were added.
     standard_error : float
-        Its standard error, in `unit`.
+        Its standard error, in `unit`; of a term kept one that allows for the terms dropped from the links found.
     z : float
-        `value` over `standard_error`.
+        `value` over its standard error beside the terms kept alone, on which the selection was based.
     margin : float
         By how much the criterion rises if the decision is reversed.
     possible_share : float
@@ -197,7 +197,8 @@ class Discovery(JudgedView):
     Attributes
     ----------
     estimate : Estimate
-        The discovered structure with intervals, as `identify` gives them.
+        The discovered structure with intervals. They are wider than those of `identify`, since each term that was dropped
+        from a link found may be there as large as the record lets it.
     terms : tuple of TermEvidence
         Every candidate that was tested by likelihood: those kept, the most certain first, then those dropped, the least
         certain first. Values are those on which the selection was based; a model error may change those of `estimate`.

@@ -71,6 +71,8 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
     if estimate.profile is None:
         raise IdentificationError(
             f'profile intervals need the likelihood, and method "{estimate.method}" has none: use "ml"'
+            if estimate.method != "ml"
+            else "a profile does not allow for the terms that a discovery dropped, as its intervals do; identify the structure"
         )
     if not estimate.trusted:
         raise IdentificationError(

@@ -1,0 +1,86 @@
+"""What the terms that were dropped from the links found add to the errors of those kept.
+
+A selection calls a term absent where the record does not show it, and the other coefficients then stand for what it did: their
+errors beside the terms kept alone are too small. Here every candidate on a link that was found may still be there. With
+columns D of those dropped, the local quadratic model of the cost has the values c_D that they would have, with covariance
+C_D, and the coefficients kept move by -G c_D for G = H^-1 H_D. The second moment of the c_D about the zero that the selection
+gave them, c_D c_D' + C_D, is theirs without a prior: G (c_D c_D' + C_D) G' is added to the covariance.
+
+References
+----------
+R. Berk, L. Brown, A. Buja, K. Zhang and L. Zhao, "Valid post-selection inference", Ann. Statist. 41 (2013).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
+from linkwise.estimates.estimate import Estimate
+
+_DEPENDENT = (
+    1e-9  # of a column's square: what the terms kept and the other ones dropped leave of it is rounding
+)
+_MUCH_WIDER = 3.0  # times the error beside the terms kept alone, from which a coefficient is named
+_NAMED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class DroppedTerms:
+    """The terms dropped from the links found, by `names` (d,), and what they add to the errors of the p coefficients kept.
+
+    `covariance` (p, p) is to be added to that beside the terms kept alone; `shares` (p, d) are the parts of its diagonal that
+    each term has by itself.
+    """
+
+    names: tuple[str, ...]
+    covariance: Floats
+    shares: Floats
+
+    @classmethod
+    def of(cls, quadratic: QuadraticModel, penalty: Penalty, kept: int) -> DroppedTerms:
+        """Those of a model whose first `kept` coefficients are those of the selection.
+
+        Raises numpy.linalg.LinAlgError if the columns of the selection are linearly dependent.
+        """
+        linked = set(penalty.pair[:kept].tolist()) | penalty.stated
+        others = range(kept, len(quadratic.names))
+        dropped = np.array([number for number in others if penalty.pair[number] in linked], dtype=np.intp)
+        inside = np.arange(kept)
+        covariance = inverse_of(quadratic.h[:kept, :kept])
+        follow = covariance @ quadratic.h[np.ix_(inside, dropped)]
+        square = quadratic.h[dropped, dropped]
+        scale = 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0))
+        left = quadratic.h[np.ix_(dropped, dropped)] - quadratic.h[np.ix_(dropped, inside)] @ follow
+        size, vectors = np.linalg.eigh(left * np.outer(scale, scale))
+        told = size > _DEPENDENT
+        root = scale[:, None] * vectors[:, told] / np.sqrt(size[told])
+        values = root @ (root.T @ (quadratic.g[dropped] - follow.T @ quadratic.g[:kept]))
+        moment = root @ root.T + np.outer(values, values)
+        return cls(
+            names=tuple(quadratic.names[number] for number in dropped),
+            covariance=follow @ moment @ follow.T,
+            shares=follow**2 * moment.diagonal(),
+        )
+
+
+def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Floats) -> tuple[str, ...]:
+    """A sentence on the coefficients whose errors are mostly due to a term dropped; `alone` (p,) are those without them."""
+    errors = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
+    wider = np.where(alone > 0.0, errors / np.where(alone > 0.0, alone, 1.0), 1.0)
+    worst = [number for number in np.argsort(-wider) if wider[number] > _MUCH_WIDER][:_NAMED]
+    if not worst:
+        return ()
+    told = [
+        f"{estimate.parameters[number].name} ({wider[number]:.2g} times as wide, mostly by "
+        f"{dropped.names[int(np.argmax(dropped.shares[number]))]})"
+        for number in worst
+    ]
+    return (
+        "The intervals allow for terms that were dropped but could be there unseen; they are much wider for "
+        f"{', '.join(told)}. Excite these links more, record for longer, or state links that are known.",
+    )

@@ -1,0 +1,99 @@
+"""Errors of a discovery: they allow for terms that were dropped from the links found and could be there unseen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from judged import masses
+from present import present
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.discovery.candidates import candidates_for
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.dropped_terms import DroppedTerms
+from linkwise.discovery.quadratic_model import QuadraticModel
+
+NAMES = ("m1-ground.k", "m2-m1.k", "m1-ground.c", "m2-m1.c", "m2-ground.k")  # the first two are kept
+
+
+@pytest.fixture(scope="module")
+def model() -> tuple[QuadraticModel, Penalty]:
+    """A parabola over columns with random products; the values of the coefficients are 1 to 5."""
+    chain = lw.bnes_chain(2)
+    candidates = candidates_for([chain_record(2, duration=0.1)], masses(chain), "d, v")
+    columns = np.random.default_rng(0).normal(size=(40, 5))
+    columns[:, 2] += 0.8 * columns[:, 0]
+    h = columns.T @ columns
+    return QuadraticModel(NAMES, h, h @ np.arange(1.0, 6.0)), Penalty.of(candidates, NAMES, 400)
+
+
+def test_errors_are_those_of_the_terms_on_the_links_found_all_together(
+    model: tuple[QuadraticModel, Penalty],
+) -> None:
+    quadratic, penalty = model
+    dropped = DroppedTerms.of(quadratic, penalty, 2)
+    assert dropped.names == NAMES[2:4]  # a link that was not found is a decision of its own
+    together = np.linalg.inv(quadratic.h[:4, :4])
+    alone = quadratic.solve([0, 1])
+    moved = alone.values - (together @ quadratic.g[:4])[:2]  # by terms that are not zero
+    expected = together[:2, :2] + np.outer(moved, moved)
+    np.testing.assert_allclose(np.linalg.inv(quadratic.h[:2, :2]) + dropped.covariance, expected, rtol=1e-9)
+
+
+def test_the_term_that_widens_an_error_most_is_told(model: tuple[QuadraticModel, Penalty]) -> None:
+    dropped = DroppedTerms.of(*model, 2)
+    assert dropped.names[int(np.argmax(dropped.shares[0]))] == "m1-ground.c"
+
+
+def test_columns_that_repeat_those_kept_are_left_out(model: tuple[QuadraticModel, Penalty]) -> None:
+    quadratic, penalty = model
+    copy = [0, 1, 0, 3, 4]  # m1-ground.c is m1-ground.k again: the record tells nothing of it
+    repeated = QuadraticModel(NAMES, quadratic.h[np.ix_(copy, copy)], quadratic.g[copy])
+    found = DroppedTerms.of(repeated, penalty, 2)
+    one = [0, 1, 3]
+    without = DroppedTerms.of(
+        QuadraticModel(tuple(NAMES[k] for k in one), quadratic.h[np.ix_(one, one)], quadratic.g[one]),
+        Penalty(penalty.term, penalty.link, penalty.pair[one], penalty.stated),
+        2,
+    )
+    np.testing.assert_allclose(found.covariance, without.covariance, rtol=1e-6, atol=1e-12)
+
+
+def test_nothing_dropped_adds_nothing(model: tuple[QuadraticModel, Penalty]) -> None:
+    assert not DroppedTerms.of(*model, 5).covariance.any()
+
+
+def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> None:
+    """Three dampers of two masses in two modes: most often one is dropped, and the others take its part."""
+    number, law = lw.Coefficient.number, lw.Law.parse
+    true = lw.Structure(
+        "two masses on three dampers",
+        (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5))),
+        (
+            lw.Link("m1-ground", ("m1", "ground"), law("k*d + c*v"), {"k": number(4e3), "c": number(0.4)}),
+            lw.Link(
+                "m2-m1",
+                ("m2", "m1"),
+                law("k*d + k3*d**3 + c*v"),
+                {"k": number(4e3), "k3": number(1e6), "c": number(0.3)},
+            ),
+            lw.Link("m2-ground", ("m2", "ground"), law("k*d + c*v"), {"k": number(2e3), "c": number(0.05)}),
+        ),
+    )
+    far, far_alone = [], []
+    for seed in range(100, 106):
+        record = lw.simulate(true, release={"v:m1": 0.5}, duration=3.0, rate=400.0).with_noise(
+            25.0, seed=seed
+        )
+        found = lw.discover(record, masses(true))
+        assert found.trusted
+        for term in found.kept:
+            error = found.estimate.coefficient(term.name).standard_error
+            assert error is not None and error == pytest.approx(term.standard_error, rel=0.01)
+            distance = abs(term.value - present(true.coefficient(term.name).value))
+            far.append(distance / error)
+            far_alone.append(distance * abs(term.z / term.value))
+    assert max(far_alone) > 8.0  # ten in five of six other seeds, where the damper was dropped
+    assert max(far) < 4.0  # 1e-4 of normal errors are larger; some thirty are looked at
+    assert "mostly by" in " ".join(found.remarks)
