@@ -317,3 +317,27 @@ def test_limit_counts_shapes_known_to_within() -> None:
     assert (np.diag(loose.covariance)[:3] > np.diag(exact.covariance)[:3]).all()
     priors = np.array([p.sigma for p in loose.parameters])[3:]
     assert (np.sqrt(np.diag(loose.covariance)[3:]) <= priors * (1.0 + 1e-9)).all()
+
+
+def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
+    """The likelihood has several peaks within the prior, of which the curvature of one says too little."""
+    hidden = lw.HostMode(number(180.0), number(0.01), {"tip": 0.3, "mid": 0.12, "root": 0.1})
+    true = beside(beam(), lw.Host("beam", (*beam().hosts[0].modes, hidden))).with_values(
+        {f"nes.{name}": value for name, value in TRUE.items()}
+    )
+    shown = lw.simulate(
+        true,
+        forces={"beam.mid": "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 1.05)/0.002)**2)"},
+        release={"x:sink": 0.00707},
+        duration=2.0,
+        rate=1000.0,
+        sensors=["a:beam.tip", "a:beam.root", "a:sink"],
+    ).with_noise(25.0, seed=42)
+    fit = lw.identify(shown, beside(true, true.hosts[0].known_to_within(frequency=0.01)))
+    assert fit.trusted
+    assert np.abs(errors(fit)).max() < 4.0
+    assert fit.coefficient("beam.mode5.frequency").standard_error == pytest.approx(1.8)
+    assert any("beam.mode5.frequency is hardly told" in finding for finding in fit.findings)
+    seen = fit.coefficient("beam.mode4.frequency").standard_error
+    assert seen is not None
+    assert seen < 0.1

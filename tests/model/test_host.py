@@ -98,6 +98,7 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
             'name = "wing"\nshape_sigma = "2"',
             "expected a percentage, such as \"2 %\", got '2'",
         ),
+        ('name = "wing"', 'name = "wing"\nkeep = 1', "keep belongs to matrices"),
         ('name = "wing"', 'name = "wing"\nfrequency_sigma = "-1 %"', "must not be negative"),
         ('name = "wing"', 'name = "wing.left"', "its name has no dot"),
         ("damping = 0.01", 'damping = "0.01 kg"', "kg"),

@@ -15,6 +15,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
@@ -203,6 +204,7 @@ def estimate_of(
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
     judgement = assess(fit, identified, records[0].channels)
+    covariance, faint = with_faint_modes(fit, identified)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),
@@ -211,7 +213,7 @@ def estimate_of(
         given_structure=structure,
         parameters=structure.parameters,
         values=fit.values,
-        covariance=fit.covariance,
+        covariance=covariance,
         free=fit.free,
         noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
         chi_square_per_sample=fit.chi_square,
@@ -219,7 +221,7 @@ def estimate_of(
         compute_motion=partial(_motion, fit, identified, records),
         record=records[0],
         more_records=tuple(records[1:]),
-        remarks=_remarks(fit, delays or {}),
+        remarks=(*_remarks(fit, delays or {}), *map(_of_faint_mode, faint)),
         profile=partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
@@ -271,6 +273,10 @@ def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None
             np.stack([np.interp(record.time, equations.time, column) for column in windows.T], axis=1)
         )
     return np.concatenate(columns)
+
+
+def _of_faint_mode(name: str) -> str:
+    return f"{name} is hardly told by the record, whose noise hides the mode: its interval is that of what was known before."
 
 
 def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]:

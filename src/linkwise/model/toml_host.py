@@ -26,6 +26,10 @@ from linkwise.model.uff_modes import modes_of_uff
 from linkwise.units import to_si
 
 _FREQUENCY, _DAMPING = "frequency", "damping"
+_KEPT = 10  # modes of matrices, where the file does not say how many
+
+
+_OF_MATRICES = ("keep", "modal_damping", "rayleigh", "residual")
 
 
 class HostTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -35,10 +39,10 @@ class HostTable(msgspec.Struct, forbid_unknown_fields=True):
     modes: list[Any] | str | None = None
     matrices: dict[str, str] | None = None
     points: dict[str, int] = {}
-    keep: int = 10
-    modal_damping: float = 0.0
+    keep: int | None = None
+    modal_damping: float | None = None
     rayleigh: tuple[float, float] | None = None
-    residual: bool = True
+    residual: bool | None = None
     frequency_sigma: str | None = None
     damping_sigma: str | None = None
     shape_sigma: str | None = None
@@ -58,6 +62,9 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         raise StructureError("a host has either modes or matrices", where)
     if entry.modes is not None and entry.points:
         raise StructureError("points belong to matrices; modes have a shape at every point", where)
+    for key in _OF_MATRICES if entry.modes is not None else ():
+        if getattr(entry, key) is not None:
+            raise StructureError(f"{key} belongs to matrices; modes are taken as they are", where)
     host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
     parts = {
         what: part_of(getattr(entry, f"{what}_sigma"), f"{source}, {path}.{what}_sigma")
@@ -112,10 +119,10 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
             mass,
             stiffness,
             entry.points,
-            keep=entry.keep,
-            modal_damping=entry.modal_damping,
+            keep=_KEPT if entry.keep is None else entry.keep,
+            modal_damping=entry.modal_damping or 0.0,
             rayleigh=entry.rayleigh,
-            residual=entry.residual,
+            residual=entry.residual is not False,
         ).host
     except StructureError as error:
         raise StructureError(error.message, where) from None
