@@ -1,16 +1,17 @@
-"""Pairs of runs on one folder, kills during writing and full disks, a few of each; the benchmark has more."""
+"""Pairs of runs on one folder, kills during writing and full disks, a few of each, in processes that need not load anything;
+the benchmark has more, which are started as a user starts them."""
 
 from __future__ import annotations
 
 import sys
 
 import pytest
-from damaged_runs import ABSENT, MIXED, DamagedRuns
+from damaged_runs import ABSENT, MIXED, DamagedRuns, forked
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> DamagedRuns:
-    return DamagedRuns(tmp_path_factory.mktemp("runs"))
+    return DamagedRuns(tmp_path_factory.mktemp("runs"), forked)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process there cannot be killed by a signal")
