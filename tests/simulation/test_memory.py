@@ -82,20 +82,31 @@ class Smooth:
     """A law between its kinks: abs, sign, max and min as they are for given signs of what they turn on."""
 
     def __init__(self, law: lw.Law, values: Mapping[str, float]) -> None:
-        self.law, self.values, self.kinks = law, values, law.kinks
-        self.names = ("d", "v", *law.states, *law.coefficients)
-        self._gaps = Program(self.kinks, self.names)
+        self.law, self.kinks = law, law.kinks
+        self._numbers = {name: Number(value) for name, value in values.items()}
+        self._gaps = [self._program(kink) for kink in self.kinks]
         self._programs: dict[tuple[int, ...], Program] = {}
 
+    def _program(self, *trees: Expression) -> Program:
+        """Of numbers (`wide` of no input), as the integrator asks for one state at a time."""
+        return Program(
+            [substitute(tree, self._numbers) for tree in trees], ("d", "v", *self.law.states), wide=()
+        )
+
     def __call__(self, program: Program, y: Floats) -> list[float]:
-        return [float(value) for value in program(*y, *self.values.values())]
+        return [float(value) for value in program(*y)]
 
     def gap(self, number: int, y: Floats) -> float:
         """A kink's expression, zero at the kink."""
-        return self(self._gaps, y)[number]
+        return self(self._gaps[number], y)[0]
 
     def at(self, signs: tuple[int, ...]) -> Program:
         """The force and the rates on these branches."""
+        if signs not in self._programs:
+            self._programs[signs] = self._on(signs)
+        return self._programs[signs]
+
+    def _on(self, signs: tuple[int, ...]) -> Program:
         chosen = dict(zip(self.kinks, signs, strict=True))
 
         def smooth(node: Expression) -> Expression:
@@ -114,10 +125,9 @@ class Smooth:
                     return call(function, *map(smooth, arguments))
             return node
 
-        if signs not in self._programs:
-            trees = (self.law.expression, *(rate.expression for rate in self.law.rates))
-            self._programs[signs] = Program([smooth(tree) for tree in trees], self.names)
-        return self._programs[signs]
+        return self._program(
+            *map(smooth, (self.law.expression, *(rate.expression for rate in self.law.rates)))
+        )
 
 
 def drive(t: float) -> float:
@@ -197,7 +207,8 @@ def stopped(
             rtol=1e-11, atol=1e-13, max_step=0.02,
         )  # fmt: skip
         assert run.success
-        out += [run.sol(time) for time in grid[len(out) :] if time <= run.t[-1]]
+        if (passed := grid[len(out) :][grid[len(out) :] <= run.t[-1]]).size:
+            out += list(run.sol(passed).T)
         t, y = float(run.t[-1]), run.y[:, -1]
         hit = [number for number, times in enumerate(run.t_events) if len(times)]
         if hit:
