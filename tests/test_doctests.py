@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from here import studies_here
 
 import linkwise as lw
 
@@ -38,7 +39,8 @@ def folder_with_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the study that examples read."""
     folder = tmp_path_factory.mktemp("study")
     (folder / "mine.toml").write_text(DEFINITION, encoding="utf-8")
-    lw.run_study(folder / "mine.toml", folder / STUDY, workers=1)
+    with studies_here():
+        lw.run_study(folder / "mine.toml", folder / STUDY, workers=1)
     return folder
 
 

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from here import studies_here
 from present import some
 from small_study import DIVERGING, small
 
 import linkwise as lw
 from linkwise.cli import linkwise, run
 
+pytestmark = pytest.mark.usefixtures("here")
 command = import_module("linkwise.cli.study")  # the package holds the command under that name
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def here() -> Iterator[None]:
+    with studies_here():
+        yield
+
+
+@pytest.fixture(scope="module")
+def finished(here: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a small study that was run by the library, its file beside it."""
     folder = tmp_path_factory.mktemp("study")
     lw.run_study(small(folder, cycles=3), folder / "out", quick=True, workers=1)

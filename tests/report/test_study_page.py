@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from here import studies_here
 from paper_rows import BEST, error, paper_rows, paper_study, stored
 from present import some
 
@@ -244,7 +245,8 @@ def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_pa
 def test_the_command_ends_with_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(MINE, encoding="utf-8")
-    assert run(["study", str(file), "--workers", "1", "--json", "-o", str(tmp_path / "mine")]) == 0
+    with studies_here():
+        assert run(["study", str(file), "--workers", "1", "--json", "-o", str(tmp_path / "mine")]) == 0
     files = json.loads(capsys.readouterr().out)["files"]
     assert files[-1] == str(tmp_path / "mine" / "report.html") and all(
         Path(name).is_file() for name in some(files)

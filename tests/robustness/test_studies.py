@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from here import studies_here
 from small_study import small
 
 import linkwise as lw
@@ -20,7 +21,8 @@ from linkwise.study.store import open_store
 
 def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path) -> None:
     study = lw.read_study(small(tmp_path, cycles=1))
-    rows = lw.run_study(study, tmp_path / "out", workers=1)
+    with studies_here():
+        rows = lw.run_study(study, tmp_path / "out", workers=1)
     database = sqlite3.connect(tmp_path / "out" / "study.sqlite")
     key = "structure = ? AND snr_db = ? AND method = ? AND seed = ?"
     with database:
@@ -29,7 +31,8 @@ def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path
             asked = (status, reason, row.structure, row.snr_db, row.method, row.seed)
             database.execute(f"UPDATE rows SET status = ?, reason = ? WHERE {key}", asked)
     database.close()
-    again = lw.run_study(study, tmp_path / "out", workers=1)
+    with studies_here():
+        again = lw.run_study(study, tmp_path / "out", workers=1)
     assert again[0] == rows[0] and not again[0].failed
     assert (again[1].status, again[1].reason) == (FAILED, "it diverged")
 

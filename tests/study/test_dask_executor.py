@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from here import studies_here
 from small_study import small
 
 import linkwise as lw
@@ -43,7 +44,8 @@ def cluster(distributed: ModuleType) -> Iterator[object]:
 def test_a_cluster_gives_the_same_rows(tmp_path: Path, cluster: object) -> None:
     file = small(tmp_path, cycles=1)
     there = lw.run_study(file, tmp_path / "there", scheduler=cluster.scheduler_address)  # type: ignore[attr-defined]
-    assert there == lw.run_study(file, tmp_path / "here", workers=1)
+    with studies_here():
+        assert there == lw.run_study(file, tmp_path / "here", workers=1)
     assert len(there) == 12 and not any(row.failed for row in there)
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections import Counter, deque
+from collections import deque
 from concurrent.futures import Future, wait
 from pathlib import Path
-from types import TracebackType
 from typing import Self, final
 
 import pytest
+from here import Here, studies_here
 from problems import chain_record
 from small_study import DIVERGING, small
 
@@ -23,56 +23,12 @@ from linkwise.study.timing import Timing, next_batch
 from linkwise.study.worker import CaseBatch, CaseResult, failed_row, run_batch
 
 
-class Died(Exception):
-    """What the executor below raises for a worker that died."""
-
-
-@final
-class Here(Executor):
-    """An executor that works in this process, the newest batch first; a worker dies at a case in `deadly`, so many times."""
-
-    batch_seconds = 0.2
-
-    def __init__(
-        self, slots: int = 1, deadly: dict[Case, int] | None = None, error: Exception | None = None
-    ) -> None:
-        self._places, self._left, self._error = slots, Counter(deadly or {}), error
-        self.batches: list[tuple[Case, ...]] = []
-
-    @property
-    def slots(self) -> int:
-        return self._places
-
-    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
-        self.batches.append(batch.cases)
-        future: Future[list[CaseResult]] = Future()
-        hit = [case for case in batch.cases if self._left[case] > 0]
-        if self._error:
-            future.set_exception(self._error)
-        elif hit:
-            self._left.subtract(hit)
-            future.set_exception(Died())
-        else:
-            future.set_result(run_batch(batch))
-        return future
-
-    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
-        return FailureKind.WORKER_DIED if isinstance(future.exception(), Died) else FailureKind.CANNOT_RUN
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.batches.append(())
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The finished small study, run by one process."""
+    """The finished small study, run by this process."""
     folder = tmp_path_factory.mktemp("study")
-    lw.run_study(small(folder), folder / "out", workers=1)
+    with studies_here():
+        lw.run_study(small(folder), folder / "out", workers=1)
     return folder / "out"
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from coordinator import PATIENCE, alive, killed, rows, start, wait_for_rows, workers
+from here import studies_here
 from small_study import small
 
 import linkwise as lw
@@ -19,7 +20,8 @@ pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="workers are 
 
 def test_killed_four_times_it_ends_as_if_undisturbed(tmp_path: Path) -> None:
     file = small(tmp_path, cycles=4)
-    undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=1)
+    with studies_here():
+        undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=1)
     out = killed(file, tmp_path / "killed", kills=4, most=4)
     assert "48 of 48 cases done, 0 failed" in out
     assert lw.read_rows(tmp_path / "killed") == undisturbed
