@@ -52,6 +52,11 @@ def record() -> lw.Record:
     ).with_noise(25.0, seed=42)
 
 
+def first_hit() -> lw.Record:
+    """The half of the record with the first of them: a wrong law or shape costs a long search, which more samples prolong."""
+    return record()[:1001]
+
+
 def errors(fit: lw.Estimate) -> np.ndarray:
     """Errors of the coefficients of the sink in standard errors."""
     found = [fit.coefficient(f"nes.{name}") for name in TRUE]
@@ -90,7 +95,7 @@ def test_frequencies_known_to_within_are_found() -> None:
 
 def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
     wrong = tuple(number(each * (1.03 if r == 1 else 1.0)) for r, each in enumerate(FREQUENCIES))
-    fit = lw.identify(record(), beam(wrong).unknown("nes"))
+    fit = lw.identify(first_hit(), beam(wrong).unknown("nes"))
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("frequency", "beam.mode2")
     assert fit.diagnosis[0].size == pytest.approx(
@@ -122,7 +127,7 @@ def test_a_wrong_shape_is_named() -> None:
     ]
     host = lw.Host("beam", tuple(modes))
     fit = lw.identify(
-        record(), lw.Structure("beam", (wrong.mass("sink"),), (wrong.unknown("nes").link("nes"),), (host,))
+        first_hit(), lw.Structure("beam", (wrong.mass("sink"),), (wrong.unknown("nes").link("nes"),), (host,))
     )
     assert not fit.trusted
     assert ("shape", "beam.tip", "beam.mode2") in [
@@ -130,7 +135,7 @@ def test_a_wrong_shape_is_named() -> None:
     ]
 
 
-@pytest.mark.parametrize("frequency", [240.0, 600.0])
+@pytest.mark.parametrize("frequency", [240.0, 450.0])
 def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis(frequency: float) -> None:
     """Its states are lost in rounding beside those of the slow modes, at half of the sampling rate of 500 Hz and above it."""
     shapes = ((5.2, 1.0, 0.62), (21.0, -1.0, 0.3), (frequency, 0.3, 0.2))
@@ -149,7 +154,7 @@ def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis(freq
         wing,
         forces={"wing.joint": "5*sin(33*t)"},
         release={"v:wing.mode1": 0.3},
-        duration=2.0,
+        duration=1.0,
         rate=500.0,
     ).with_noise(40.0, seed=3)
     fit = lw.identify(recorded, wing.unknown("payload"))
@@ -252,7 +257,7 @@ def test_sensitivities_to_shapes_are_those_of_differences() -> None:
 def test_shapes_known_to_within_are_found_and_counted() -> None:
     """Shapes off by 2 %: held as known they take trust away and are named, known to within they come out."""
     host = mistaken(100)
-    held = lw.identify(record(), beside(beam(), host))
+    held = lw.identify(first_hit(), beside(beam(), host))
     assert not held.trusted
     assert held.diagnosis[0].kind == "shape"
     fit = lw.identify(record(), beside(beam(), host.known_to_within(shape=0.02)))
