@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from problems import chain_record
 
@@ -30,6 +31,15 @@ def test_a_search_of_many_steps_is_believed_where_the_cost_is_a_parabola(fit: Li
     assert fit.status.name == "CONVERGED"
     assert is_regular(lengthened(fit, 50))
     assert not is_regular(replace(lengthened(fit, 50), covariance=16.0 * fit.covariance))
+
+
+def test_parameters_whose_intervals_do_not_rest_on_the_covariance_stay(fit: LikelihoodFit) -> None:
+    """As frequencies of modes that noise hides: one whose variance is much too large does not matter then."""
+    factor = np.ones(len(fit.values))
+    factor[0] = 10.0
+    wide = replace(lengthened(fit, 50), covariance=fit.covariance * np.outer(factor, factor))
+    assert not is_regular(wide)
+    assert is_regular(wide, fit.segments.system.parameters.names[:1])
 
 
 def test_a_search_that_had_run_out_of_steps_is_not_believed(fit: LikelihoodFit) -> None:

@@ -11,6 +11,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.faint_links import undetermined_far_away
+from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.model_error import lag_one_autocorrelation
@@ -83,6 +84,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         coloured=remembering,
         filtered=1 < len(responses) == len(remembering) and lag_one_autocorrelation(fit.misfit) > 0.0,
         noisy=_noisy_inputs(fit, identified.mass_names),
+        faint_modes=with_faint_modes(fit, identified)[1],
     )
     message += _of_forces(fit, verdict, channels)
     return Judgement(verdict, message, share, causes)
@@ -96,11 +98,12 @@ def _verdict(
     coloured: Sequence[str],
     filtered: bool,
     noisy: Sequence[str],
+    faint_modes: Sequence[str],
 ) -> tuple[Verdict, str]:
     """The first of all verdicts that holds.
 
     `coloured` channels have such noise, all of them if `filtered` as a low-pass filter gives it; `noisy` ones of forces have
-    too much of it.
+    too much of it; `faint_modes` are frequencies that keep the intervals of what was known before.
     """
     explained = _explained(fit, share, coloured)
     if fit.chi_square_off:
@@ -137,7 +140,7 @@ def _verdict(
             "hardly stands above the noise, so no interval is given. Hold them at known values, or record a motion that "
             "stretches the link more."
         )
-    if not is_regular(fit):
+    if not is_regular(fit, faint_modes):
         return Verdict.SEVERAL_OPTIMA, (
             f"{explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume, "
             "so no interval is given. Give closer starting values, a shorter part of the record, or less noise."

@@ -6,7 +6,7 @@ steps is trusted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -70,7 +70,7 @@ def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) 
     return replace(again, path=max(fit.path, again.path, key=len))
 
 
-def is_regular(fit: LikelihoodFit) -> bool:
+def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
     """Whether the cost around the optimum rises as the covariance predicts; tested only after many steps.
 
     The parameters are moved by two standard errors in random directions and held, and the orbit is fitted again.
@@ -80,6 +80,8 @@ def is_regular(fit: LikelihoodFit) -> bool:
     ----------
     fit : LikelihoodFit
         The fit.
+    faint : sequence of str, optional
+        Parameters that stay where they are, as their intervals do not rest on the covariance.
 
     Returns
     -------
@@ -90,7 +92,7 @@ def is_regular(fit: LikelihoodFit) -> bool:
         return True
     if len(fit.path) > _EXHAUSTED:
         return False
-    free = np.flatnonzero(fit.free)
+    free = np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
     of_white = fit.optimum.of_white  # as which the cost takes the noise
     covariance = (fit.covariance if of_white is None else of_white)[np.ix_(free, free)]
     if not len(free) or not np.isfinite(covariance).all():
