@@ -35,19 +35,25 @@ def two_springs() -> lw.Structure:
     return lw.Structure("two springs", (lw.Mass("m1", lw.Coefficient.number(1.0)),), tuple(links))
 
 
-def motion(structure: lw.Structure, start: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(N, 2n) states from `start` at times[0], by an integrator that the bound does not use."""
-    n, incidence = structure.size, structure.incidence.toarray()
+def motions(structures: list[lw.Structure], starts: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(R, N, 2n) states from `starts` (R, 2n) at times[0], by an integrator that the bound does not use: R motions as one."""
+    n, incidence = structures[0].size, structures[0].incidence.toarray()
+    masses = np.stack([each.mass_values for each in structures])
+    laws = [
+        (same[0].law, {name: np.array([each.values[name] for each in same]) for name in same[0].values})
+        for same in zip(*(each.links for each in structures), strict=True)
+    ]
 
-    def rates(_: float, state: np.ndarray) -> np.ndarray:
-        d, v = incidence.T @ state[:n], incidence.T @ state[n:]
-        forces = np.array([link.force(d[i], v[i]) for i, link in enumerate(structure.links)])
-        return np.concatenate([state[n:], -incidence @ forces / structure.mass_values])
+    def rates(_: float, flat: np.ndarray) -> np.ndarray:
+        states = flat.reshape(len(structures), 2 * n)
+        d, v = states[:, :n] @ incidence, states[:, n:] @ incidence
+        forces = np.stack([law.force(d[:, i], v[:, i], given) for i, (law, given) in enumerate(laws)], axis=1)
+        return np.hstack([states[:, n:], -forces @ incidence.T / masses]).ravel()
 
     found = solve_ivp(
-        rates, (times[0], times[-1]), start, method="DOP853", t_eval=times, rtol=1e-11, atol=1e-13
+        rates, (times[0], times[-1]), starts.ravel(), method="DOP853", t_eval=times, rtol=1e-11, atol=1e-13
     )
-    states: np.ndarray = found.y.T
+    states: np.ndarray = found.y.reshape(len(structures), 2 * n, -1).transpose(0, 2, 1)
     return states
 
 
@@ -62,17 +68,18 @@ def differences(structure: lw.Structure, found: lw.Limit) -> list[np.ndarray]:
         times = found.record.time[first : first + samples]
         if len(times) < 2:
             continue
-        rows = []
+        structures, starts, steps = [], [], []
         for parameter, value in zip(found.parameters, found.values, strict=True):
-            changed = [
-                structure.with_values({parameter.name: value * (1.0 + side * 1e-4)}) for side in (1, -1)
-            ]
-            ahead, behind = (motion(each, states[first], times) for each in changed)
-            rows.append((ahead - behind) / (2e-4 * value))
+            for side in (1.0, -1.0):
+                structures.append(structure.with_values({parameter.name: value * (1.0 + side * 1e-4)}))
+                starts.append(states[first])
+            steps.append(1e-4 * value)
         for step in np.diag(sizes):
-            ahead, behind = (motion(structure, states[first] + side * step, times) for side in (1.0, -1.0))
-            rows.append((ahead - behind) / (2.0 * step.max()))
-        tangents.append(np.array(rows))
+            structures += [structure] * 2
+            starts += [states[first] + side * step for side in (1.0, -1.0)]
+            steps.append(step.max())
+        moved = motions(structures, np.array(starts), times)
+        tangents.append((moved[::2] - moved[1::2]) / (2.0 * np.array(steps)[:, None, None]))
     assert all(each.shape[2] == 2 * n for each in some(tangents))
     return tangents
 
