@@ -39,22 +39,35 @@ def chain(n: int, law: str = "k*d + c*v") -> lw.Structure:
 
 
 def motion(forces: Floats, cubic: float = 0.0) -> Floats:
-    """(N, 2 n) displacements and velocities of the chain, by the Runge-Kutta method of order 4 in its substeps."""
+    """(N, 2 n) displacements and velocities of the chain, by the Runge-Kutta method of order 4 in its substeps.
+
+    Of what is linear a step is a polynomial of the matrix of the equations.
+    """
     n, step = forces.shape[1], 1.0 / (RATE * SUBSTEPS)
     incidence = np.eye(n) - np.eye(n, k=1)
+    pulls = incidence @ incidence.T
+    matrix = np.block([[np.zeros((n, n)), np.eye(n)], [-STIFFNESS * pulls, -DAMPING * pulls]])
+    one, moved = np.eye(2 * n), step * matrix
+    onward = one + moved @ (one + moved @ (one + moved @ (one + moved / 4.0) / 3.0) / 2.0)
+    pushed = step * (one + moved @ (one + moved @ (one + moved / 4.0) / 3.0) / 2.0)[:, n:]
 
-    def rate(state: Floats, force: Floats) -> Floats:
-        d, v = incidence.T @ state[:n], incidence.T @ state[n:]
-        return np.concatenate([state[n:], force - incidence @ (STIFFNESS * d + DAMPING * v + cubic * d**3)])
+    def bent(state: Floats, force: Floats) -> Floats:
+        """The rate of the state with cubic springs."""
+        rate = matrix @ state
+        rate[n:] += force - cubic * (incidence @ (incidence.T @ state[:n]) ** 3)
+        return rate
 
     state, out = np.zeros(2 * n), np.empty((len(forces) // SUBSTEPS, 2 * n))
     for number, force in enumerate(forces):
         if number % SUBSTEPS == 0:
             out[number // SUBSTEPS] = state
-        k1 = rate(state, force)
-        k2 = rate(state + 0.5 * step * k1, force)
-        k3 = rate(state + 0.5 * step * k2, force)
-        k4 = rate(state + step * k3, force)
+        if cubic == 0.0:
+            state = onward @ state + pushed @ force
+            continue
+        k1 = bent(state, force)
+        k2 = bent(state + 0.5 * step * k1, force)
+        k3 = bent(state + 0.5 * step * k2, force)
+        k4 = bent(state + step * k3, force)
         state = state + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     return out
 
