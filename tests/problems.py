@@ -71,9 +71,10 @@ def chain_record(
     rate: float = 1000.0,
     sensors: tuple[str, ...] = ("x",),
     speed: float | None = None,
+    hit: str = "m1",
 ) -> lw.Record:
-    """The exact motion of the paper's chain, its first mass released at `speed` in m/s, as in the paper unless given."""
-    release = {"v:m1": paper_speed(masses) if speed is None else speed}
+    """The exact motion of the paper's chain, the mass `hit` released at `speed` in m/s, as in the paper unless given."""
+    release = {f"v:{hit}": paper_speed(masses) if speed is None else speed}
     return lw.simulate(lw.bnes_chain(masses), release=release, duration=duration, rate=rate, sensors=sensors)
 
 

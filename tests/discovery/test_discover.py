@@ -272,7 +272,7 @@ def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(
 
 def test_two_records_of_one_structure_tell_together(four: lw.Record) -> None:
     chain = lw.bnes_chain(4)
-    other = lw.simulate(chain, release={"v:m3": 2.0}, duration=3.0, rate=RATE)
+    other = chain_record(4, duration=3.0, hit="m3", speed=2.0)
     records = [
         chain_record(4, duration=3.0).with_noise(20.0, seed=1000), other.with_noise(20.0, seed=1001),
     ]  # fmt: skip

@@ -206,7 +206,7 @@ def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.R
 
 def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     first = chain_record(2, duration=1.5).with_noise(30.0, seed=8)
-    second = lw.simulate(chain, release={"v:m2": -3.0}, duration=0.8, rate=1500.0).with_noise(30.0, seed=9)
+    second = chain_record(2, duration=0.8, rate=1500.0, hit="m2", speed=-3.0).with_noise(30.0, seed=9)
     asked = chain.unknown("all")
     both = lw.identify([first, second], asked)
     alone = [lw.identify(each, asked) for each in (first, second)]

@@ -87,7 +87,7 @@ def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(loss: lw.Loss, cha
 
 def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> None:
     """At 200 Hz and 60 dB integrals between the samples are off by more than noise, and a damping by 13 %."""
-    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=DURATION, rate=200.0)
+    clean = chain_record(2, rate=200.0)
     fit = lw.identify(clean.with_noise(60.0, seed=47000), chain.unknown("all"), method="weak")
     assert fit.verdicts == (lw.Verdict.NOISE_MISMATCH,)
     assert "or the samples are too far apart to follow the motion" in fit.message

@@ -6,21 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import chain_record, paper_speed
 
 from linkwise.arrays import Floats
 from linkwise.model.chains import bnes_chain
 from linkwise.simulation.simulate import simulate
 
 
-def start(n: int) -> dict[str, float]:
-    return {"v:m1": 1.0 if n == 2 else 3.0}
-
-
 def departure(folder: Path, n: int, **changes: float) -> Floats:
     """Largest error of each channel over the whole file, relative to the largest value of the channel."""
     table = np.loadtxt(folder / f"bnes_{n}.csv", delimiter=",", skiprows=1)
     rows = np.rint(1000.0 * table[:, 0]).astype(int)
-    record = simulate(bnes_chain(n, **changes), release=start(n), duration=table[-1, 0], rate=1000.0)
+    record = simulate(
+        bnes_chain(n, **changes), release={"v:m1": paper_speed(n)}, duration=table[-1, 0], rate=1000.0
+    )
     assert record.channels == tuple(f"x:m{i + 1}" for i in range(n))
     worst: Floats = np.abs(record.values[rows] - table[:, 1:]).max(axis=0)
     size: Floats = np.abs(table[:, 1:]).max(axis=0)
@@ -40,7 +39,7 @@ def test_the_reference_would_tell_another_chain(shared_reference: Path) -> None:
 
 def test_the_two_mass_chain_does_what_the_paper_shows() -> None:
     """Fig. 2: the sink crosses between its wells until 2.3 to 2.5 s and rests at +0.0099 m."""
-    record = simulate(bnes_chain(2), release=start(2), duration=60.0, rate=1000.0)
+    record = chain_record(2, duration=60.0)
     d = record.channel("x:m2") - record.channel("x:m1")
     crossings = record.time[1:][np.diff(np.sign(d)) != 0]
     assert 2.3 < crossings[-1] < 2.5
