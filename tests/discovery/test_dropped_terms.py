@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from judged import masses
@@ -39,6 +41,18 @@ def test_errors_are_those_of_the_terms_on_the_links_found_all_together(
     moved = alone.values - (together @ quadratic.g[:4])[:2]  # by terms that are not zero
     expected = together[:2, :2] + np.outer(moved, moved)
     np.testing.assert_allclose(np.linalg.inv(quadratic.h[:2, :2]) + dropped.covariance, expected, rtol=1e-9)
+
+
+def test_scores_that_scatter_as_white_noise_would_give_the_same(
+    model: tuple[QuadraticModel, Penalty],
+) -> None:
+    quadratic, penalty = model
+    white = DroppedTerms.of(quadratic, penalty, 2).covariance
+    same = DroppedTerms.of(replace(quadratic, scatter=quadratic.h), penalty, 2).covariance
+    np.testing.assert_allclose(same, white, rtol=1e-9)
+    more = DroppedTerms.of(replace(quadratic, scatter=4.0 * quadratic.h), penalty, 2).covariance
+    alone = DroppedTerms.of(replace(quadratic, scatter=0.0 * quadratic.h), penalty, 2).covariance
+    np.testing.assert_allclose(more - alone, 4.0 * (white - alone), rtol=1e-9)
 
 
 def test_the_term_that_widens_an_error_most_is_told(model: tuple[QuadraticModel, Penalty]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, candidates_for
+from linkwise.discovery.coloured_noise import select_coloured
 from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
 from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
@@ -180,6 +181,7 @@ def _found(
         sensors=sensors,
     )
     selection = select_structure(search, screened.first)
+    selection = select_coloured(search, selection) or selection
     if not selection.is_exact:
         selection = select_inexact(search, selection)
     discovery = _discovery(records, checks, screened, selection, selection.fit.delays)

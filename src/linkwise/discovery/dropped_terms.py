@@ -60,7 +60,13 @@ class DroppedTerms:
         told = size > _DEPENDENT
         root = scale[:, None] * vectors[:, told] / np.sqrt(size[told])
         values = root @ (root.T @ (quadratic.g[dropped] - follow.T @ quadratic.g[:kept]))
-        moment = root @ root.T + np.outer(values, values)
+        moment = np.outer(values, values)
+        if quadratic.scatter is None:
+            moment += root @ root.T
+        else:
+            both = np.concatenate([inside, dropped])
+            influence = root @ (root.T @ np.hstack([-follow.T, np.eye(len(dropped))]))
+            moment += influence @ quadratic.scatter[np.ix_(both, both)] @ influence.T
         return cls(
             names=tuple(quadratic.names[number] for number in dropped),
             covariance=follow @ moment @ follow.T,

@@ -128,9 +128,8 @@ class TermSearch:
         samples = sum(
             int(np.isfinite(record.select(record.responses).values).sum()) for record in self.records
         )
-        return QuadraticModel(names, local.curvature, local.slope), Penalty.of(
-            self.candidates, names, samples
-        )
+        model = QuadraticModel(names, local.curvature, local.slope, local.scatter)
+        return model, Penalty.of(self.candidates, names, samples)
 
 
 def select_structure(search: TermSearch, chosen: Collection[str]) -> Selection:

@@ -41,11 +41,13 @@ class CandidateForce:
 class LocalQuadratic:
     """-2 log likelihood over the square of the noise factor, about the optimum: c - 2 g'z + z'H z in z = (theta, amplitudes).
 
-    `curvature` (p + f, p + f) H and `slope` (p + f,) g, with nodes, offsets and gains eliminated.
+    `curvature` (p + f, p + f) H and `slope` (p + f,) g, with nodes, offsets and gains eliminated; `scatter` (p + f, p + f) is
+    the covariance of g where the noise is coloured, None where it is H.
     """
 
     curvature: Floats
     slope: Floats
+    scatter: Floats | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +74,14 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
         augmented = augmented_quadratic(optimum, misfit, candidates)
     curvature, slope = augmented.curvature, augmented.slope
     unit = np.concatenate([optimum.scales.theta[: len(slope) - len(forces)], units])
-    curvature = curvature / np.outer(unit, unit) / optimum.noise**2
+    scale = np.outer(unit, unit) * optimum.noise**2
+    curvature = curvature / scale
     point = np.concatenate([optimum.point.theta, np.zeros(len(forces))])
-    return LocalQuadratic(curvature, slope / unit / optimum.noise**2 + curvature @ point)
+    return LocalQuadratic(
+        curvature,
+        slope / unit / optimum.noise**2 + curvature @ point,
+        None if optimum.coloured is None else augmented.scatter / scale,
+    )
 
 
 def augmented_quadratic(
