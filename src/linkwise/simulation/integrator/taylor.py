@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
+from linkwise.simulation.integrator.code_cache import use_own_cache
 from linkwise.simulation.integrator.formulas import MotionFormulas
 from linkwise.simulation.integrator.interface import Outcome, Placement, Propagation, Time
 
@@ -18,6 +19,7 @@ TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 1
 EXTENDED_TOLERANCE = 1e-16  # order 20, enough for 80-bit arithmetic, which stays far below its tolerance
 _SEARCH = 100_000  # steps in the search for the last finite state
 
+use_own_cache()
 heyoka.set_logger_level_critical()  # its warnings go to standard output; `Outcome` tells of a state that is not finite
 
 _OUTCOMES = {
