@@ -48,6 +48,21 @@ def test_coloured_noise_is_told_from_missing_terms(draw: Callable[..., np.ndarra
         assert abs(term.value - true) < 4.0 * term.standard_error  # one in 16 000 normal errors is larger
 
 
+def test_the_evidence_counts_how_well_gains_are_known() -> None:
+    """A gain that both sensors share scales the cubic term alone, by the square of it."""
+    chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
+    found = lw.discover(noisy(clean, remembering, 7), masses(chain), calibration={"common": 0.005})
+    assert found.trusted
+    cubic = next(term for term in found.kept if term.name == "m2-m1.k3")
+    assert abs(cubic.value / cubic.z) == pytest.approx(
+        2.0 * 0.005 * cubic.value, rel=0.03
+    )  # beside noise of 0.1 %
+    for term in found.kept:  # of one fit in two ways
+        assert term.standard_error == pytest.approx(
+            present(found.estimate.coefficient(term.name).standard_error), rel=0.01
+        )
+
+
 def test_a_term_that_was_not_offered_is_no_coloured_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cubic spring of a bistable link, and only springs and dampers to choose from."""
     tried = []

@@ -156,12 +156,16 @@ def linearise(
 
 
 def _add_prior(data: NormalBlocks, prior: Prior, point: Iterate, scales: Scales) -> None:
-    """Add the priors to the corner: parameters come first in the border, offsets and gains last."""
-    border, parameters = point.border, len(point.theta)
-    columns = np.arange(len(border))
-    columns[parameters:] += len(data.corner) - len(border)
-    data.corner[columns, columns] += prior.curvature(scales.theta)
-    data.corner_gradient[columns] += prior.gradient(border, scales.theta)
+    columns = add_prior_curvature(data.corner, prior, scales, len(point.theta))
+    data.corner_gradient[columns] += prior.gradient(point.border, scales.theta)
+
+
+def add_prior_curvature(matrix: Floats, prior: Prior, scales: Scales, parameters: int) -> Indices:
+    """Add the priors to a square matrix: parameters come first in it, offsets, gains and delays last; gives their columns."""
+    columns = np.arange(len(scales.theta))
+    columns[parameters:] += len(matrix) - len(columns)
+    matrix[columns, columns] += prior.curvature(scales.theta)
+    return columns
 
 
 def _add_random_forces(data: NormalBlocks, random: RandomStates, point: Iterate, scales: Scales) -> None:

@@ -17,7 +17,7 @@ from linkwise.expression import Program
 from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.normal_equations import linearise
+from linkwise.likelihood.normal_equations import add_prior_curvature, linearise
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.tangents import CandidateForces
@@ -114,6 +114,8 @@ def augmented_quadratic(
     )
     assert rows is not None  # the same equations have a factor
     scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
+    if segments.prior is not None:
+        add_prior_curvature(scores, segments.prior, optimum.scales, segments.system.parameters.size)
     kept = np.concatenate([np.eye(own.stop), -follow])
     return AugmentedQuadratic(curvature, slope, kept.T @ scores @ kept)
 
