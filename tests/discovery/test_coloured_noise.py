@@ -63,6 +63,16 @@ def test_the_evidence_counts_how_well_gains_are_known() -> None:
         )
 
 
+def test_where_laws_run_away_the_selection_of_white_noise_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*given: object, **keywords: object) -> object:
+        raise lw.IdentificationError("the motion runs to infinity")
+
+    monkeypatch.setattr("linkwise.discovery.coloured_noise.likelihood_fit", refused)
+    chain = lw.bnes_chain(2)
+    found = lw.discover(noisy(chain_record(2, duration=3.0), remembering, 7), masses(chain))
+    assert not found.trusted and found.structure.links
+
+
 def test_a_term_that_was_not_offered_is_no_coloured_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cubic spring of a bistable link, and only springs and dampers to choose from."""
     tried = []

@@ -12,6 +12,7 @@ import numpy as np
 
 from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
 from linkwise.discovery.stepwise import local_search
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.whiteness import is_coloured
@@ -34,10 +35,10 @@ def select_coloured(search: TermSearch, selection: Selection) -> Selection | Non
         options = replace(
             search.sensors, progress=round_progress(search.progress, number), nodes=fit.optimum.point.nodes
         )
-        fit = likelihood_fit(search.records, structure, values, options=options)
-        if fit.optimum.coloured is None or fit.status is not AnnealingStatus.CONVERGED:
-            return None
         try:
+            fit = likelihood_fit(search.records, structure, values, options=options)
+            if fit.optimum.coloured is None or fit.status is not AnnealingStatus.CONVERGED:
+                return None
             quadratic, penalty = search.local_model(fit, structure, chosen)
             after = local_search(quadratic, penalty, range(len(structure.parameters)))
             names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
@@ -48,6 +49,6 @@ def select_coloured(search: TermSearch, selection: Selection) -> Selection | Non
             visited.add(names)
             chosen, structure = names, search.candidates.structure(names)
             values, _ = starts_of(quadratic, after, structure)
-        except np.linalg.LinAlgError:
+        except (IdentificationError, np.linalg.LinAlgError):
             return None
     return None

@@ -19,6 +19,7 @@ from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
 from linkwise.discovery.stepwise import best_subset
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.overdispersion import overdispersion
@@ -56,18 +57,17 @@ def select_inexact(
     visited = {chosen}
     values, nodes = fit.values, fit.optimum.point.nodes
     for number in range(selection.rounds + 1, selection.rounds + 1 + _ROUNDS):
-        fit = likelihood_fit(
-            search.records,
-            structure,
-            values,
-            options=replace(
-                search.sensors,
-                progress=round_progress(counted, number),
-                nodes=nodes,
-                relaxation=relaxation,
-                coloured_noise=False,
-            ),
+        options = replace(
+            search.sensors,
+            progress=round_progress(counted, number),
+            nodes=nodes,
+            relaxation=relaxation,
+            coloured_noise=False,
         )
+        try:
+            fit = likelihood_fit(search.records, structure, values, options=options)
+        except IdentificationError:  # the motion runs away from where the last round led
+            return replace(current, settled=False)
         try:
             quadratic, penalty = _cautious_model(search, fit, structure, chosen)
             after = best_subset(quadratic, penalty, range(len(structure.parameters)))

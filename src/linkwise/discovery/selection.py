@@ -159,30 +159,28 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
     nodes = None
     last = number + _ROUNDS - 1
     while True:
-        fit = likelihood_fit(
-            search.records,
-            structure,
-            theta,
-            spread=spread,
-            options=replace(
-                search.sensors,
-                progress=round_progress(search.progress, number),
-                nodes=nodes,
-                model_error=False,
-                ceiling=_CEILING,
-                steps=_STEPS,
-            ),
-        )
         inside = list(range(len(structure.parameters)))
+        options = replace(
+            search.sensors,
+            progress=round_progress(search.progress, number),
+            nodes=nodes,
+            model_error=False,
+            ceiling=_CEILING,
+            steps=_STEPS,
+        )
         try:
+            fit = likelihood_fit(search.records, structure, theta, spread=spread, options=options)
             quadratic, penalty = search.local_model(fit, structure, chosen)
             after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
             if after == inside:
                 after = best_subset(quadratic, penalty, inside)
             quadratic.solve(after)
-        except np.linalg.LinAlgError:  # the fit has run to where the record says nothing of some parameter
+        except (IdentificationError, np.linalg.LinAlgError) as error:
+            # the motion runs away from where the last round led, or the fit to where the record says nothing of a parameter
             if visited:
                 return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
+            if isinstance(error, IdentificationError):
+                raise
             raise IdentificationError(_SINGULAR.format(", ".join(sorted(chosen)))) from None
         names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
         selection = Selection(chosen, structure, fit, quadratic, penalty, names == chosen, number)
