@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from judged import masses
+from present import present
 from problems import chain_record
 
 import linkwise as lw
@@ -47,3 +48,34 @@ def test_laws_that_run_away_in_the_first_round_are_refused(monkeypatch: pytest.M
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=7)
     with pytest.raises(lw.IdentificationError, match=RUNS_AWAY):
         lw.discover(record, masses(lw.bnes_chain(2)))
+
+
+def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was() -> None:
+    """A second round that would start from -31 g, and trials that come to 0: no warning of a division either."""
+    number, law = lw.Coefficient.number, lw.Law.parse
+    true = lw.Structure(
+        "two masses",
+        (lw.Mass("m1", number(3.2555)), lw.Mass("m2", number(0.13649))),
+        (
+            lw.Link(
+                "m1-ground", ("m1", "ground"), law("k*d + c*v"), {"k": number(342050.0), "c": number(18.966)}
+            ),
+            lw.Link(
+                "m2-m1",
+                ("m2", "m1"),
+                law("k*d + k3*d**3 + c*v"),
+                {"k": number(569.61), "k3": number(-587900.0), "c": number(0.068113)},
+            ),
+            lw.Link(
+                "m2-ground",
+                ("m2", "ground"),
+                law("k*d + k3*d**3 + c*v"),
+                {"k": number(5311.5), "k3": number(-5288900.0), "c": number(0.3622)},
+            ),
+        ),
+    )
+    record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
+    found = lw.discover(record.with_noise(34.15, seed=5081), {"m1": 3.2555, "m2": "unknown"})
+    assert found.trusted
+    mass = found.estimate.coefficient("m2.mass")
+    assert abs(mass.value - 0.13649) < 4.0 * present(mass.standard_error)  # 1e-4 of normal errors are larger

@@ -48,7 +48,7 @@ def select_coloured(search: TermSearch, selection: Selection) -> Selection | Non
                 return None
             visited.add(names)
             chosen, structure = names, search.candidates.structure(names)
-            values, _ = starts_of(quadratic, after, structure)
+            values, _ = starts_of(quadratic, after, structure, fit)
         except (IdentificationError, np.linalg.LinAlgError):
             return None
     return None

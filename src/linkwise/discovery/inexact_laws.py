@@ -79,7 +79,7 @@ def select_inexact(
                 break
             visited.add(names)
             chosen, structure = names, search.candidates.structure(names)
-            values, _ = starts_of(quadratic, after, structure)
+            values, _ = starts_of(quadratic, after, structure, fit)
         except np.linalg.LinAlgError:
             return replace(current, settled=False)
         nodes, relaxation = fit.optimum.point.nodes, fit.model_error or None

@@ -190,20 +190,28 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
         if names in visited or number == last:
             return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
         chosen, structure = names, search.candidates.structure(names)
-        theta, spread = starts_of(quadratic, after, structure)
+        theta, spread = starts_of(quadratic, after, structure, fit)
         nodes, number = fit.optimum.point.nodes, number + 1
 
 
 def starts_of(
-    quadratic: QuadraticModel, chosen: Sequence[int], structure: Structure
+    quadratic: QuadraticModel, chosen: Sequence[int], structure: Structure, fit: LikelihoodFit
 ) -> tuple[Floats, Floats]:
-    """The parameters (p,) of `structure` that the model's coefficients `chosen` predict, and their deviations (p,)."""
+    """The parameters (p,) of `structure` that the model's coefficients `chosen` predict, and their deviations (p,).
+
+    A mass that would not be positive stays as in the `fit` that the model is of.
+    """
     solution = quadratic.solve(chosen)
     deviations = np.abs(solution.values / solution.z)
     starts = dict(
         zip([quadratic.names[k] for k in chosen], zip(solution.values, deviations, strict=True), strict=True)
     )
     theta, spread = np.array([starts[p.name] for p in structure.parameters]).T
+    fitted = dict(zip(quadratic.names, fit.values, strict=False))  # its parameters come first
+    masses = {f"{mass.name}.mass" for mass in structure.masses}
+    for number, parameter in enumerate(structure.parameters):
+        if parameter.name in masses and theta[number] <= 0.0:
+            theta[number] = fitted[parameter.name]
     return theta, spread
 
 

@@ -78,7 +78,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         Residuals and defects; not finite where the motion diverges.
     """
     mechanics = segments.system.at(point.theta)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a mass may be 0 in a trial
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, segments.inputs)
     sensors, rate = segments.sensors.at(mechanics), 1.0 / segments.step
     shown_orbit = sensors.orbit_with_points(orbit)
