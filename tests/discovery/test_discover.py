@@ -374,6 +374,32 @@ def test_no_record_is_refused() -> None:
         lw.discover([], {"m1": 1.0})
 
 
+def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
+    """The last two of four masses are all but rigidly joined: which of them holds the spring to the others cannot be told."""
+    number, law = lw.Coefficient.number, lw.Law.parse("k*d + c*v")
+    values = {
+        ("m1", "ground"): (4e3, 0.4),
+        ("m2", "m1"): (2e3, 0.2),
+        ("m3", "m2"): (500.0, 0.1),
+        ("m4", "m3"): (4e5, 0.5),
+    }
+    true = lw.Structure(
+        "four masses",
+        tuple(lw.Mass(f"m{k}", number(mass)) for k, mass in enumerate((1.0, 0.5, 0.3, 0.1), start=1)),
+        tuple(
+            lw.Link("-".join(ends), ends, law, {"k": number(k), "c": number(c)})
+            for ends, (k, c) in values.items()
+        ),
+    )
+    record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
+    found = lw.discover(record, masses(true))
+    assert found.trusted and "m1-ground" not in found.in_doubt and found.in_doubt
+    for link in found.estimate.links:
+        doubtful = link.link.name in found.in_doubt
+        assert (link.covariance is None) == doubtful
+        assert all((each.standard_error is None) == doubtful for each in link.coefficients)
+
+
 def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
     """Two masses all but rigidly joined on a soft spring to the ground: on which of them it sits cannot be told."""
     number = lw.Coefficient.number

@@ -358,10 +358,13 @@ def _discovery(
         rounds=selection.rounds,
         seconds=estimate.seconds,
     )
-    if not trusted or len(discovery.in_doubt) < len(discovery.structure.links):
+    if not trusted:
         return discovery
+    told = replace(discovery, estimate=replace(estimate, links_in_doubt=frozenset(discovery.in_doubt)))
+    if len(told.in_doubt) < len(told.structure.links):
+        return told
     return replace(
-        discovery,
+        told,
         verdicts=(*verdicts, Verdict.LINKS_IN_DOUBT),
-        terms=tuple(replace(term, unambiguous=False) for term in discovery.terms),
+        terms=tuple(replace(term, unambiguous=False) for term in told.terms),
     )

@@ -78,6 +78,8 @@ class Estimate(JudgedView):
         The records that were fitted together with `record`.
     random_forces : tuple of RandomForceEstimate
         Ambient forces and noise of applied forces that were counted in.
+    links_in_doubt : frozenset of str
+        Links of a discovery that others may stand for; their coefficients have no intervals.
 
     Examples
     --------
@@ -114,6 +116,7 @@ class Estimate(JudgedView):
     diagnosis: tuple[Cause, ...] = ()
     more_records: tuple[Record, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
+    links_in_doubt: frozenset[str] = frozenset()
 
     asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
     moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))
@@ -350,7 +353,8 @@ class Estimate(JudgedView):
         number = self._parameter_index.get(slot)
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
-        if not self.trusted or not self.free[number]:
+        told = self.trusted and self.free[number] and name.rpartition(".")[0] not in self.links_in_doubt
+        if not told:
             return CoefficientEstimate(name, value, unit, known=False)
         error = float(np.sqrt(max(self.covariance[number, number], 0.0)))
         if not self.intervals:
@@ -361,6 +365,7 @@ class Estimate(JudgedView):
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
+        told = self.trusted and self.intervals and link.name not in self.links_in_doubt
         masses, column = self.structure.mass_values, self.structure.topology.columns[index]
         modes = self.structure.modes
         bodies = [(mass, part) for mass, part in column if self.structure.mass_names[mass] not in modes]
@@ -375,7 +380,7 @@ class Estimate(JudgedView):
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),
             v_range=(float(np.nanmin(self.motion.v[:, index])), float(np.nanmax(self.motion.v[:, index]))),
             free=free,
-            covariance=covariance if self.trusted and self.intervals else None,
+            covariance=covariance if told else None,
             moving_mass=1.0
             / sum(part**2 / masses[mass] for mass, part in bodies or column),  # beside a host that is held
         )
