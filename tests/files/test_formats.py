@@ -497,3 +497,23 @@ def test_tdms_with_a_time_channel(tmp_path: Path) -> None:
     path = tmp_path / "run.tdms"
     lab_view(path, {"time": (1000.0 * T, "ms"), "x:m1": (X, "")})
     check(read_record(path), ("x:m1",))
+
+
+@pytest.mark.parametrize("byte_order", ["little", "big"])
+def test_a_mat_variable_that_runs_past_the_end_is_refused(tmp_path: Path, byte_order: str) -> None:
+    """SciPy reads such a file without the variables that follow."""
+    path = tmp_path / "run.mat"
+    wave = np.sin(np.arange(32.0))
+    savemat(path, {"time": np.arange(32.0), "x_m1": wave, "x_m2": wave})
+    content = bytearray(path.read_bytes())
+    second = 128 + 8 + int.from_bytes(content[132:136], "little")  # after the header and the first variable
+    content[second + 7] = 0xFF
+    if byte_order == "big":
+        content[126:128] = b"MI"
+        for start in (128, second):
+            content[start + 4 : start + 8] = content[start + 4 : start + 8][::-1]
+    path.write_bytes(content)
+    with pytest.raises(
+        RecordError, match=rf"variable that begins at byte {second} states a length of \d+ bytes"
+    ):
+        mat.read_table(path)

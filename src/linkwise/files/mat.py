@@ -8,6 +8,7 @@ channel, `start`, `rate`, `source`, the cells `channels` and `variables` (which 
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from scipy.io import loadmat, savemat
 from scipy.sparse import csc_array, issparse
 
+from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of, spelled_as_channel
 from linkwise.files.table import Column, Table
 from linkwise.records.interpolation import BAND_LIMITED
@@ -25,6 +27,8 @@ from linkwise.records.record import Record
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable
 _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
+_HEADER = 128  # bytes
+_BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
 _RATES = ("rate", "fs", "Fs")
 _OWN = frozenset({"channels", "variables", "noise", "interpolation", "notes", "start", "rate", "source"})
 
@@ -75,8 +79,35 @@ def _texts(value: Any) -> tuple[str, ...]:
 
 
 def _read_v5(path: Path) -> dict[str, Any]:
+    _require_whole_elements(path)
     content = loadmat(path, squeeze_me=True, simplify_cells=True)
     return {name: _dense(value) for name, value in content.items() if not name.startswith("__")}
+
+
+def _require_whole_elements(path: Path) -> None:
+    """RecordError if a variable of a v5 file runs past its end: SciPy stops there, without those that follow it.
+
+    After a header of 128 bytes each variable is a tag of its type and its number of bytes, and these bytes (MathWorks,
+    "MAT-File Format", chapter 1). Files of v4 have no such header.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        header = file.read(_HEADER)
+        order = _BYTE_ORDERS.get(header[-2:])
+        if len(header) < _HEADER or order is None or 0 in header[:4]:
+            return
+        position = _HEADER
+        while position + 8 <= size:
+            file.seek(position)
+            _, length = struct.unpack(f"{order}II", file.read(8))
+            if position + 8 + length > size:
+                raise RecordError(
+                    f"cannot be read as a .mat file: the variable that begins at byte {position} states a length of "
+                    f"{length} bytes, more than the {size - position - 8} that follow; the file is cut or damaged, so "
+                    "copy or save it again",
+                    path,
+                )
+            position += 8 + length
 
 
 def _dense(value: Any) -> Any:
