@@ -342,7 +342,7 @@ def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
     assert fit.trusted
     assert np.abs(errors(fit)).max() < 4.0
     assert fit.coefficient("beam.mode5.frequency").standard_error == pytest.approx(1.8)
-    assert any("beam.mode5.frequency is hardly told" in finding for finding in fit.findings)
+    assert any("beam.mode5.frequency is hardly determined" in finding for finding in fit.findings)
     seen = fit.coefficient("beam.mode4.frequency").standard_error
     assert seen is not None
     assert seen < 0.1

@@ -276,7 +276,7 @@ def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None
 
 
 def _of_faint_mode(name: str) -> str:
-    return f"{name} is hardly told by the record, whose noise hides the mode: its interval is that of what was known before."
+    return f"{name} is hardly determined by the record, whose noise hides the mode: its interval is what was known beforehand."
 
 
 def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]:
