@@ -20,6 +20,7 @@ from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
+from linkwise.discovery.rival_errors import rival_errors, rival_remarks
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.discovery.spanning_tree import most_significant_tree
@@ -327,7 +328,10 @@ def _discovery(
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
     estimate = replace(estimate, covariance=estimate.covariance + dropped.covariance, profile=None)
+    rivals = rival_errors(selection, estimate.structure) if estimate.trusted and selection.settled else ()
+    preferred = any(rival.is_preferred for rival in rivals)
     search = [
+        (preferred, Verdict.MEASUREMENT_ERROR, ""),
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
         (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
@@ -342,13 +346,15 @@ def _discovery(
             trusted=trusted,
             collinear=checks.collinear,
             in_proportion=checks.in_proportion,
+            replaceable={term for rival in rivals for term in rival.terms},
             shares=unit_shares(selection, screened.candidates) if trusted else {},
             added=dropped.covariance.diagonal(),
         ),
         path=selection_path(selection),
         runners_up=runners_up(selection),
         remarks=(
-            *(remark for applies, _, remark in search if applies),
+            *(remark for applies, _, remark in search if applies and remark),
+            *rival_remarks(rivals, selection.quadratic.names),
             *checks.remarks,
             *(dropped_terms_remark(dropped, estimate, alone) if trusted else ()),
             *screened.remarks,

@@ -29,15 +29,16 @@ def term_evidence(
     trusted: bool,
     collinear: Collection[str] = (),
     in_proportion: Collection[str] = (),
+    replaceable: Collection[int] = (),
     shares: Mapping[str, float] = MappingProxyType({}),
     added: Floats | None = None,
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: first those kept, the most certain first, then those dropped, the least certain first.
 
     Terms of links to `collinear` masses are not unambiguous, nor those of a mass whose links are spread over several of them,
-    or over the ground and one that moved `in_proportion` to another, nor terms that can be exchanged at little cost; without a
-    `trusted` fit no term is. `shares` are the `unit_shares` of those dropped, which add the variances `added` (p,) to the
-    parameters.
+    or over the ground and one that moved `in_proportion` to another, nor terms that can be exchanged at little cost or are
+    `replaceable`, by number, by an error of a stated value; without a `trusted` fit no term is. `shares` are the `unit_shares`
+    of those dropped, which add the variances `added` (p,) to the parameters.
     """
     quadratic = selection.quadratic
     inside = list(range(len(selection.structure.parameters)))
@@ -48,7 +49,7 @@ def term_evidence(
         if move.kind is not MoveKind.SWAP
     }
     ambiguous = _ambiguous_masses(selection, collinear, in_proportion)
-    exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)}
+    exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)} | set(replaceable)
     coefficients = [
         *zip(inside, solution.values, solution.z, strict=True),
         *zip(additions.numbers.tolist(), additions.values, additions.z, strict=True),

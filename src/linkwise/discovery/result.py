@@ -44,8 +44,9 @@ class TermEvidence:
     identifiable : bool
         Whether the record determines the coefficient beside the terms kept.
     unambiguous : bool
-        False where the fit is not to be trusted, where an exchange of this term for or with another one raises the criterion
-        by less than `CERTAIN`, or where an end of its link moved so much like another mass that the link may be that one's.
+        False where the fit is not to be trusted, where an exchange of this term for or with another one, or for an error of a
+        stated value, raises the criterion by less than `CERTAIN`, or where an end of its link moved so much like another mass
+        that the link may be that one's.
     value : float
         The coefficient, of a dropped term the one it would have if it were added.
     standard_error : float

@@ -17,7 +17,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.expression import to_text
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.flow import at_ends_and_middles
+from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.residuals import Misfit, evaluate
@@ -37,7 +37,6 @@ _JUMPS = ("sign(v)",)  # terms without a slope, which the log determinant does n
 _RELATIVE = ("gain", "crosstalk", "mass", "force gain", "shape")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
-_ROUNDING = 1e-9  # of a force
 _CHANCE = (
     16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 )
@@ -247,62 +246,6 @@ def _forces(
     """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
     hypotheses, forces = missing_forces(identified) if terms else ([], [])
     of_terms, _ = candidate_forces(optimum, misfit, forces)
-    units = [1.0] * len(
-        forces
-    )  # the size of a term is the root mean square of its force, which is its scale here
-    starts, middles, masses = [of_terms.starts], [of_terms.middles], []
-    for hypothesis, mass, at_ends, between in _inertia_and_inputs(optimum, misfit, identified):
-        scale = float(np.sqrt(np.mean(at_ends**2)))
-        if not 0.0 < scale < np.inf:
-            continue
-        hypotheses.append(hypothesis)
-        masses.append(mass)
-        units.append(1.0 / scale)
-        starts.append(at_ends[:, None] / scale)
-        middles.append(between[:, None] / scale)
-    nobody = np.full(len(masses), -1)
-    candidates = CandidateForces(
-        np.concatenate([of_terms.first, nobody]),
-        np.concatenate([of_terms.second, np.array(masses, dtype=int)]),
-        np.concatenate(starts, axis=1),
-        np.concatenate(middles, axis=1),
-    )
-    return hypotheses, candidates, np.array(units)
-
-
-def _inertia_and_inputs(
-    optimum: Optimum, misfit: Misfit, identified: Structure
-) -> Iterator[tuple[Hypothesis, int, Floats, Floats]]:
-    """What a relative error of a mass, or of an applied force, or a delay of it, does to the mass: at ends and middles."""
-    segments, names = optimum.segments, identified.mass_names
-    stride = segments.flow_steps_per_tangent
-    orbit = misfit.trajectories.thinned(stride)
-    for i, name in enumerate(names):
-        if name in identified.modes:  # of unit mass by definition; its frequency and damping are terms
-            continue
-        inertia = -float(identified.mass_values[i])
-        ends, middles = orbit.accelerations[:, i] * inertia, orbit.middle_accelerations[:, i] * inertia
-        if segments.inputs.frame is not None:
-            at_ends, between = at_ends_and_middles(segments.inputs.frame, stride)
-            ends, middles = ends + inertia * at_ends, middles + inertia * between
-        yield Hypothesis("mass", name, UNITS["mass"]), i, ends, middles
-    if segments.inputs.force is None:
-        return
-    step = segments.step * stride
-    for i, name in enumerate(names):
-        if name in identified.modes:  # on which a force acts at points
-            continue
-        applied = segments.inputs.force[:, :, i]
-        smallest = 0.0
-        if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
-            of_frame = float(identified.mass_values[i]) * segments.inputs.frame
-            smallest = _ROUNDING * float(np.max(np.abs(of_frame)))
-            applied = applied + of_frame
-        ends, middles = at_ends_and_middles(applied, stride)
-        if not np.max(np.abs(ends)) > smallest:
-            continue
-        yield Hypothesis("force gain", f"force:{name}", UNITS["force gain"]), i, ends, middles
-        both = np.empty((len(ends) + len(middles), ends.shape[-1]))
-        both[::2], both[1::2] = ends, middles
-        rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
-        yield Hypothesis("force delay", f"force:{name}", UNITS["force delay"]), i, -rate[::2], -rate[1::2]
+    of_errors, errors, units = force_errors(optimum, misfit, identified)
+    sizes = np.ones(len(forces))  # of a term: the root mean square of its force, which is its scale here
+    return hypotheses + of_errors, of_terms.joined(errors), np.concatenate([sizes, units])

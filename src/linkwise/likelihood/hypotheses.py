@@ -23,6 +23,7 @@ UNITS = {
     "delay": "s",
     "filter": "s^2",
     "mass": "1",
+    "coefficient": "1",
     "force gain": "1",
     "force delay": "s",
     "frequency": "1",

@@ -72,11 +72,16 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
         candidates, units = candidate_forces(optimum, misfit, forces)
         augmented = augmented_quadratic(optimum, misfit, candidates)
+    return in_their_units(optimum, augmented, units)
+
+
+def in_their_units(optimum: Optimum, augmented: AugmentedQuadratic, units: Floats) -> LocalQuadratic:
+    """The model in the parameters themselves and, after them, in amplitudes whose scaled ones have the `units` (f,)."""
     curvature, slope = augmented.curvature, augmented.slope
-    unit = np.concatenate([optimum.scales.theta[: len(slope) - len(forces)], units])
+    unit = np.concatenate([optimum.scales.theta[: len(slope) - len(units)], units])
     scale = np.outer(unit, unit) * optimum.noise**2
     curvature = curvature / scale
-    point = np.concatenate([optimum.point.theta, np.zeros(len(forces))])
+    point = np.concatenate([optimum.point.theta, np.zeros(len(units))])
     return LocalQuadratic(
         curvature,
         slope / unit / optimum.noise**2 + curvature @ point,

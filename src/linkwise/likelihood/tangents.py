@@ -72,6 +72,15 @@ class CandidateForces:
             self.first, self.second, self.starts[..., segments], self.middles[..., segments]
         )
 
+    def joined(self, others: CandidateForces) -> CandidateForces:
+        """These forces and, after them, `others`."""
+        return CandidateForces(
+            np.append(self.first, others.first),
+            np.append(self.second, others.second),
+            np.concatenate([self.starts, others.starts], axis=1),
+            np.concatenate([self.middles, others.middles], axis=1),
+        )
+
 
 def tangents(
     mechanics: NumericSystem,

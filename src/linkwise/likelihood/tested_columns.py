@@ -71,12 +71,7 @@ class TestedColumns:
         own = np.pad(self.weights, ((0, 0), (0, len(units))))
         more = np.pad(weights, ((0, 0), (self.weights.shape[1], 0)))
         return TestedColumns(
-            CandidateForces(
-                np.append(self.pushes.first, pushes.first),
-                np.append(self.pushes.second, pushes.second),
-                np.concatenate([self.pushes.starts, pushes.starts], axis=1),
-                np.concatenate([self.pushes.middles, pushes.middles], axis=1),
-            ),
+            self.pushes.joined(pushes),
             SensorErrors(
                 np.append(self.errors.channel, errors.channel),
                 (*self.errors.kind, *errors.kind),

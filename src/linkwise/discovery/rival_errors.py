@@ -1,0 +1,118 @@
+"""Errors of stated values beside which terms that were found would not be needed.
+
+A mass that is stated 1 % wrong leaves a force in proportion to its acceleration, for which a term on another link may stand
+in: a spring to the ground, of a mass that moves mostly at one frequency. A score test of the error beside all terms found is
+then silent. Here each term in turn gives way to each error, in the local quadratic model, and the criterion of the best model
+without the term against that of the selection says which of both the records prefer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.result import CERTAIN
+from linkwise.discovery.selection import Selection
+from linkwise.discovery.stepwise import local_search
+from linkwise.likelihood.force_errors import stated_errors
+from linkwise.model.structure import Structure
+
+_LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
+_STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raftery 1995)
+_STATED = {"mass": "the mass of {} were {} than stated", "coefficient": "{} were {} than stated"}
+_WHAT = {**_STATED, "force gain": "{} were {} than recorded"}
+_NAMED = 3
+
+
+@dataclass(frozen=True)
+class RivalError:
+    """An error of a stated value, `where`, of relative `size`, beside which the `terms`, by number, are not needed.
+
+    `excess` is the criterion of that model above that of the selection: below zero the records prefer the error.
+    """
+
+    kind: str
+    where: str
+    size: float
+    terms: tuple[int, ...]
+    excess: float
+
+    @property
+    def is_preferred(self) -> bool:
+        """Whether the records are strong evidence for the error and against the terms."""
+        return self.excess < -_STRONG
+
+    def remark(self, names: tuple[str, ...]) -> str:
+        """A sentence for the user; `names` are those of all terms by number."""
+        size = f"{100.0 * abs(self.size):.2g} % {'more' if self.size > 0.0 else 'less'}"
+        error = _WHAT[self.kind].format(self.where, size)
+        terms = " and ".join(names[number] for number in self.terms)
+        if self.is_preferred:
+            return (
+                f"If {error}, {terms} would not be needed and the criterion would be {-self.excess:.3g} lower: check the "
+                "value, or let it be unknown."
+            )
+        return (
+            f"This record hardly distinguishes {terms} from an error of what is stated: if {error}, the criterion would be "
+            f"only {max(self.excess, 0.0):.1f} higher without {'it' if len(self.terms) == 1 else 'them'}."
+        )
+
+
+def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalError, ...]:
+    """For each set of terms that errors of stated values could replace the best such error, the best set first.
+
+    `identified` is the structure of the selection with the values of its fit.
+    """
+    structure = selection.structure
+    try:
+        hypotheses, local = stated_errors(selection.fit.optimum, structure, identified)
+    except np.linalg.LinAlgError:
+        return ()
+    p = len(structure.parameters)
+    names = (*selection.quadratic.names[:p], *(each.where for each in hypotheses))
+    model = QuadraticModel(names, local.curvature, local.slope, local.scatter)
+    unknown = {mass.name for mass in structure.masses if not mass.mass.known}
+    rivals = [
+        RivalError(hypothesis.kind, hypothesis.where, size, terms, excess)
+        for number, hypothesis in enumerate(hypotheses, start=p)
+        if hypothesis.kind in _WHAT and hypothesis.where not in unknown
+        for size, terms, excess in _without_terms(selection, model, number)
+    ]
+    best: dict[tuple[int, ...], RivalError] = {}
+    for rival in sorted(rivals, key=lambda rival: rival.excess):
+        best.setdefault(rival.terms, rival)
+    return tuple(best.values())
+
+
+def rival_remarks(rivals: tuple[RivalError, ...], names: tuple[str, ...]) -> tuple[str, ...]:
+    """Sentences on the first of the `rivals`, with the `names` of terms by number."""
+    return tuple(rival.remark(names) for rival in rivals[:_NAMED])
+
+
+def _without_terms(
+    selection: Selection, model: QuadraticModel, error: int
+) -> Iterator[tuple[float, tuple[int, ...], float]]:
+    """For each term that an error, by its number in `model`, may replace: its size, the terms replaced, and the excess."""
+    penalty, p = selection.penalty, len(selection.structure.parameters)
+    chosen = list(range(p))
+    selected = model.cost(chosen) + penalty.total(chosen)
+    for term in np.flatnonzero(penalty.pair[:p] >= 0).tolist():
+        inside = np.array([*(number for number in chosen if number != term), error])
+        block = np.ix_(inside, inside)
+        scatter = None if model.scatter is None else model.scatter[block]
+        part = QuadraticModel(tuple(model.names[k] for k in inside), model.h[block], model.g[inside], scatter)
+        of_part = replace(penalty, pair=np.append(penalty.pair[inside[:-1]], -1))  # the error is not selected
+        try:
+            if not abs(part.solve(range(p)).values[-1]) < _LARGEST:
+                continue
+            kept = local_search(part, of_part, range(p))
+            size = float(part.solve(kept).values[-1])
+            excess = part.cost(kept) + of_part.total(kept) + penalty.term - selected
+        except np.linalg.LinAlgError:
+            continue
+        if abs(size) < _LARGEST and excess < CERTAIN:
+            replaced = sorted(set(chosen) - set(inside[kept].tolist()))
+            yield size, tuple(replaced), float(excess)

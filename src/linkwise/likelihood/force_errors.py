@@ -1,0 +1,130 @@
+"""Errors of masses and of applied forces: the force that each would add to its mass, per unit of its size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.expression import Number, substitute, symbols, to_text
+from linkwise.likelihood.fit import Optimum
+from linkwise.likelihood.flow import at_ends_and_middles
+from linkwise.likelihood.hypotheses import UNITS, Hypothesis
+from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.score_test import (
+    CandidateForce,
+    LocalQuadratic,
+    augmented_quadratic,
+    candidate_forces,
+    in_their_units,
+)
+from linkwise.likelihood.tangents import CandidateForces
+from linkwise.model.law import Law
+from linkwise.model.law_text import VARIABLES
+from linkwise.model.structure import Structure
+from linkwise.runtime import one_blas_thread
+
+_ROUNDING = 1e-9  # of a force
+_NOTHING = Number(0.0)
+
+
+def force_errors(
+    optimum: Optimum, misfit: Misfit, identified: Structure
+) -> tuple[list[Hypothesis], CandidateForces, Floats]:
+    """The errors of all masses and applied forces, as forces of root mean square 1; with the size of that in its own unit."""
+    hypotheses, masses, units, starts, middles = [], [], [], [], []
+    for hypothesis, mass, at_ends, between in _inertia_and_inputs(optimum, misfit, identified):
+        scale = float(np.sqrt(np.mean(at_ends**2)))
+        if not 0.0 < scale < np.inf:
+            continue
+        hypotheses.append(hypothesis)
+        masses.append(mass)
+        units.append(1.0 / scale)
+        starts.append(at_ends / scale)
+        middles.append(between / scale)
+    steps, count = len(misfit.trajectories.middle_links), optimum.segments.count
+    steps //= optimum.segments.flow_steps_per_tangent
+    forces = CandidateForces(
+        np.full(len(masses), -1),
+        np.array(masses, dtype=int),
+        np.stack(starts, axis=1) if starts else np.empty((steps + 1, 0, count)),
+        np.stack(middles, axis=1) if middles else np.empty((steps, 0, count)),
+    )
+    return hypotheses, forces, np.array(units)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
+def stated_errors(
+    optimum: Optimum, structure: Structure, identified: Structure
+) -> tuple[list[Hypothesis], LocalQuadratic]:
+    """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
+
+    With the local model, at the `identified` structure, in the parameters and, after them, the sizes of these errors. Raises
+    numpy.linalg.LinAlgError where the optimum's equations are singular.
+    """
+    with one_blas_thread():
+        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+        hypotheses, errors, units = force_errors(optimum, misfit, identified)
+        of_coefficients, forces = _known_terms(structure)
+        terms, of_terms = candidate_forces(optimum, misfit, forces)
+        augmented = augmented_quadratic(optimum, misfit, errors.joined(terms))
+    relative = np.array([structure.coefficient(each.where).value for each in of_coefficients], dtype=float)
+    units = np.concatenate([units, of_terms / relative])
+    return hypotheses + of_coefficients, in_their_units(optimum, augmented, units)
+
+
+def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+    """The terms of links whose coefficients are known and not 0, by the names of these."""
+    hypotheses, forces = [], []
+    for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True):
+        known = {name: Number(each.value or 0.0) for name, each in link.coefficients.items() if each.known}
+        for name in link.law.linear:
+            basis = substitute(link.law.basis[name], {key: known[key] for key in known if key != name})
+            if known.get(name, _NOTHING) == _NOTHING or not set(symbols(basis)) <= set(VARIABLES):
+                continue
+            hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}", UNITS["coefficient"]))
+            forces.append(CandidateForce(first, second, Law.parse(to_text(basis))))
+    return hypotheses, forces
+
+
+def _inertia_and_inputs(
+    optimum: Optimum, misfit: Misfit, identified: Structure
+) -> Iterator[tuple[Hypothesis, int, Floats, Floats]]:
+    """What a relative error of a mass, or of an applied force, or a delay of it, does to the mass.
+
+    Yields the hypothesis, the number of the mass, and the force on it at the ends (J + 1, K) and in the middles (J, K) of the
+    steps of the tangents, per unit of the error.
+    """
+    segments, names = optimum.segments, identified.mass_names
+    stride = segments.flow_steps_per_tangent
+    orbit = misfit.trajectories.thinned(stride)
+    for i, name in enumerate(names):
+        if name in identified.modes:  # of unit mass by definition; its frequency and damping are terms
+            continue
+        inertia = -float(identified.mass_values[i])
+        ends, middles = orbit.accelerations[:, i] * inertia, orbit.middle_accelerations[:, i] * inertia
+        if segments.inputs.frame is not None:
+            at_ends, between = at_ends_and_middles(segments.inputs.frame, stride)
+            ends, middles = ends + inertia * at_ends, middles + inertia * between
+        yield Hypothesis("mass", name, UNITS["mass"]), i, ends, middles
+    if segments.inputs.force is None:
+        return
+    step = segments.step * stride
+    for i, name in enumerate(names):
+        if name in identified.modes:  # on which a force acts at points
+            continue
+        applied = segments.inputs.force[:, :, i]
+        smallest = 0.0
+        if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
+            of_frame = float(identified.mass_values[i]) * segments.inputs.frame
+            smallest = _ROUNDING * float(np.max(np.abs(of_frame)))
+            applied = applied + of_frame
+        ends, middles = at_ends_and_middles(applied, stride)
+        if not np.max(np.abs(ends)) > smallest:
+            continue
+        yield Hypothesis("force gain", f"force:{name}", UNITS["force gain"]), i, ends, middles
+        both = np.empty((len(ends) + len(middles), ends.shape[-1]))
+        both[::2], both[1::2] = ends, middles
+        rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
+        yield Hypothesis("force delay", f"force:{name}", UNITS["force delay"]), i, -rate[::2], -rate[1::2]

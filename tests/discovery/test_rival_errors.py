@@ -1,0 +1,67 @@
+"""Stated values that are a little wrong, for which terms that are not there stand in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+import linkwise as lw
+
+number = lw.Coefficient.number
+
+
+def link(name: str, between: tuple[str, str], text: str, **values: float) -> lw.Link:
+    return lw.Link(name, between, lw.Law.parse(text), {key: number(value) for key, value in values.items()})
+
+
+FRAME = lw.Structure(
+    "frame",
+    (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5)), lw.Mass("m3", number(0.3))),
+    (
+        link("m1-ground", ("m1", "ground"), "k*d + k3*d**3 + c*v", k=2e4, k3=1e7, c=1.0),
+        link("m2-m1", ("m2", "m1"), "k*d + c*v", k=1.2e4, c=0.8),
+        link("m3-m2", ("m3", "m2"), "k*d + c*v", k=9e3, c=0.5),
+    ),
+)
+MASSES = dict(zip(FRAME.mass_names, FRAME.mass_values, strict=True))
+
+
+@cache
+def record() -> lw.Record:
+    return lw.simulate(FRAME, release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_right_values_have_no_rival(seed: int) -> None:
+    found = lw.discover(record().with_noise(30.0, seed=seed), MASSES)
+    assert found.trusted
+    assert lw.term_score(found.structure, FRAME).exact
+    assert all(term.certain for term in found.kept)
+    assert not [remark for remark in found.remarks if "than stated" in remark]
+
+
+@pytest.mark.parametrize(("mass", "factor", "told"), [("m2", 0.99, "more"), ("m3", 1.01, "less")])
+def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float, told: str) -> None:
+    """Springs that are not there were called certain, beside coefficients many standard errors off."""
+    found = lw.discover(record().with_noise(30.0, seed=11), {**MASSES, mass: factor * MASSES[mass]})
+    false = lw.term_score(found.structure, FRAME).extra
+    assert false
+    assert not [term.name for term in found.terms if term.certain and term.name in false]
+    assert not found.trusted
+    assert lw.Verdict.MEASUREMENT_ERROR in found.verdicts
+    named = [
+        remark for remark in found.remarks if f"If the mass of {mass} were 1 % {told} than stated" in remark
+    ]
+    assert len(named) == 1
+    assert all(name in named[0] for name in false)
+
+
+def test_a_stiffness_that_is_stated_wrong_is_named() -> None:
+    stated = FRAME.link("m2-m1")
+    wrong = replace(stated, coefficients={**stated.coefficients, "k": number(1.02 * 1.2e4)})
+    noisy = record().with_noise(18.0, seed=11)  # with less noise the diagnosis of the fit tells it
+    found = lw.discover(noisy, lw.PartialStructure(FRAME.masses, (wrong,)))
+    assert not found.trusted
+    assert any("If m2-m1.k were 1.9 % less than stated" in remark for remark in found.remarks)
