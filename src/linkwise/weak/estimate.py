@@ -33,8 +33,8 @@ from linkwise.weak.residual import weak_residual
 from linkwise.weak.score_tests import significant_score
 from linkwise.weak.weak_form import weak_law
 
-_LARGEST_EXCESS = 1.7  # residual power over what noise explains; wrong laws and wrong noise leave more
-_NOTED_EXCESS = 1.3  # right laws stay below it from 10 dB on
+_LARGEST_EXCESS = 1.3  # residual power over what noise explains; right laws stay below it from 10 dB on
+_NOTED_EXCESS = 1.15  # right laws hardly ever leave more
 _FALSE_ALARM = 1e-5  # probability that a record of few windows leaves the limits although its laws are right
 _LINKS_AT_ONCE = 16  # whose samples are in memory at a time
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
