@@ -6,9 +6,11 @@ import gc
 import os
 import shutil
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from copied_process import processes_are_copies
 from hypothesis import settings
 from judged import masses
 from paper_rows import paper_rows, paper_study, stored
@@ -43,6 +45,13 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     """Keep the collector of cyclic garbage from walking through what stays: the modules and the thousands of tests."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _readers_are_copies() -> Iterator[None]:
+    """Files that are read in a process of their own are read in a copy of this one: tests/files/test_isolated.py starts it."""
+    with processes_are_copies("linkwise.files.isolated"):
+        yield
 
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared"

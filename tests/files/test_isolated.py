@@ -26,6 +26,12 @@ READERS = {
 }
 
 
+@pytest.fixture(autouse=True)
+def _started(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As for users, and not as in all other tests."""
+    monkeypatch.setattr("linkwise.files.isolated.subprocess", subprocess)
+
+
 @pytest.fixture
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A file to read, beside modules that read it in the ways of `READERS`."""

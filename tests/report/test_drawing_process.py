@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from copied_process import processes_are_copies
 
 from linkwise.report.drawing_process import DrawingProcess, drawing_process
 from linkwise.report.result_folder import ResultFolder
@@ -73,6 +74,13 @@ def kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[.
     sys.modules.pop("temporary_folder", None)
 
 
+@pytest.fixture
+def copied() -> Iterator[None]:
+    """The second process is a copy of this one, which knows nothing of the temporary module."""
+    with processes_are_copies("linkwise.report.drawing_process", anew=("pytest", "temporary_folder")):
+        yield
+
+
 def folder_of(kind: str) -> ResultFolder[Any]:
     module, _, name = kind.partition(":")
     folder: ResultFolder[Any] = getattr(import_module(module), name)
@@ -98,6 +106,7 @@ def test_the_second_process_draws_what_the_first_then_writes(
     assert process._process.poll() is not None
 
 
+@pytest.mark.usefixtures("copied")
 def test_each_figure_is_drawn_once(kind: Callable[..., str], tmp_path: Path) -> None:
     log, name = tmp_path / "log", kind()
     with closing(DrawingProcess(name)) as process:
@@ -106,6 +115,7 @@ def test_each_figure_is_drawn_once(kind: Callable[..., str], tmp_path: Path) -> 
     assert sorted(line.split()[1] for line in log.read_text().splitlines()) == sorted(NAMES)
 
 
+@pytest.mark.usefixtures("copied")
 def test_few_figures_are_left_to_the_second_process(kind: Callable[..., str], tmp_path: Path) -> None:
     log, name = tmp_path / "log", kind(names=FEW)
     with closing(DrawingProcess(name)) as process:
@@ -115,6 +125,7 @@ def test_few_figures_are_left_to_the_second_process(kind: Callable[..., str], tm
 
 
 @pytest.mark.parametrize("failure", FAILURES)
+@pytest.mark.usefixtures("copied")
 def test_what_the_second_process_does_not_deliver_is_drawn_by_the_first(
     failure: str, kind: Callable[..., str], tmp_path: Path
 ) -> None:
@@ -127,6 +138,7 @@ def test_what_the_second_process_does_not_deliver_is_drawn_by_the_first(
     assert written["report.html"].count(b"<img") == len(NAMES)
 
 
+@pytest.mark.usefixtures("copied")
 def test_a_second_process_that_hangs_is_not_waited_for(
     kind: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,6 +150,7 @@ def test_a_second_process_that_hangs_is_not_waited_for(
     assert sorted(log.read_text().splitlines()) == sorted(f"first {each}" for each in NAMES)
 
 
+@pytest.mark.usefixtures("copied")
 def test_a_result_that_cannot_be_sent_is_drawn_by_the_first_process(
     kind: Callable[..., str], tmp_path: Path
 ) -> None:
@@ -154,6 +167,7 @@ def test_a_result_that_cannot_be_sent_is_drawn_by_the_first_process(
     assert sorted((tmp_path / "log").read_text().splitlines()) == sorted(f"first {each}" for each in NAMES)
 
 
+@pytest.mark.usefixtures("copied")
 def test_a_result_is_sent_as_it_is_when_it_is_handed_over(kind: Callable[..., str], tmp_path: Path) -> None:
     class Caching(SimpleNamespace):
         """A result that takes note of the threads in which it is pickled, as one that caches what it is asked for."""
@@ -170,6 +184,7 @@ def test_a_result_is_sent_as_it_is_when_it_is_handed_over(kind: Callable[..., st
         assert set(process.pictures()) == NAMES
 
 
+@pytest.mark.usefixtures("copied")
 def test_a_figure_that_cannot_be_drawn_is_an_error_of_the_first_process(
     kind: Callable[..., str], tmp_path: Path
 ) -> None:
