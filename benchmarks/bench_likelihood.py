@@ -102,13 +102,13 @@ def test_other_sensors(unit: float) -> None:
 
 @pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
 def test_errors_and_chi_square_at_20_db(n: int) -> None:
-    """What the suite asks of four to twelve seeds, of all twenty."""
+    """What the suite asks of one to eight seeds, of all twenty."""
     paper_fits.check_sinks_at_20_db(identified(n, 20.0, SEEDS))
 
 
 @pytest.mark.parametrize("n", [2, 4])
 def test_velocities_cover(n: int) -> None:
-    """What the suite asks of eight and four seeds, of all twenty."""
+    """What the suite asks of eight and four records of half the duration, of all twenty."""
     paper_fits.check_velocities(identified(n, 30.0, SEEDS, "v"))
 
 

@@ -39,13 +39,13 @@ class Runs:
         return scaled
 
 
-def identified(n: int, decibel: float, seeds: int, sensors: str = "x") -> Runs:
-    """The chain of n masses, identified from `seeds` records."""
+def identified(n: int, decibel: float, seeds: int, sensors: str = "x", *, duration: float = 6.0) -> Runs:
+    """The chain of n masses, identified from `seeds` records of a duration in s."""
     chain = lw.bnes_chain(n)
-    clean, asked = chain_record(n, sensors=(sensors,)), chain.unknown("all")
+    clean, asked = chain_record(n, sensors=(sensors,), duration=duration), chain.unknown("all")
     fits, nmse = [], []
     for seed in range(FIRST, FIRST + seeds):
-        fit = chain_fit(n, decibel, seed, (sensors,))
+        fit = chain_fit(n, decibel, seed, (sensors,), duration=duration)
         assert fit.status == "converged", f"n = {n}, {decibel} dB, seed {seed}: {fit.message}"
         fits.append(fit)
         sinks = [f"nes{i}" for i in range(1, n // 2 + 1)]

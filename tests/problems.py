@@ -79,9 +79,11 @@ def chain_record(
 
 
 @cache
-def chain_fit(masses: int, snr_db: float, seed: int, sensors: tuple[str, ...] = ("x",)) -> lw.Estimate:
-    """All coefficients of the paper's chain, identified from its record of six seconds with noise in dB."""
-    record = chain_record(masses, sensors=sensors).with_noise(snr_db, seed=seed)
+def chain_fit(
+    masses: int, snr_db: float, seed: int, sensors: tuple[str, ...] = ("x",), *, duration: float = 6.0
+) -> lw.Estimate:
+    """All coefficients of the paper's chain, identified from its record with noise in dB."""
+    record = chain_record(masses, sensors=sensors, duration=duration).with_noise(snr_db, seed=seed)
     return lw.identify(record, lw.bnes_chain(masses).unknown("all"))
 
 

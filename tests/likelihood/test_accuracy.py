@@ -16,21 +16,22 @@ import linkwise as lw
 
 MANY = 110  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 0.4 %
 CHANCE = 0.005  # of a share being too small, and of its being too large: of five coefficients 5 % together
+SHORT = 3.0  # s, half of the paper's record: from velocities alone, whose intervals cover at any duration
 
 
-@pytest.mark.parametrize(("n", "seeds"), [(2, 12), (4, 6), (6, 4), (8, 4), (10, 4)])
+@pytest.mark.parametrize(("n", "seeds"), [(2, 8), (4, 4), (6, 3), (8, 1), (10, 4)])
 def test_at_20_db_every_sink_is_found_to_a_few_millionths(n: int, seeds: int) -> None:
     paper_fits.check_sinks_at_20_db(identified(n, 20.0, seeds))
 
 
-@pytest.mark.parametrize(("n", "seeds"), [(2, 6), (10, 2)])
+@pytest.mark.parametrize(("n", "seeds"), [(2, 4), (10, 1)])
 def test_at_40_db_a_hundred_times_better(n: int, seeds: int) -> None:
     assert np.median(identified(n, 40.0, seeds).nmse) <= LARGEST_NMSE[40.0]
 
 
 @pytest.mark.parametrize(("n", "seeds"), [(2, 8), (4, 4)])
 def test_velocities_alone_are_enough(n: int, seeds: int) -> None:
-    paper_fits.check_velocities(identified(n, 30.0, seeds, "v"))
+    paper_fits.check_velocities(identified(n, 30.0, seeds, "v", duration=SHORT))
 
 
 @pytest.fixture(scope="module")

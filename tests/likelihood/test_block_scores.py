@@ -101,7 +101,7 @@ def test_pieces_of_a_servo_axis_scatter_as_the_whole_says(shared_data: Path) -> 
         low, high = whole.coefficient(name).interval or (np.nan, np.nan)
         assert low < value < high
     length = len(record) // 5
-    pieces = [lw.identify(record[k * length : (k + 1) * length], axis) for k in (0, 2, 4)]
+    pieces = [lw.identify(record[k * length : (k + 1) * length], axis) for k in (0, 3, 4)]
     scatter = np.std([piece.values for piece in pieces], axis=0, ddof=1)
     errors = np.sqrt(whole.covariance.diagonal())
     # three normal numbers scatter beyond 1.7 deviations in 6 % of cases, as five do beyond 1.5: chi-square of 2 and 4

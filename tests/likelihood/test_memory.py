@@ -42,7 +42,7 @@ def joint() -> lw.Structure:
 @pytest.fixture(scope="module")
 def hysteretic() -> lw.Record:
     forces = {"m1": multisine(6.0, 60.0)}
-    record = lw.simulate(joint(), duration=6.0, rate=200.0, sensors=["x", "f", "state"], forces=forces)
+    record = lw.simulate(joint(), duration=4.0, rate=200.0, sensors=["x", "f", "state"], forces=forces)
     return record.with_noise(40.0, seed=1)
 
 
@@ -164,7 +164,7 @@ do at the frequency 2/h tan(w h/2), so a mass seems larger by (w h)**2 / 6; this
 
 def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> None:
     with h5py.File(shared_data / "bouc_wen_train.h5") as file:
-        force, shown = (np.ravel(file[f"multisine/{name}"][:])[:8192] for name in ("u", "y"))
+        force, shown = (np.ravel(file[f"multisine/{name}"][:])[:4096] for name in ("u", "y"))
     record = lw.Record(
         start=0.0, rate=750.0, channels=("x:m1", "force:m1"), values=np.column_stack([shown, force])
     )

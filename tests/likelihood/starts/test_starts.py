@@ -114,9 +114,10 @@ def test_what_tells_links() -> None:
 )
 def test_rates_and_accelerations_alone_identify_a_chain(n: int, kind: str, seed: int) -> None:
     true = lw.bnes_chain(n)
-    found = chain_fit(n, 30.0, seed, (kind,))
+    found = chain_fit(n, 30.0, seed, (kind,), duration=3.0)
     assert found.status == "converged"
-    # the level of the noise is found beforehand to 1.2 % a channel: within 3.6 % on sixteen records of other seeds
-    assert abs(present(found.chi_square_per_sample) - 1.0) < 0.05
+    # the level of the noise is found beforehand to 1.2 % a channel of 6 s: chi-square is within 3.6 % on sixteen such records
+    # of other seeds, for which 5 % were asked; it scatters by the root of the number of samples
+    assert abs(present(found.chi_square_per_sample) - 1.0) < 0.05 * np.sqrt(6.0 / 3.0)
     # all deviations within four standard errors, of 5 to 10 coefficients a run: wrong once in 1000
     assert np.abs(deviations(found, true)).max() < 4.0
