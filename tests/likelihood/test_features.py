@@ -413,6 +413,14 @@ def test_without_any_start_it_says_which_is_missing() -> None:
         lw.identify(record, true.unknown("link"))
 
 
+def test_many_missing_starts_are_counted() -> None:
+    chain = lw.bnes_chain(4)
+    short = lw.simulate(chain, release={"v:m1": 3.0}, duration=0.02, rate=1000.0)
+    record = short.select([f"x:{name}" for name in chain.mass_names]).with_noise(40.0, seed=1)
+    with pytest.raises(lw.IdentificationError, match=r"no starting value for (\S+, ){5}\S+ and \d+ more: "):
+        lw.identify(record, chain.unknown("all"))
+
+
 def test_options_of_ml_are_refused_elsewhere(chain: lw.Structure, clean: lw.Record) -> None:
     with pytest.raises(lw.IdentificationError, match='are for method "ml", not for "weak"'):
         lw.identify(clean, chain.unknown("nes"), method="weak", offsets=["x:m2"])

@@ -356,7 +356,6 @@ def _discovery(
             *(remark for applies, _, remark in search if applies and remark),
             *rival_remarks(rivals, selection.quadratic.names),
             *checks.remarks,
-            *(dropped_terms_remark(dropped, estimate, alone) if trusted else ()),
             *screened.remarks,
             *(exchange_remarks(selection) if estimate.trusted and selection.settled else ()),
         ),
@@ -366,7 +365,9 @@ def _discovery(
     )
     if not trusted:
         return discovery
-    told = replace(discovery, estimate=replace(estimate, links_in_doubt=frozenset(discovery.in_doubt)))
+    estimate = replace(estimate, links_in_doubt=frozenset(discovery.in_doubt))
+    remarks = (*discovery.remarks, *dropped_terms_remark(dropped, estimate, alone))
+    told = replace(discovery, estimate=estimate, remarks=remarks)
     if len(told.in_doubt) < len(told.structure.links):
         return told
     return replace(

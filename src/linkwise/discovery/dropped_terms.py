@@ -75,10 +75,18 @@ class DroppedTerms:
 
 
 def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Floats) -> tuple[str, ...]:
-    """A sentence on the coefficients whose errors are mostly due to a term dropped; `alone` (p,) are those without them."""
+    """A sentence on the coefficients whose errors are mostly due to a term dropped; `alone` (p,) are those without them.
+
+    Those of links in doubt have no errors.
+    """
     errors = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
     wider = np.where(alone > 0.0, errors / np.where(alone > 0.0, alone, 1.0), 1.0)
-    worst = [number for number in np.argsort(-wider) if wider[number] > _MUCH_WIDER][:_NAMED]
+    worst = [
+        number
+        for number in np.argsort(-wider).tolist()
+        if wider[number] > _MUCH_WIDER
+        and estimate.coefficient(estimate.parameters[number].name).standard_error is not None
+    ][:_NAMED]
     if not worst:
         return ()
     told = [

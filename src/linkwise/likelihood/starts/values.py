@@ -26,6 +26,7 @@ from linkwise.weak.integrated_displacements import with_displacements
 ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
 WeakStart: TypeAlias = Callable[[Structure, Mapping[str, float]], ValuesAndDeviations]
 
+_NAMED = 6  # parameters that a message names
 _FIRM = 0.1  # relative deviation of a prior up to which its mean is a better start than what the record alone says
 
 
@@ -128,9 +129,10 @@ def _values(
     except IdentificationError as error:
         missing = [p.name for p in parameters if p.name not in known]
         if missing:
+            more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
             raise IdentificationError(
-                f"no starting value for {', '.join(missing)}: the weak form, which would estimate one, fails because {error}. "
-                "State { start = ... } for it in the structure"
+                f"no starting value for {', '.join(missing[:_NAMED])}{more}: the weak form, which would estimate one, fails "
+                f"because {error}. State {{ start = ... }} for it in the structure"
             ) from error
         return np.array([known[p.name] for p in parameters]), None
     start = np.array([given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)])
