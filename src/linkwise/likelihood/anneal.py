@@ -22,10 +22,9 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.bordered_system import BorderedFactor
 from linkwise.likelihood.damped_step import bounds, damped_step, freedom
+from linkwise.likelihood.linear_model import Factor, LinearModel, linear_model
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.normal_equations import Linearization, linearise
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.progress import Progress, ProgressReport, silent
@@ -294,7 +293,7 @@ def anneal(
             "another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over the "
             "motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
         )
-    linear = linearise(segments, misfit, scales, loss, executor)
+    linear = linear_model(segments, misfit, scales, loss, executor)
     try:
         while len(path) < schedule.max_steps:
             if control.damping > _MAX_DAMPING:
@@ -321,7 +320,7 @@ def anneal(
                 break
             control = control.after(taken, schedule, samples)
             if taken.reduction > 0.0:
-                linear = linearise(segments, misfit, scales, loss, executor)
+                linear = linear_model(segments, misfit, scales, loss, executor)
     except KeyboardInterrupt:
         status = AnnealingStatus.INTERRUPTED
     return _fit(segments, linear, misfit, scales, loss, control.q, status, tuple(path))
@@ -329,7 +328,7 @@ def anneal(
 
 def _fit(
     segments: Segments,
-    linear: Linearization,
+    linear: LinearModel,
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
@@ -355,7 +354,7 @@ def _fit(
     )
 
 
-def covariance(factor: BorderedFactor | None, scales: Scales, free: Bools) -> Floats:
+def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:
     """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
     size = len(scales.theta)
     unknown = np.full((size, size), np.inf)

@@ -19,7 +19,7 @@ from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Scales, Segments
-from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tangent_forces import CandidateForces
 
 BLOCKS = (
     20,

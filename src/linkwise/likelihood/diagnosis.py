@@ -25,7 +25,7 @@ from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.single_tests import SingleTests, single_tests
-from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tangent_forces import CandidateForces
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.law import Law
 from linkwise.model.link import Link

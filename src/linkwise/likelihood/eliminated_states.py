@@ -19,7 +19,7 @@ from linkwise.likelihood.normal_equations import chunks, linearise, whitened_jac
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Scales, Segments
 from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tangent_forces import CandidateForces
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,7 +115,7 @@ class Trajectories:
         x, u = self.states[-1]
         return np.concatenate([x, u * (1.0 / step), self.memory[-1]])
 
-    def part(self, segments: slice) -> Trajectories:
+    def part(self, segments: slice | Indices) -> Trajectories:
         """The trajectories of some segments."""
         return Trajectories(
             *(

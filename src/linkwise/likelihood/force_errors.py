@@ -19,7 +19,7 @@ from linkwise.likelihood.score_test import (
     candidate_forces,
     in_their_units,
 )
-from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tangent_forces import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.model.structure import Structure

@@ -20,11 +20,12 @@ from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, Sensors, V, X
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.shown_tangents import shown_tangents
-from linkwise.likelihood.tangents import CandidateForces, Single, tangents
+from linkwise.likelihood.tangent_forces import CandidateForces, Single
+from linkwise.likelihood.tangents import tangents
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
-_NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
+NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
 def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
@@ -93,7 +94,7 @@ class Linearization:
         equations = self.equations(q)
         nothing = np.zeros(len(equations.corner))
         nodes = np.einsum("kii->ki", equations.diagonal).copy()
-        for strength in (0.0, *_NEGLIGIBLE):
+        for strength in (0.0, *NEGLIGIBLE):
             factor = equations.factor(Damping(strength * nodes, nothing) if strength else None)
             if factor is not None:
                 return factor
@@ -149,15 +150,16 @@ def linearise(
             total += share
     data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
     if segments.prior is not None:
-        _add_prior(data, segments.prior, misfit.point, scales)
+        add_prior(data.corner, data.corner_gradient, segments.prior, misfit.point, scales)
     if segments.random is not None:
         _add_random_forces(data, segments.random, misfit.point, scales)
     return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], joined[:-1])
 
 
-def _add_prior(data: NormalBlocks, prior: Prior, point: Iterate, scales: Scales) -> None:
-    columns = add_prior_curvature(data.corner, prior, scales, len(point.theta))
-    data.corner_gradient[columns] += prior.gradient(point.border, scales.theta)
+def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
+    """Add the priors of unknowns to the border of a quadratic form, whose gradient is `gradient` (p,)."""
+    columns = add_prior_curvature(corner, prior, scales, len(point.theta))
+    gradient[columns] += prior.gradient(point.border, scales.theta)
 
 
 def add_prior_curvature(matrix: Floats, prior: Prior, scales: Scales, parameters: int) -> Indices:
@@ -169,7 +171,7 @@ def add_prior_curvature(matrix: Floats, prior: Prior, scales: Scales, parameters
 
 
 def _add_random_forces(data: NormalBlocks, random: RandomStates, point: Iterate, scales: Scales) -> None:
-    """Add the cost of random forces to their states, and its slope to the border, whose columns are as in `_add_prior`."""
+    """Add the cost of random forces to their states, and its slope to the border, whose columns are as in `add_prior`."""
     curvature = random.curvature(scales.state)
     data.state[:, random.rows, random.rows] += curvature.T
     data.right[-1][:, random.rows] -= (

@@ -17,10 +17,12 @@ from linkwise.expression import Program
 from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.normal_equations import add_prior_curvature, linearise
+from linkwise.likelihood.linear_model import linear_model
+from linkwise.likelihood.normal_equations import add_prior_curvature
 from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.segments import Segments
 from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tangent_forces import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.runtime import one_blas_thread
@@ -98,7 +100,9 @@ def augmented_quadratic(
     where the equations are singular.
     """
     segments = optimum.segments
-    linear = linearise(segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors)
+    linear = linear_model(
+        segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors
+    )
     factor = linear.factor(optimum.q)
     if factor is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
@@ -129,11 +133,17 @@ def candidate_forces(
     optimum: Optimum, misfit: Misfit, forces: Sequence[CandidateForce]
 ) -> tuple[CandidateForces, Floats]:
     """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
-    segments = optimum.segments
+    return candidates_along(optimum.segments, misfit, forces)
+
+
+def candidates_along(
+    segments: Segments, misfit: Misfit, forces: Sequence[CandidateForce]
+) -> tuple[CandidateForces, Floats]:
+    """`candidate_forces` along the orbit of `misfit`."""
     ends, middles = states_at_ends_and_middles(
         misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
     )
-    points = segments.system.at(optimum.point.theta).points
+    points = segments.system.at(misfit.point.theta).points
     ends, middles = (_with_points(motion, points) for motion in (ends, middles))
     first = np.array([force.first for force in forces], dtype=int)
     second = np.array([force.second for force in forces], dtype=int)

@@ -14,7 +14,7 @@ from linkwise.likelihood.flow import at_ends_and_middles
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.score_test import states_at_ends_and_middles
 from linkwise.likelihood.sensor_errors import SensorErrors, motion_of
-from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tangent_forces import CandidateForces
 from linkwise.model.parameters import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel

@@ -8,7 +8,8 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.flow import Trajectories
 from linkwise.likelihood.segments import Sensors
 from linkwise.likelihood.system import NumericSystem
-from linkwise.likelihood.tangents import Single, TangentStep
+from linkwise.likelihood.tangent_forces import Single
+from linkwise.likelihood.tangents import TangentStep
 
 
 def shown_tangents(

@@ -12,7 +12,7 @@ from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.score_test import AugmentedQuadratic
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.shape_errors import ShapeErrors
-from linkwise.likelihood.tangents import CandidateForces
+from linkwise.likelihood.tangent_forces import CandidateForces
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,190 @@
+"""Block tridiagonal normal equations with a border, node by node from both ends, for structures of many masses.
+
+The factor is that of `BorderedSystem` in another order: one thread eliminates the nodes from the first on, another from the
+last, and they meet in the middle. Blocks are dense, so that all of it is products and triangular solutions of blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, lapack
+
+from linkwise.arrays import Bools, Floats
+
+_AT_ONCE = 16  # nodes that are assembled together
+
+
+@dataclass(frozen=True, eq=False)
+class NodeBlocks:
+    """Of c nodes that follow each other: `diagonal` (c, m, m), `right` (c, p + 1, m) border and gradient, and `coupling`
+    (c, m, m) of the nodes that follow each (rows) with them (columns).
+    """
+
+    diagonal: Floats
+    right: Floats
+    coupling: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BlockEquations:
+    """K nodes of m states with a border of p unknowns.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        K and m.
+    blocks : callable
+        The `NodeBlocks` of the nodes from a first one up to a last one, not included; new arrays, which may be overwritten.
+    corner : array of shape (p, p)
+        Matrix of the border.
+    corner_gradient : array of shape (p,)
+        Its gradient.
+    remainder : callable
+        What a border (p,) leaves of the gradient of the nodes, (K, m).
+    """
+
+    shape: tuple[int, int]
+    blocks: Callable[[int, int], NodeBlocks]
+    remainder: Callable[[Floats], Floats]
+    corner: Floats
+    corner_gradient: Floats
+
+    def factor(self) -> BlockFactor | None:
+        """The Cholesky factor; None where the equations are not positive definite."""
+        K, m = self.shape
+        middle = K // 2
+        roots, links = np.empty((K, m, m)), np.empty((K, m, m))
+        halves = (
+            _Elimination(self, roots, links, range(middle)),
+            _Elimination(self, roots, links, range(K - 1, middle, -1)),
+        )
+        with ThreadPoolExecutor(1) as executor:
+            other = executor.submit(halves[1].run)
+            eliminated = halves[0].run()
+            if not (other.result() and eliminated):
+                return None
+        last = self.blocks(middle, middle + 1)
+        final = _Elimination(self, roots, links, range(middle, middle + 1))
+        for half in halves:
+            half.carry(last.diagonal[0], last.right[0])
+        if not final.eliminate(middle, last.diagonal[0], last.right[0]):
+            return None
+        moment = halves[0].moment + halves[1].moment + last.right[0] @ last.right[0].T
+        p = len(self.corner)
+        schur = self.corner - moment[:p, :p]
+        if not np.isfinite(schur).all():  # of tangents that overflowed
+            return None
+        return BlockFactor(self, roots, links, schur, self.corner_gradient - moment[p, :p])
+
+
+class _Elimination:
+    """Nodes eliminated one after the other: `roots` and `links` of each are filled, `moment` (p + 1, p + 1) is summed."""
+
+    def __init__(self, equations: BlockEquations, roots: Floats, links: Floats, nodes: range) -> None:
+        size = len(equations.corner) + 1
+        self.equations, self.roots, self.links, self.nodes = equations, roots, links, nodes
+        self.moment = np.zeros((size, size))
+        self.link: Floats | None = None  # (m, m) of the node behind with the last one that was eliminated
+        self.right: Floats | None = None  # (p + 1, m) of the latter
+
+    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
+    def run(self) -> bool:
+        """Eliminate all nodes; False where one is not positive definite."""
+        nodes, step = self.nodes, self.nodes.step
+        for begin in range(0, len(nodes), _AT_ONCE):
+            some = nodes[begin : begin + _AT_ONCE]
+            first, last = min(some[0], some[-1]), max(some[0], some[-1])
+            blocks = self.equations.blocks(first if step > 0 else first - 1, last + 1)
+            if step < 0:  # the links are with the nodes before
+                blocks = NodeBlocks(
+                    blocks.diagonal[1:], blocks.right[1:], blocks.coupling[:-1].transpose(0, 2, 1)
+                )
+            for node in some:
+                own = node - first
+                self.carry(blocks.diagonal[own], blocks.right[own])
+                if not self.eliminate(node, blocks.diagonal[own], blocks.right[own]):
+                    return False
+                self.links[node] = blocks.coupling[own]
+                _, info = lapack.dtrtrs(self.roots[node].T, self.links[node].T, lower=1, overwrite_b=1)
+                if info:
+                    return False
+                self.link, self.right = self.links[node], blocks.right[own]
+            rows = np.concatenate(list(blocks.right), axis=1)
+            self.moment += rows @ rows.T
+        return True
+
+    def carry(self, diagonal: Floats, right: Floats) -> None:
+        """Subtract what the last node that was eliminated leaves in the next one."""
+        if self.link is not None and self.right is not None:
+            diagonal -= self.link @ self.link.T
+            right -= self.right @ self.link.T
+
+    def eliminate(self, node: int, diagonal: Floats, right: Floats) -> bool:
+        """Root of a node's `diagonal` to `roots`, and `right` through it, in place."""
+        self.roots[node] = diagonal
+        _, info = lapack.dpotrf(self.roots[node].T, lower=1, clean=0, overwrite_a=1)
+        if info:
+            return False
+        _, info = lapack.dtrtrs(self.roots[node].T, right.T, lower=1, overwrite_b=1)
+        return not info
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFactor:
+    """Factor of `equations`: lower triangles of `roots` (K, m, m) transposed, `links` (K, m, m) of each node with the next to
+    be eliminated, and equations of the border, `schur` (p, p) and `reduced` (p,).
+    """
+
+    equations: BlockEquations
+    roots: Floats
+    links: Floats
+    schur: Floats
+    reduced: Floats
+
+    def solve(self, free: Bools, held: Floats | None = None) -> tuple[Floats, Floats] | None:
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `held` (p,), by default at zero.
+
+        None where the equations are not positive definite.
+        """
+        border = np.zeros(len(self.reduced)) if held is None else np.where(free, 0.0, held)
+        if free.any():
+            try:
+                root = cholesky(self.schur[np.ix_(free, free)], lower=True)
+            except np.linalg.LinAlgError:
+                return None
+            right = self.reduced[free] - self.schur[np.ix_(free, ~free)] @ border[~free]
+            border[free] = cho_solve((root, True), right)
+        return self.nodes(np.array(self.equations.remainder(border)[:, None], order="C"))[:, 0], border
+
+    def nodes(self, right: Floats) -> Floats:
+        """The solution (K, c, m) of the equations of the nodes alone; `right` (K, c, m) is overwritten."""
+        K = len(right)
+        middle = K // 2
+        order = (*range(middle), *range(K - 1, middle, -1))
+        for node in order:
+            self._through(node, right[node])
+            following = node + 1 if node < middle else node - 1
+            right[following] -= right[node] @ self.links[node].T
+        self._through(middle, right[middle])
+        self._through(middle, right[middle], transposed=True)
+        for node in reversed(order):
+            following = node + 1 if node < middle else node - 1
+            right[node] -= right[following] @ self.links[node]
+            self._through(node, right[node], transposed=True)
+        return right
+
+    def _through(self, node: int, right: Floats, *, transposed: bool = False) -> None:
+        lapack.dtrtrs(self.roots[node].T, right.T, lower=1, trans=int(transposed), overwrite_b=1)
+
+    def excess(self, border: Floats, free: Bools) -> float:
+        """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
+        return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
+
+    def log_determinant(self, free: Bools) -> float:
+        """Of the whole matrix, border restricted to `free`."""
+        _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
+        return 2.0 * float(np.log(np.einsum("kii->ki", self.roots)).sum()) + float(border)

@@ -1,0 +1,111 @@
+"""The linearised problem at a point, dense for few masses and local for many."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+
+import numpy as np
+
+from linkwise.arrays import Indices
+from linkwise.likelihood.bordered_system import BorderedFactor
+from linkwise.likelihood.local_equations import LocalFactor, LocalLinearization
+from linkwise.likelihood.local_products import local_linearization
+from linkwise.likelihood.local_rows import LocalRows
+from linkwise.likelihood.loss import Loss
+from linkwise.likelihood.neighbourhoods import clusters, neighbourhoods, reach
+from linkwise.likelihood.normal_equations import Linearization, linearise
+from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.segments import F, S, Scales, Segments
+from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.tangent_forces import CandidateForces
+
+LinearModel = Linearization | LocalLinearization
+Factor = BorderedFactor | LocalFactor
+
+_FEWEST = 12  # masses from which the parts of a structure are handled apart
+_WORTHWHILE = 0.7  # of the sensitivities of the whole: what groups may have of them
+
+
+def linear_model(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    executor: Executor | None = None,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+) -> LinearModel:
+    """Gauss-Newton blocks at a point.
+
+    Parameters
+    ----------
+    segments, misfit, scales, loss, executor, candidates, errors
+        As of `linearise`.
+
+    Returns
+    -------
+    Linearization or LocalLinearization
+        The latter where influences reach a small part of the structure within a segment.
+    """
+    if _separable(segments):
+        reached = reach(segments, misfit, scales)
+        origins = column_origins(segments, candidates, errors)
+        groups = neighbourhoods(segments, reached, clusters(segments.system), origins)
+        m, n = segments.system.dimension, len(segments.system.incidence)
+        handled = sum(len(group.masses) * group.size for group in groups)
+        if handled < _WORTHWHILE * n * (m + len(origins)):
+            rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
+            return local_linearization(rows, executor)
+    return linearise(segments, misfit, scales, loss, executor, candidates, errors)
+
+
+def _separable(segments: Segments) -> bool:
+    """Whether there are many masses, and nothing that acts on all of them at once."""
+    sensors = segments.sensors
+    hosts = len(segments.system.points) > 0 or sensors.shapes is not None
+    return (
+        len(segments.system.incidence) >= _FEWEST
+        and segments.random is None
+        and not hosts
+        and not sensors.gains
+        and not sensors.delays
+    )
+
+
+def column_origins(
+    segments: Segments, candidates: CandidateForces | None, errors: SensorErrors | None
+) -> list[Indices]:
+    """Of each column of the border the masses on which the unknown acts, or whose sensors it changes.
+
+    Parameters
+    ----------
+    segments, candidates, errors
+        As of `linear_model`.
+
+    Returns
+    -------
+    list of array of int
+        The masses.
+    """
+    system, sensors = segments.system, segments.sensors
+    touched = [np.flatnonzero(column) for column in system.incidence.T]
+    masses: list[set[int]] = [set() for _ in range(system.parameters.size)]
+    for link, column, _ in system.interactions:
+        masses[column] |= set(touched[link].tolist())
+    for mass, column in np.argwhere(system.parameters.mass_map).tolist():
+        masses[column].add(mass)
+
+    def of_channel(channel: int) -> set[int]:
+        place = int(sensors.mass[channel])
+        if sensors.kind[channel] not in (F, S):
+            return {place}
+        return set(touched[int(system.state_links[place]) if sensors.kind[channel] == S else place].tolist())
+
+    if candidates is not None:
+        ends = zip(candidates.first.tolist(), candidates.second.tolist(), strict=True)
+        masses += [{end for end in pair if end >= 0} for pair in ends]
+    if errors is not None:
+        masses += [of_channel(channel) for channel in errors.channel.tolist()]
+    for offset in range(sensors.offsets):
+        masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
+    return [np.array(sorted(each), dtype=int) for each in masses]

@@ -1,0 +1,284 @@
+"""Gauss-Newton normal equations of structures of many masses: blocks of groups of columns that meet in a row, no others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.block_factor import BlockEquations, BlockFactor, NodeBlocks
+from linkwise.likelihood.bordered_system import Damping
+from linkwise.likelihood.neighbourhoods import Neighbourhood
+from linkwise.likelihood.normal_equations import NEGLIGIBLE
+
+
+@dataclass(frozen=True, eq=False)
+class MeetingGroups:
+    """Two groups of columns, by number, whose columns meet in some rows: the places of these rows in each of them."""
+
+    first: int
+    second: int
+    channels: tuple[Indices, Indices]
+    rows: tuple[Indices, Indices]
+
+    @property
+    def groups(self) -> tuple[int, int]:
+        """The two."""
+        return self.first, self.second
+
+
+@dataclass(frozen=True, eq=False)
+class PairBlocks:
+    """What two groups of columns contribute: states (K, a, P') of the first with all columns of the second, and the border of
+    the first with the states (K, q, b) of the second.
+    """
+
+    upper: NDArray[Any]
+    lower: NDArray[Any]
+
+    @classmethod
+    def empty(cls, K: int, one: Neighbourhood, other: Neighbourhood, kind: type) -> PairBlocks:
+        """Room for K segments."""
+        return cls(
+            np.empty((K, len(one.states), other.size), kind),
+            np.empty((K, len(one.border), len(other.states)), kind),
+        )
+
+    def put(self, part: slice, product: NDArray[Any]) -> Floats:
+        """Store the product (k, P, P') of a chunk; returns what it adds to the corner."""
+        (_, a, _), (_, _, b) = self.upper.shape, self.lower.shape
+        self.upper[part], self.lower[part] = product[:, :a], product[:, a:, :b]
+        return np.asarray(product[:, a:, b:].sum(axis=0, dtype=float))
+
+
+@dataclass(frozen=True, eq=False)
+class LocalQuadraticForm:
+    """One quadratic form over scaled unknowns: `pairs` of blocks, `gradient` (K, m) of the nodes, and the border's `corner`
+    (p, p) and `corner_gradient` (p,).
+    """
+
+    pairs: Sequence[PairBlocks]
+    gradient: Floats
+    corner: Floats
+    corner_gradient: Floats
+
+
+class Order:
+    """The order of the unknowns, group by group, in the blocks: `states` (m,) and `border` (p,) by their numbers."""
+
+    def __init__(self, groups: Sequence[Neighbourhood]) -> None:
+        self.states = np.concatenate([group.states for group in groups])
+        self.border = np.concatenate([group.border for group in groups])
+        self.places = np.argsort(self.states)
+        self.of_states = _slices([len(group.states) for group in groups])
+        self.of_border = _slices([len(group.border) for group in groups])
+
+
+def _slices(sizes: Sequence[int]) -> list[slice]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalLinearization:
+    """Gauss-Newton model of a misfit as `Linearization` is, without the blocks that are zero.
+
+    Attributes
+    ----------
+    groups : sequence of Neighbourhood
+        The groups of columns.
+    pairs : sequence of MeetingGroups
+        Those that meet.
+    data, defects : LocalQuadraticForm
+        The data part, and the defects for q = 1 without the diagonal of the later node.
+    ends : sequence of array
+        For each group the ends of the segments by its columns, (K, r, P).
+    missed : array of shape (K, m)
+        The defects.
+    joined : array of shape (K,)
+        1 where a segment is linked with the next, else 0.
+    unconstrained : array of shape (K,)
+        1 for segments without data, which do not move, else 0.
+    """
+
+    groups: Sequence[Neighbourhood]
+    pairs: Sequence[MeetingGroups]
+    data: LocalQuadraticForm
+    defects: LocalQuadraticForm
+    ends: Sequence[NDArray[Any]]
+    missed: Floats
+    joined: Floats
+    unconstrained: Floats
+
+    def equations(self, q: float) -> LocalSystem:
+        """Normal equations with squared defects weighted by 1 / q^2."""
+        return LocalSystem(self, Order(self.groups), 1.0 / q**2)
+
+    def factor(self, q: float) -> LocalFactor | None:
+        """Factor of `equations`; of nodes that the samples hardly tell with the least on the diagonal that makes it one."""
+        equations = self.equations(q)
+        nothing = np.zeros(len(self.data.corner))
+        for strength in (0.0, *NEGLIGIBLE):
+            nodes = strength * self.diagonal(1.0 / q**2)
+            factor = equations.factor(Damping(nodes, nothing) if strength else None)
+            if factor is not None:
+                return factor
+        return None
+
+    def damping(self, strength: float) -> Damping | None:
+        """`strength` times the diagonal at q = 1, so that a trust region means the same at every q."""
+        if strength == 0.0:
+            return None
+        border = np.diag(self.data.corner + self.defects.corner)
+        return Damping(strength * self.diagonal(1.0), strength * border)
+
+    def diagonal(self, weight: float) -> Floats:
+        """(K, m) of the nodes, in the order of the blocks."""
+        order = Order(self.groups)
+        nodes = np.zeros(self.missed.shape)
+        for pair, data, defects in zip(self.pairs, self.data.pairs, self.defects.pairs, strict=True):
+            if pair.first == pair.second:
+                own = order.of_states[pair.first]
+                size = own.stop - own.start
+                nodes[:, own] = np.einsum("kii->ki", data.upper[:, :, :size])
+                nodes[:, own] += weight * np.einsum("kii->ki", defects.upper[:, :, :size])
+        nodes += self.unconstrained[:, None]
+        nodes[1:] += weight * self.joined[:-1, None]
+        return nodes
+
+
+@dataclass(frozen=True, eq=False)
+class LocalSystem:
+    """The normal equations of `linear` with squared defects weighted by `weight`, unknowns in `order`."""
+
+    linear: LocalLinearization
+    order: Order
+    weight: float
+
+    def factor(self, damping: Damping | None = None) -> LocalFactor | None:
+        """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite."""
+        border = self.order.border
+        corner = self.linear.data.corner + self.weight * self.linear.defects.corner
+        if damping is not None:
+            corner[range(len(corner)), range(len(corner))] += damping.border
+        equations = BlockEquations(
+            self.linear.missed.shape,
+            lambda first, last: self.blocks(first, last, damping),
+            self.remainder,
+            corner[np.ix_(border, border)],
+            self.corner_gradient[border],
+        )
+        factor = equations.factor()
+        return None if factor is None else LocalFactor(factor, self.order)
+
+    @property
+    def corner_gradient(self) -> Floats:
+        """(p,) gradient of the border."""
+        return np.asarray(
+            self.linear.data.corner_gradient + self.weight * self.linear.defects.corner_gradient
+        )
+
+    @property
+    def gradient(self) -> Floats:
+        """(K, m) gradient of the nodes, in the order of the blocks."""
+        gradient = self.linear.data.gradient + self.weight * self.linear.defects.gradient
+        gradient[1:] -= self.weight * self.linear.missed[:-1]
+        return gradient
+
+    def drop(self, nodes: Floats, border: Floats) -> float:
+        """g's: the reduction of the cost that a full Gauss-Newton step s = (nodes, border) predicts."""
+        return float(np.vdot(self.gradient, nodes[:, self.order.states]) + self.corner_gradient @ border)
+
+    def blocks(self, first: int, last: int, damping: Damping | None) -> NodeBlocks:
+        """The blocks of some nodes."""
+        linear, order, weight = self.linear, self.order, self.weight
+        some, m, p = slice(first, last), linear.missed.shape[1], len(order.border)
+        diagonal = np.zeros((last - first, m, m))
+        right = np.zeros((last - first, p + 1, m))
+        coupling = np.zeros((last - first, m, m))
+        for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
+            one, other = order.of_states[pair.first], order.of_states[pair.second]
+            upper = defects.upper[some] * weight
+            upper += data.upper[some]
+            b = other.stop - other.start
+            diagonal[:, one, other] = upper[:, :, :b]
+            right[:, order.of_border[pair.second], one] = upper[:, :, b:].transpose(0, 2, 1)
+            if pair.first != pair.second:
+                lower = defects.lower[some] * weight
+                lower += data.lower[some]
+                right[:, order.of_border[pair.first], other] = lower
+        before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
+        later = slice(before.start + 1 - first, None)
+        for number, group in enumerate(linear.groups):
+            rows, own = order.places[group.rows], order.of_states[number]
+            a = own.stop - own.start
+            coupling[:, rows, own] = linear.ends[number][some, :, :a].astype(float) * -weight
+            columns = np.arange(p)[order.of_border[number]]
+            if len(columns):
+                ends = linear.ends[number][before, :, a:].astype(float).transpose(0, 2, 1) * weight
+                right[later][:, columns[:, None], rows] -= ends
+        right[:, p] = self.linear.data.gradient[some] + weight * linear.defects.gradient[some]
+        right[later, p] -= weight * linear.missed[before]
+        on_diagonal = np.einsum("kii->ki", diagonal)
+        on_diagonal += linear.unconstrained[some, None]
+        on_diagonal[later] += weight * linear.joined[before, None]
+        if damping is not None:
+            on_diagonal += damping.nodes[some]
+        return NodeBlocks(diagonal, right, coupling)
+
+    def remainder(self, border: Floats) -> Floats:
+        """What a border (p,), in the order of the blocks, leaves of the gradient of the nodes, (K, m)."""
+        linear, order, weight = self.linear, self.order, self.weight
+        left = self.gradient
+        for form, factor in ((linear.data, 1.0), (linear.defects, weight)):
+            for pair, blocks in zip(linear.pairs, form.pairs, strict=True):
+                one, other = order.of_states[pair.first], order.of_states[pair.second]
+                b = other.stop - other.start
+                left[:, one] -= factor * (blocks.upper[:, :, b:] @ border[order.of_border[pair.second]])
+                if pair.first != pair.second:
+                    left[:, other] -= factor * (border[order.of_border[pair.first]] @ blocks.lower)
+        for number, group in enumerate(linear.groups):
+            a = len(group.states)
+            ends = linear.ends[number][:-1, :, a:] @ border[order.of_border[number]]
+            left[1:, order.places[group.rows]] += weight * ends
+        return left
+
+
+@dataclass(frozen=True, eq=False)
+class LocalFactor:
+    """A factor with its unknowns in the order of the structure."""
+
+    blocks: BlockFactor
+    order: Order
+
+    @property
+    def schur(self) -> Floats:
+        """(p, p) equations of the border."""
+        places = np.argsort(self.order.border)
+        return self.blocks.schur[np.ix_(places, places)]
+
+    @property
+    def reduced(self) -> Floats:
+        """(p,) gradient of the border."""
+        return self.blocks.reduced[np.argsort(self.order.border)]
+
+    def solve(self, free: Bools, held: Floats | None = None) -> tuple[Floats, Floats] | None:
+        """As `BorderedFactor.solve`."""
+        border = self.order.border
+        solved = self.blocks.solve(free[border], None if held is None else held[border])
+        if solved is None:
+            return None
+        return solved[0][:, self.order.places], solved[1][np.argsort(border)]
+
+    def excess(self, border: Floats, free: Bools) -> float:
+        """As `BorderedFactor.excess`."""
+        return self.blocks.excess(border[self.order.border], free[self.order.border])
+
+    def log_determinant(self, free: Bools) -> float:
+        """As `BorderedFactor.log_determinant`."""
+        return self.blocks.log_determinant(free[self.order.border])

@@ -1,0 +1,135 @@
+"""Products of the Jacobian of structures of many masses: those of groups of columns that meet in a row, no others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.local_equations import (
+    LocalLinearization,
+    LocalQuadraticForm,
+    MeetingGroups,
+    Order,
+    PairBlocks,
+)
+from linkwise.likelihood.local_rows import LocalRows
+from linkwise.likelihood.neighbourhoods import Neighbourhood
+from linkwise.likelihood.normal_equations import add_prior
+
+_AT_ONCE = 500_000  # numbers in the sensitivities of a chunk
+
+
+def local_linearization(rows: LocalRows, executor: Executor | None = None) -> LocalLinearization:
+    """Gauss-Newton blocks at a point, chunk by chunk of segments.
+
+    Parameters
+    ----------
+    rows : LocalRows
+        The Jacobian.
+    executor : Executor, optional
+        Threads.
+
+    Returns
+    -------
+    LocalLinearization
+        The blocks.
+    """
+    segments, groups = rows.segments, rows.groups
+    order, pairs, K = Order(groups), _pairs(groups), segments.count
+    data, defects = (_empty(K, groups, pairs, order, kind) for kind in (np.float32, np.float64))
+    joined = np.append(segments.linked, False).astype(float)
+    missed = np.zeros((K, len(order.states)))
+    missed[:-1] = rows.misfit.defects.reshape(len(order.states), -1).T
+    missed = missed[:, order.states] * joined[:, None]
+    ends = [np.empty((K, len(group.rows), group.size), np.float32) for group in groups]
+
+    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
+    def work(part: slice) -> list[list[Floats]]:
+        found, residuals = rows.part(part)
+        for kept, each in zip(ends, found, strict=True):
+            kept[part] = each.ends * joined[part, None, None].astype(np.float32)
+        exact = [kept[part].astype(float) for kept in ends]
+        slopes = []
+        for number, (group, own) in enumerate(zip(groups, found, strict=True)):
+            at, a = order.of_states[number], len(group.states)
+            by_data = _gradient(own.data, residuals[:, :, group.channels].astype(np.float32))
+            by_ends = _gradient(exact[number], missed[part][:, order.places[group.rows]])
+            data.gradient[part, at], defects.gradient[part, at] = by_data[:, :a], by_ends[:, :a]
+            slopes.append([by_data[:, a:].sum(axis=0, dtype=float), by_ends[:, a:].sum(axis=0)])
+        corners = [
+            [
+                data.pairs[number].put(part, _product([found[i].data for i in pair.groups], pair.channels)),
+                defects.pairs[number].put(part, _product([exact[i] for i in pair.groups], pair.rows)),
+            ]
+            for number, pair in enumerate(pairs)
+        ]
+        return slopes + corners
+
+    parts = _chunks(groups, K)
+    for sums in map(work, parts) if executor is None else executor.map(work, parts):
+        for form, kind in ((data, 0), (defects, 1)):
+            for group, each in zip(groups, sums, strict=False):
+                form.corner_gradient[group.border] += each[kind]
+            for pair, each in zip(pairs, sums[len(groups) :], strict=True):
+                one, other = (groups[i].border for i in pair.groups)
+                form.corner[np.ix_(one, other)] += each[kind]
+                if pair.first != pair.second:
+                    form.corner[np.ix_(other, one)] += each[kind].T
+    if segments.prior is not None:
+        add_prior(data.corner, data.corner_gradient, segments.prior, rows.misfit.point, rows.scales)
+    unconstrained = segments.unconstrained.astype(float)
+    return LocalLinearization(groups, pairs, data, defects, ends, missed, joined, unconstrained)
+
+
+def _empty(
+    K: int, groups: Sequence[Neighbourhood], pairs: Sequence[MeetingGroups], order: Order, kind: type
+) -> LocalQuadraticForm:
+    p = len(order.border)
+    return LocalQuadraticForm(
+        [PairBlocks.empty(K, groups[pair.first], groups[pair.second], kind) for pair in pairs],
+        np.zeros((K, len(order.states))),
+        np.zeros((p, p)),
+        np.zeros(p),
+    )
+
+
+def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:
+    """The pairs of groups whose columns meet."""
+    pairs = []
+    for first, one in enumerate(groups):
+        for second in range(first, len(groups)):
+            other = groups[second]
+            _, *channels = np.intersect1d(one.channels, other.channels, return_indices=True)
+            _, *rows = np.intersect1d(one.rows, other.rows, return_indices=True)
+            if len(channels[0]) or len(rows[0]):
+                pairs.append(MeetingGroups(first, second, (channels[0], channels[1]), (rows[0], rows[1])))
+    return pairs
+
+
+def _chunks(groups: Sequence[Neighbourhood], K: int) -> list[slice]:
+    """The segments in parts whose sensitivities stay in a core's cache, of the largest group at least."""
+    largest = max(2 * len(group.masses) * group.size for group in groups)
+    size = max(16, _AT_ONCE // largest // 16 * 16)
+    return [slice(first, min(first + size, K)) for first in range(0, K, size)]
+
+
+def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
+    """(k, P) products of rows (k, ..., P) with what they leave (k, ...)."""
+    k, size = len(rows), rows.shape[-1]
+    return np.asarray((missed.reshape(k, 1, -1) @ rows.reshape(k, -1, size))[:, 0])
+
+
+def _product(rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]) -> NDArray[Any]:
+    """(k, P, P') of two groups, from the rows (k, ..., r, P) that they have in `common`."""
+    one, other = (
+        each if len(which) == each.shape[-2] else np.take(each, which, axis=-2)
+        for each, which in zip(rows, common, strict=True)
+    )
+    k = len(one)
+    left, right = one.reshape(k, -1, one.shape[-1]), other.reshape(k, -1, other.shape[-1])
+    return np.asarray(left.transpose(0, 2, 1) @ right)

@@ -1,0 +1,225 @@
+"""Linearised equations of structures of many masses: local ones against those of the whole, on several graphs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from present import present
+
+import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.likelihood.fit import sensor_model
+from linkwise.likelihood.linear_model import column_origins, linear_model
+from linkwise.likelihood.local_equations import LocalLinearization
+from linkwise.likelihood.local_products import local_linearization
+from linkwise.likelihood.local_rows import LocalRows
+from linkwise.likelihood.loss import Gaussian
+from linkwise.likelihood.neighbourhoods import TOLERANCE, clusters, neighbourhoods, reach
+from linkwise.likelihood.normal_equations import Linearization, linearise
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.problem import ShootingProblem, shooting_problem
+from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.score_test import CandidateForce, candidates_along
+from linkwise.likelihood.sensor_errors import SensorErrors
+from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.model.law import Law
+from linkwise.signals.base_frame import framed
+
+HARD = Law.parse("k*d + k3*d**3 + c*v")
+RELAXATIONS = (1.0, 1e-2, 1e-5)
+NUMBER = lw.Coefficient.number
+
+
+def structure(name: str, pairs: Iterable[tuple[int, int]], count: int) -> lw.Structure:
+    """Masses of 1 kg with hardening links between pairs of them, -1 for the ground."""
+    links = tuple(
+        lw.Link(
+            f"l{number}",
+            (f"m{one}", "ground" if other < 0 else f"m{other}"),
+            HARD,
+            {"k": NUMBER(2e4 + 500.0 * number), "k3": NUMBER(3e7), "c": NUMBER(2.0)},
+        )
+        for number, (one, other) in enumerate(pairs)
+    )
+    return lw.Structure(name, tuple(lw.Mass(f"m{k}", NUMBER(1.0)) for k in range(count)), links)
+
+
+def grid(side: int) -> lw.Structure:
+    across = [(side * i + j, side * i + j + 1) for i in range(side) for j in range(side - 1)]
+    down = [(side * i + j, side * i + j + side) for i in range(side - 1) for j in range(side)]
+    return structure("grid", [(0, -1), *across, *down], side * side)
+
+
+def tree(count: int) -> lw.Structure:
+    return structure("tree", [(k, (k - 1) // 2 if k else -1) for k in range(count)], count)
+
+
+def star(count: int) -> lw.Structure:
+    return structure("star", [(k, 0 if k else -1) for k in range(count)], count)
+
+
+def with_memory(count: int) -> lw.Structure:
+    """A chain with a hysteretic link in its middle."""
+    chain = structure("chain with memory", [(k, k - 1) for k in range(count) if k != 5], count)
+    values = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.002, "s": 0.7}
+    joint = lw.named_law("bouc-wen").link(
+        "joint", ("m5", "m4"), {name: NUMBER(value) for name, value in values.items()}
+    )
+    return lw.Structure(chain.name, chain.masses, (*chain.links, joint))
+
+
+def shared(count: int) -> lw.Structure:
+    """A chain of which all links have the same damping."""
+    text = lw.format_structure(structure("shared", [(k, k - 1) for k in range(count)], count))
+    first, *others = text.split("c = 2.0")
+    return lw.parse_structure("c = 2.0".join([first, 'c = "=l0.c"'.join(others)]))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A structure whose coefficients are unknown, and masses; sensors of these kinds; channels with an unknown offset."""
+
+    make: Callable[[], lw.Structure]
+    masses: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ("x",)
+    offsets: tuple[str, ...] = ()
+
+
+CASES = {
+    "chain": Case(lambda: lw.bnes_chain(12)),
+    "tree": Case(lambda: tree(14)),
+    "grid": Case(lambda: grid(4), offsets=("x:m3", "x:m12")),
+    "star": Case(lambda: star(9)),
+    "shared coefficients and unknown masses": Case(lambda: shared(12), ("mass:m3", "mass:m11")),
+    "links with memory": Case(lambda: with_memory(10), sensors=("x", "state")),
+    "velocities and accelerations": Case(lambda: tree(12), sensors=("v", "a")),
+}
+
+
+@cache
+def problem(name: str) -> tuple[ShootingProblem, Misfit]:
+    """A short record's problem, away from the truth by 2 % of every coefficient."""
+    case = CASES[name]
+    true = case.make()
+    asked = true.unknown("all", *case.masses)
+    release = {f"v:{true.mass_names[k]}": (-1.0) ** k * (0.5 + 0.1 * k) for k in range(true.size)}
+    record = lw.simulate(true, release=release, duration=0.2, rate=1000.0, sensors=case.sensors)
+    record = record.with_noise(40.0, seed=1)
+    values = [
+        float(dict(zip(true.mass_names, true.mass_values, strict=True))[p.name.removesuffix(".mass")])
+        if p.name.endswith(".mass")
+        else present(true.coefficient(p.name).value)
+        for p in asked.parameters
+    ]
+    frames = (framed(record, asked),)
+    sensing = sensor_model(frames, LikelihoodOptions(offsets=case.offsets))
+    found = shooting_problem([frames[0].record], asked, 1.02 * np.array(values), None, sensing)
+    return found, evaluate(found.segments, found.start, found.scales, Gaussian())
+
+
+def both(
+    name: str, *, whole: bool, candidates: CandidateForces | None = None, errors: SensorErrors | None = None
+) -> tuple[LocalLinearization, Linearization]:
+    """Local and dense equations; the reach that of the record, or the `whole` structure."""
+    found, misfit = problem(name)
+    segments, scales, loss = found.segments, found.scales, Gaussian()
+    n = len(segments.system.incidence)
+    reached = np.ones((n, n), dtype=bool) if whole else reach(segments, misfit, scales)
+    origins = column_origins(segments, candidates, errors)
+    groups = neighbourhoods(segments, reached, clusters(segments.system), origins)
+    assert len(groups) > 1
+    local = local_linearization(LocalRows(segments, misfit, scales, loss, groups, candidates, errors))
+    return local, linearise(segments, misfit, scales, loss, candidates=candidates, errors=errors)
+
+
+def differences(local: LocalLinearization, dense: Linearization, q: float) -> tuple[float, float]:
+    """Largest difference of the border's steps, over the longest of them, in standard errors, and relative one of these."""
+    one, other = present(local.factor(q)), present(dense.factor(q))
+    free = np.ones(len(other.reduced), dtype=bool)
+    errors = np.sqrt(np.diag(np.linalg.inv(other.schur)))
+    steps: list[Floats] = [present(each.solve(free))[1] for each in (one, other)]
+    ratio = np.sqrt(np.diag(np.linalg.inv(one.schur))) / errors
+    longest = np.max(np.abs(steps[1]) / errors)
+    return float(np.max(np.abs(steps[0] - steps[1]) / errors) / longest), float(np.max(np.abs(ratio - 1.0)))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_blocks_are_those_of_the_whole_where_all_is_reached(name: str) -> None:
+    """The same numerics, in single precision, in another order."""
+    local, dense = both(name, whole=True)
+    one, other = present(local.factor(0.1)), present(dense.factor(0.1))
+    scale = np.sqrt(np.diag(other.schur))
+    assert np.max(np.abs(one.schur - other.schur) / np.outer(scale, scale)) < 1e-3
+    free = np.ones(len(other.reduced), dtype=bool)
+    free[1] = False
+    (nodes, border), (dense_nodes, dense_border) = (present(each.solve(free)) for each in (one, other))
+    assert border[1] == dense_border[1] == 0.0
+    assert np.max(np.abs(nodes - dense_nodes)) < 1e-3 * np.max(np.abs(dense_nodes))
+    drops = [each.equations(0.1).drop(nodes, border) for each in (local, dense)]
+    assert drops[0] == pytest.approx(drops[1], rel=1e-6)
+    assert one.log_determinant(free) == pytest.approx(other.log_determinant(free), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_left_out_hardly_moves_the_answer(name: str) -> None:
+    """A step by less than 2 % of the longest, in standard errors, and these by less than 1 %."""
+    local, dense = both(name, whole=False)
+    for q in RELAXATIONS:
+        step, error = differences(local, dense, q)
+        assert step < 20.0 * TOLERANCE
+        assert error < 10.0 * TOLERANCE
+
+
+@pytest.mark.parametrize("name", ["chain", "grid"])
+def test_candidates_and_errors_of_sensors(name: str) -> None:
+    """Forces between neighbours, between masses far from each other, and to the ground; two kinds of errors."""
+    found, misfit = problem(name)
+    n = len(found.segments.system.incidence)
+    laws = [Law.parse(text) for text in ("d**2", "v*abs(v)")]
+    pairs = [(1, 0), (n - 1, 0), (n // 2, -1), (2, 1)]
+    forces = [CandidateForce(first, second, law) for first, second in pairs for law in laws]
+    candidates, _ = candidates_along(found.segments, misfit, forces)
+    errors = SensorErrors.of(found.segments, misfit)
+    local, dense = both(name, whole=False, candidates=candidates, errors=errors)
+    one, other = present(local.factor(0.1)), present(dense.factor(0.1))
+    scale = np.sqrt(np.diag(other.schur))
+    assert len(scale) == found.segments.parameters + len(forces) + len(errors.kind)
+    assert np.max(np.abs(one.schur - other.schur) / np.outer(scale, scale)) < 10.0 * TOLERANCE
+    assert np.max(np.abs(one.reduced - other.reduced) / scale) < 10.0 * TOLERANCE * np.max(
+        np.abs(other.reduced) / scale
+    )
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_reach_leaves_out_what_is_small_in_every_segment(name: str) -> None:
+    """Dense Jacobians of all segments: what no group reaches is below three times the tolerance."""
+    found, misfit = problem(name)
+    segments, scales = found.segments, found.scales
+    reached = reach(segments, misfit, scales)
+    dense = linearise(segments, misfit, scales, Gaussian())
+    n = len(reached)
+    units = np.abs(dense.state_ends)
+    by_mass = np.maximum(
+        np.maximum(units[:, :n, :n], units[:, n : 2 * n, :n]) / units[:, : 2 * n, :n].max(axis=(0, 1)),
+        np.maximum(units[:, :n, n : 2 * n], units[:, n : 2 * n, n : 2 * n])
+        / units[:, : 2 * n, n : 2 * n].max(axis=(0, 1)),
+    ).max(axis=0)
+    assert np.max(by_mass, where=~reached, initial=0.0) < 3.0 * TOLERANCE
+    assert reached.diagonal().all()
+
+
+def test_few_masses_and_dense_graphs_stay_dense() -> None:
+    for true, local in ((lw.bnes_chain(6), False), (star(20), False), (lw.bnes_chain(20), True)):
+        asked = true.unknown("all")
+        record = lw.simulate(true, release={"v:" + true.mass_names[0]: 1.0}, duration=0.1, rate=1000.0)
+        record = record.with_noise(40.0, seed=1)
+        frames = (framed(record, asked),)
+        theta = np.array([present(true.coefficient(p.name).value) for p in asked.parameters])
+        found = shooting_problem([record], asked, theta, None, sensor_model(frames, LikelihoodOptions()))
+        misfit = evaluate(found.segments, found.start, found.scales, Gaussian())
+        linear = linear_model(found.segments, misfit, found.scales, Gaussian())
+        assert isinstance(linear, LocalLinearization) is local
