@@ -15,7 +15,7 @@ import linkwise as lw
 PATIENCE = (
     120.0  # s after which a process that takes one or two on an idle machine is ended as one that hangs
 )
-PAUSE = 0.01  # s between two looks at what others do
+PAUSE = 0.03  # s between two looks at what others do, each of which reads all rows
 LOOKS = 12_000  # after which nothing happens any more; a busy machine looks less often
 AT_START = (
     0,
@@ -23,9 +23,10 @@ AT_START = (
 )  # these kills come while workers are starting, the first of them maybe before there is a folder
 
 
-def start(study: Path, folder: Path) -> subprocess.Popen[str]:
-    """A coordinator with two workers, in a process of its own."""
-    command = [sys.executable, "-m", "linkwise", "study", str(study), "--workers", "2", "-o", str(folder)]
+def start(study: Path, folder: Path, slots: int = 2) -> subprocess.Popen[str]:
+    """A coordinator with so many workers, in a process of its own."""
+    asked = ["--workers", str(slots), "-o", str(folder)]
+    command = [sys.executable, "-m", "linkwise", "study", str(study), *asked]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -96,15 +97,15 @@ def check_kept(before: tuple[lw.Row, ...], folder: Path) -> tuple[lw.Row, ...]:
     return now
 
 
-def killed(study: Path, folder: Path, kills: int, most: int) -> str:
-    """Run a study to its end though it is killed so often, coordinator and one of its workers in turn, at random moments, up
-    to `most` rows apart; what it printed at last.
+def killed(study: Path, folder: Path, kills: int, most: int, slots: int = 2) -> str:
+    """Run a study to its end though it is killed so often, coordinator and one of its `slots` workers in turn, at random
+    moments, up to `most` rows apart; what it printed at last.
 
     Checks on the way that no row is lost or made twice, and that workers end with their coordinator.
     """
     chance = random.Random(1000)
     kept: tuple[lw.Row, ...] = ()
-    coordinator = start(study, folder)
+    coordinator = start(study, folder, slots)
     struck = 0
     for kill in range(kills):
         if kill not in AT_START:  # they must not all hit workers that have just begun
@@ -118,7 +119,7 @@ def killed(study: Path, folder: Path, kills: int, most: int) -> str:
             strike(coordinator.pid)
             coordinator.communicate()
             wait_for_the_end_of(team)
-            coordinator = start(study, folder)
+            coordinator = start(study, folder, slots)
         kept = check_kept(kept, folder)
     out, err = coordinator.communicate()
     assert coordinator.returncode == 0 and err == "", err

@@ -83,7 +83,9 @@ def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
 @pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base"), ("x", "x:base")], ids=str)
 def test_gain_and_delay_of_the_base_are_told(sensors: tuple[str, ...]) -> None:
     """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %)."""
-    record, base = measured(*sensors, duration=8.0), sensors[1]
+    base = sensors[1]
+    duration = 8.0 if base == "x:base" else 4.0  # s; a displacement shows less of the fast motion
+    record = measured(*sensors, duration=duration)
     motion = record.channel(base)
     signal = lw.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))
