@@ -222,8 +222,8 @@ _LOAD = lw.Link("load", ("m1", "ground"), Law.parse("f0"), {"f0": lw.Coefficient
 PROBLEMS = {
     problem.name: problem
     for problem in (
-        Problem("two masses, 20 dB", lw.bnes_chain(2), _HIT, 20.0),
-        Problem("four masses, 20 dB", lw.bnes_chain(4), {"release": {"v:m1": 3.0}}, 20.0),
+        Problem("two masses, 20 dB", lw.bnes_chain(2), _HIT, 20.0, 4.0),
+        Problem("four masses, 20 dB", lw.bnes_chain(4), {"release": {"v:m1": 3.0}}, 20.0, 4.0),
         Problem("two masses, 40 dB, sampled twice as often", lw.bnes_chain(2), _HIT, 40.0, 3.0, 2000.0),
         Problem(
             "linear, hardening and quadratic links",

@@ -283,7 +283,7 @@ def test_two_records_of_one_structure_tell_together(four: lw.Record) -> None:
 def test_what_was_summed_up_is_not_trusted_even_where_it_is_right(sensor: str) -> None:
     """Neither velocity nor acceleration says where its mass is: the two-mass chain is found, longer ones often are not."""
     chain = lw.bnes_chain(2)
-    record = chain_record(2, sensors=(sensor,)).with_noise(30.0, seed=1000)
+    record = chain_record(2, duration=DURATION, sensors=(sensor,)).with_noise(30.0, seed=1000)
     found = lw.discover(record, masses(chain))
     assert terms(found.structure) == terms(chain)
     assert lw.Verdict.DISPLACEMENTS_INTEGRATED in found.verdicts and not found.trusted

@@ -21,7 +21,7 @@ INPUTS = 40  # all families and kinds; `make fuzz` throws 10 000
 
 def test_nothing_that_must_not_comes_of_a_few_inputs() -> None:
     wrong = {}
-    for seed, outcome in pool.outcomes(range(INPUTS), 2):
+    for seed, outcome in pool.outcomes(range(INPUTS), 1):
         if found := complaints(make_case(seed), outcome):
             wrong[seed] = found
     assert wrong == {}
