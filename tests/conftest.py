@@ -6,6 +6,7 @@ import gc
 import os
 import shutil
 import signal
+from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,6 +27,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 COMPILED = "HEYOKA_CACHE_DIR"  # where heyoka keeps machine code between processes
+PIXEL = b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+)  # a PNG
 LARGEST_CACHE = 2**28  # bytes: a few runs of all tests; each process that compiles reads all of it
 
 
@@ -52,6 +56,14 @@ def _readers_are_copies() -> Iterator[None]:
     """Files that are read in a process of their own are read in a copy of this one: tests/files/test_isolated.py starts it."""
     with processes_are_copies("linkwise.files.isolated"):
         yield
+
+
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn and not rendered, for tests of what stands beside them: that takes most of the time of a folder."""
+    monkeypatch.setattr(
+        "linkwise.plot.style.encoded", lambda figure: (PIXEL, b"<svg xmlns='http://www.w3.org/2000/svg'/>")
+    )
 
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared"

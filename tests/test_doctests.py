@@ -11,6 +11,8 @@ from here import studies_here
 
 import linkwise as lw
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 PACKAGE = Path(lw.__file__).parent
 TEXTS = {
     ".".join(("linkwise", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): text

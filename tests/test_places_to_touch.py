@@ -31,6 +31,8 @@ from linkwise.report.estimate_page import SECTIONS
 from linkwise.report.section import Reported, Section
 from linkwise.sindy.regression import REGRESSORS
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 class Places:
     """What a test adds: `files` are new modules, `lines` are entries in registries."""
@@ -179,7 +181,6 @@ REGRESSORS.register("ridge", "extra_ridge:Ridge")  # the workers of the study co
 
 if __name__ == "__main__":
     lw.run_study(lw.read_study("ridge.toml"), "study", workers=1)
-    lw.write_study_report("study")
 """
 
 
@@ -215,7 +216,7 @@ def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> Non
     (tmp_path / "ridge.toml").write_text(RIDGE_STUDY, encoding="utf-8")
     places.script(RIDGE_SCRIPT, tmp_path)
     assert [row.status for row in lw.read_rows(tmp_path / "study")] == ["converged", "converged"]
-    page = (tmp_path / "study" / "report.html").read_text(encoding="utf-8")
+    page = lw.write_study_report(tmp_path / "study").read_text(encoding="utf-8")
     assert "least squares with an L2 penalty" in page
 
 

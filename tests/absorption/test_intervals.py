@@ -15,6 +15,8 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.cli import run
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 TRIAL: dict[str, Any] = {"duration": 1.0, "rate": 500.0, "release": {"v:m1": 1.0}}
 
 

@@ -17,6 +17,8 @@ import linkwise as lw
 from linkwise.absorption import ensemble as survey_module
 from linkwise.cli import run
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 TRIAL = ["--duration", "1", "--rate", "500", "--release", "v:m1=1.0"]
 
 

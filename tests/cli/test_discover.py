@@ -20,6 +20,8 @@ from linkwise.cli import run
 from linkwise.discovery.terms import FAMILIES
 from linkwise.likelihood import anneal, damped_step
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 command = import_module("linkwise.cli.discover")  # the package holds the command under that name
 MASSES = ["--mass", "m1=1.0", "--mass", "m2=10 g"]
 

@@ -11,6 +11,8 @@ import pytest
 import linkwise as lw
 from linkwise.cli import run
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 LINK = """
 [[mass]]
 name = "store"

@@ -12,6 +12,8 @@ import pytest
 import linkwise as lw
 from linkwise.cli import run
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure, fitted: lw.Estimate) -> Path:

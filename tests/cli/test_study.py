@@ -16,7 +16,7 @@ from small_study import DIVERGING, small
 import linkwise as lw
 from linkwise.cli import linkwise, run
 
-pytestmark = pytest.mark.usefixtures("here")
+pytestmark = pytest.mark.usefixtures("here", "unrendered")
 command = import_module("linkwise.cli.study")  # the package holds the command under that name
 
 

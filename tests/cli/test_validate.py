@@ -11,6 +11,8 @@ import pytest
 import linkwise as lw
 from linkwise.cli import run
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 FORCE = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
 
 

@@ -13,6 +13,8 @@ from problems import chain_record
 
 import linkwise as lw
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 def oscillator(k: float = 900.0, k3: float = 2e6, c: float = 2.0) -> lw.Structure:
     given = {name: lw.Coefficient.number(value) for name, value in {"k": k, "k3": k3, "c": c}.items()}

@@ -256,6 +256,7 @@ def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: P
     assert re.findall(r'<(?:script|link|img|iframe)[^>]*\b(?:src|href)="(?!data:)', page) == []
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_page_of_a_bad_answer_says_so(discovered: lw.Discovery, tmp_path: Path) -> None:
     bad = replace(
         discovered,

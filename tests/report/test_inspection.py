@@ -13,6 +13,8 @@ from record_faults import chain
 import linkwise as lw
 from linkwise.cli import run
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 @pytest.fixture(scope="module")
 def clipped() -> lw.Record:

@@ -16,6 +16,8 @@ from linkwise.report.estimate_page import estimate_page
 from linkwise.report.section import Reported
 from linkwise.text import format_value
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 @pytest.fixture(scope="module")
 def folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:

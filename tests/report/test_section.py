@@ -17,6 +17,8 @@ from linkwise.registry import Registry
 from linkwise.report import absorption_page, discovery_page, estimate_page
 from linkwise.report.section import Build, Reported, Section, figure_section, sections_of, write_figures
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 FUNCTION = '''
 from linkwise.plot.style import sheet
 

@@ -22,6 +22,8 @@ from linkwise.report.study_page import StudyReport, percent, study_page
 from linkwise.study.row import FAILED, Case, Row
 from linkwise.study.toml_file import parse_study
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 STUDY = paper_study()
 MINE = """
 name = "mine"

@@ -12,6 +12,8 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.cli import run
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 CHAIN = lw.bnes_chain(2)
 MASSES = {"m1": 1.0, "m2": 0.01}
 
