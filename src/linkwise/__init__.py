@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from linkwise.estimates.uncertainty import Posterior, read_posterior
     from linkwise.expression.tree import Expression
     from linkwise.files import read_record, write_record
+    from linkwise.files.mapping import RecordMapping, read_mapping
     from linkwise.identification.force_error import nmse
     from linkwise.identification.identify import identify
     from linkwise.identification.law_path import LawStep, law_path
@@ -104,6 +105,8 @@ if TYPE_CHECKING:
     from linkwise.records.delays import without_delays
     from linkwise.records.joining import beside
     from linkwise.records.record import Record
+    from linkwise.records.sensor_statement import SensorStatement, StatedError
+    from linkwise.records.sensor_uncertainty import SensorUncertainty
     from linkwise.records.truth import EnergyBalance, MotionDiagnostics, SimulationTruth
     from linkwise.report.absorption_folder import write_absorption, write_absorption_map
     from linkwise.report.absorption_json import absorption_of
@@ -230,16 +233,20 @@ __all__ = [
     "RandomForceEstimate",
     "Record",
     "RecordError",
+    "RecordMapping",
     "RegressionFit",
     "Regressor",
     "Row",
     "RunnerUp",
     "Sampled",
+    "SensorStatement",
+    "SensorUncertainty",
     "SimulationError",
     "SimulationTruth",
     "Sink",
     "SinkResult",
     "StateRate",
+    "StatedError",
     "States",
     "Stlsq",
     "StreamedSystem",
@@ -297,6 +304,7 @@ __all__ = [
     "parse_terms",
     "plot",
     "profile_interval",
+    "read_mapping",
     "read_matrix",
     "read_modes",
     "read_partial_structure",

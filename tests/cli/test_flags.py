@@ -35,4 +35,8 @@ def test_a_record_that_cannot_be_read_names_the_flags(
     record.write_text("left\n" + "0.0\n" * 40)
     assert run(["structure", "bnes", "--dof", "2", "--unknown", "nes", "-o", str(structure)]) == 0
     assert run(["identify", str(record), str(structure)]) == 2
-    assert capsys.readouterr().err.rstrip().endswith("On the command line: --channel NAME=COLUMN.")
+    assert (
+        capsys.readouterr()
+        .err.rstrip()
+        .endswith("On the command line: --channel NAME=COLUMN, --mapping FILE.")
+    )

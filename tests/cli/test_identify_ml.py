@@ -134,7 +134,7 @@ def test_a_delay_is_found_or_taken_out(files: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--delay", "x:m2", "--method", "weak"), "--delay x:m2 without a time is for --method ml"),
+        (("--delay", "x:m2", "--method", "weak"), "--delay x:m2 is for --method ml, not for weak"),
         (("--delay", "x:m2=2 kg"), "--delay x:m2=2 kg: '2 kg' is in kg"),
         (("--calibration", "x:m1=often"), "--calibration takes a percentage"),
         (("--calibration", "x:m1"), "--calibration"),
@@ -285,7 +285,14 @@ def test_classical_choices_reach_the_fit(files: Path) -> None:
         (["--robust", "brave"], "'brave' is not one of"),
         (["--with", "nowhere.csv"], "nowhere.csv"),
         (["--noise-of", "x:m1"], "--noise-of 'x:m1' is not NAME=VALUE"),
-        (["--noise-of", "x:m1=loud"], "--noise-of: 'loud' is not a number"),
+        (["--noise-of", "x:m1=loud"], "--noise-of x:m1=loud: 'loud' cannot be read as a quantity"),
+        (["--offset", "x:m1=much"], "--offset x:m1=much: 'much' cannot be read as a quantity"),
+        (
+            ["--offset", "x:m1=3 mm+-"],
+            "write '0.3 m' for a known offset, '0.3 m +- 0.3 m' for one that is known to within",
+        ),
+        (["--gain", "x:m1="], "--gain 'x:m1=' is not CHANNEL or CHANNEL=SIZE"),
+        (["--gain", "x:m1", "--gain", "x:m1=2"], "--gain is given twice for 'x:m1'"),
         (["--noise-of", "x:m7=1e-4"], "x:m7"),
     ],
 )
@@ -301,11 +308,11 @@ def test_wrong_usage_is_one_paragraph_and_exit_code_2(
 def test_an_offset_of_a_channel_that_is_not_there_fails_with_a_reason(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(arguments(files, "--offset", "x:m9")) == 1
-    assert "of x:m9 can be estimated: the record has x:m1, x:m2" in capsys.readouterr().err
+    assert run(arguments(files, "--offset", "x:m9")) == 2
+    assert "channel x:m9: is not in the record, and something is stated of it" in capsys.readouterr().err
 
 
 def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["identify", "--help"]) == 0
     out = capsys.readouterr().out
-    assert out.count("linkwise identify run.csv unknown.toml") == 9 and "--profile" in out
+    assert out.count("linkwise identify run.csv unknown.toml") == 10 and "--profile" in out

@@ -14,16 +14,15 @@ from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.options import (
     FILE,
-    RecordOptions,
     folder_option,
     grouped,
     json_option,
     keyword_group,
     pairs,
-    record_options,
     truth_option,
 )
-from linkwise.cli.sensor_options import sensor_options, with_delays
+from linkwise.cli.reading_options import RecordOptions, record_options
+from linkwise.cli.sensor_options import sensor_options
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -43,20 +42,25 @@ class PriorOptions:
     terms: str | None
     more: tuple[Path, ...]
 
-    def masses(self) -> lw.PartialStructure | dict[str, float | str]:
-        """The masses by name, or what a file knows of the structure; UsageError for neither and for both."""
+    def masses(self, mapping: lw.RecordMapping) -> lw.PartialStructure | dict[str, float | str]:
+        """The masses by name, or what a file knows of the structure; UsageError for neither and for both.
+
+        Those of the mapping file are taken where no option gives any.
+        """
         if self.structure is not None and self.mass:
             raise click.UsageError(
                 "The masses stand in the file of --structure: leave --mass out, or the file."
             )
         if self.structure is not None:
             return lw.read_partial_structure(self.structure)
-        if not self.mass:
+        if not self.mass and not mapping.masses:
             raise click.UsageError(
                 f'Give every mass by name, as in --mass {EXAMPLE} --mass "m2=10 g" (ratios will do for forces in '
-                "those units), or a file with --structure."
+                "those units), in the table [mass] of a file with --mapping, or in a file with --structure."
             )
-        return {name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()}
+        return dict(mapping.masses) | {
+            name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
+        }
 
     def options(self, sensors: dict[str, Any]) -> lw.DiscoveryOptions:
         """The options of `linkwise.discover`, with errors of `sensors`; UsageError for invalid terms."""
@@ -155,11 +159,11 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
       linkwise discover run.csv --structure known.toml --with run2.csv --json
+      linkwise discover run.csv --mapping sensors.toml
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --calibration all=1%
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
     """
-    source, sensors = with_delays(source, sensors)
-    masses, options = prior.masses(), prior.options(sensors)
+    masses, options = prior.masses(source.record_mapping()), prior.options(sensors)
     process = drawing_beside(output, "linkwise.report.discovery_folder:DISCOVERY_FOLDER")
     names = tuple(masses) if isinstance(masses, dict) else tuple(mass.name for mass in masses.masses)
     true = None if truth is None else _true(truth, names)

@@ -11,6 +11,8 @@ from linkwise.errors import LinkwiseError, SimulationError
 
 FLAGS = {
     "channels": "--channel NAME=COLUMN",
+    "mapping": "--mapping FILE",
+    "header": "--header LINE",
     "rate": "--rate HZ",
     "resample": "--resample HZ",
     "earliest": "--from S",

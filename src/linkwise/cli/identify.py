@@ -13,18 +13,17 @@ from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.options import (
     FILE,
-    RecordOptions,
     RegisteredChoice,
     folder_option,
     grouped,
     json_option,
     keyword_group,
     option_name,
-    record_options,
     truth_option,
 )
 from linkwise.cli.random_force_options import RANDOM_FORCE_OPTIONS
-from linkwise.cli.sensor_options import sensor_options, with_delays
+from linkwise.cli.reading_options import RecordOptions, record_options
+from linkwise.cli.sensor_options import sensor_options
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
 from linkwise.sindy.regression import REGRESSORS
@@ -131,7 +130,8 @@ def identify(
     Examples:
       linkwise identify run.csv unknown.toml -o answer
       linkwise identify run.csv unknown.toml --with run2.csv --offset x:m1 --profile
-      linkwise identify run.csv unknown.toml --calibration all=1%
+      linkwise identify run.csv unknown.toml --mapping sensors.toml --decimate 4
+      linkwise identify run.csv unknown.toml --calibration all=1% --offset x:m1=+-0.1mm
       linkwise identify run.csv unknown.toml --delay x:m2
       linkwise identify run.csv unknown.toml --ambient all
       linkwise identify run.csv unknown.toml --input-noise force:m1=0.5
@@ -139,11 +139,8 @@ def identify(
       linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    if source.unknown_delays and chosen.method != "ml":
-        raise click.UsageError(
-            f"--delay {source.unknown_delays[0]} without a time is for --method ml, not for {chosen.method}."
-        )
-    source, ml = with_delays(source, ml)
+    if source.errors_to_find and chosen.method != "ml":
+        raise click.UsageError(f"{source.errors_to_find[0]} is for --method ml, not for {chosen.method}.")
     estimator = _estimator(chosen, ml, sindy)
     process = drawing_beside(output, "linkwise.report.estimate_folder:ESTIMATE_FOLDER")
     subject = lw.read_structure(structure)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import click
 
@@ -12,12 +12,15 @@ import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, progress, tell
 from linkwise.cli.flags import FLAGS
-from linkwise.cli.options import FILE, READING, ReadingOptions, folder_option, grouped
+from linkwise.cli.options import FILE, folder_option, grouped
+from linkwise.cli.reading_options import READING, ReadingOptions
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
+    from linkwise import files
     from linkwise.report import inspection_folder as folders
 else:
+    files = lazy_module("linkwise.files")
     folders = lazy_module("linkwise.report.inspection_folder")  # figures are for those who want a folder
 
 MENDED_BY = {
@@ -35,6 +38,26 @@ class RecordsOptions(ReadingOptions):
     """Files of records and how to read them."""
 
     records: tuple[Path, ...]
+    write_mapping: Path | None
+
+    def with_first_mapping(self) -> Self | None:
+        """These options, with the mapping file that was asked for; None where it names no channel yet."""
+        if self.write_mapping is None:
+            return self
+        if self.mapping is not None:
+            raise click.UsageError(
+                "--write-mapping writes a first mapping file, and --mapping names one: leave one out."
+            )
+        for guess in files.write_first_mapping(
+            self.records[0], self.write_mapping, self.record_mapping().header
+        ):
+            tell(f"note: {guess}")
+        options = replace(self, mapping=self.write_mapping)
+        tell(
+            f"a mapping file was written to {self.write_mapping}: edit it, then give --mapping {self.write_mapping}"
+        )
+        mapped = options.record_mapping().channels
+        return options if any(not name.startswith("time") for name in mapped) else None
 
 
 records_options = grouped(
@@ -42,6 +65,12 @@ records_options = grouped(
     "source",
     click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE),
     *READING,
+    click.option(
+        "--write-mapping",
+        metavar="FILE",
+        type=FILE,
+        help="Write a first mapping file, with quantities guessed from units and names, to be edited and given as --mapping.",
+    ),
 )
 
 
@@ -58,8 +87,15 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
     Examples:
       linkwise inspect run.csv
       linkwise inspect run1.csv run2.csv -o looked
+      linkwise inspect logger.csv --write-mapping sensors.toml
+      linkwise inspect logger.csv --mapping sensors.toml
       linkwise inspect logger.csv --channel "x:m1[mm]=Laser 1" --channel "time[ms]=Time" --json
     """
+    source.refuse_unknown_errors()
+    mapped = source.with_first_mapping()
+    if mapped is None:
+        return
+    source = mapped
     process = drawing_beside(output, "linkwise.report.inspection_folder:INSPECTION_FOLDER", "inspection.json")
     with progress("reading") as step:
         records = []

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from linkwise.cli.options import RecordOptions, comma_separated, pairs
+from linkwise.cli.options import comma_separated, pairs
 
 
 def _calibration(
@@ -29,20 +29,6 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
     """The options, with a `remark` at the end of what each does."""
     return (
         click.option(
-            "--offset",
-            "offsets",
-            metavar="CHANNEL",
-            multiple=True,
-            help=f"Find a constant error of this channel too{remark}. Repeatable.",
-        ),
-        click.option(
-            "--gain",
-            "gains",
-            metavar="CHANNEL",
-            multiple=True,
-            help=f"Find a constant factor of this channel too{remark}. Repeatable.",
-        ),
-        click.option(
             "--calibration",
             metavar="CHANNEL=PERCENT%",
             multiple=True,
@@ -59,10 +45,3 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             help=f"Errors of sensors that are taken into the model where the diagnosis names them{remark}.",
         ),
     )
-
-
-def with_delays(source: RecordOptions, sensors: dict[str, Any]) -> tuple[RecordOptions, dict[str, Any]]:
-    """How to read a record without the delays that are to be found, and the options of `sensors` with them."""
-    if not source.unknown_delays:
-        return source, sensors
-    return source.with_known_delays(), {**sensors, "delays": source.unknown_delays}

@@ -10,7 +10,8 @@ import click
 import linkwise as lw
 from linkwise.atomic import VALIDATION, to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
-from linkwise.cli.options import POSITIVE, RecordOptions, folder_option, json_option, record_options
+from linkwise.cli.options import POSITIVE, folder_option, json_option
+from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ def validate(
       linkwise validate run.csv answer --from 4 --burn 0.2
       linkwise validate second.csv answer/structure.toml --json
     """
+    source.refuse_unknown_errors()
     process = drawing_beside(output, "linkwise.report.validation_folder:VALIDATION_FOLDER", VALIDATION)
     subject = answers.ValidatedAnswer.of(answer)
     with progress("reading") as step:

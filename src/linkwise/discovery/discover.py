@@ -27,8 +27,9 @@ from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
+from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.stated_errors import errors_to_find
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
@@ -126,10 +127,13 @@ def discover(
     records = [_channels_of(record, candidates.masses) for record in records]
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     sensors = LikelihoodOptions(
-        offsets=chosen.offsets,
-        gains=chosen.gains,
-        calibration=by_channel(chosen.calibration, records[0].responses),
-        delays=chosen.delays,
+        **errors_to_find(
+            records,
+            offsets=chosen.offsets,
+            gains=chosen.gains,
+            calibration=chosen.calibration,
+            delays=chosen.delays,
+        )
     )
     discovery = answer_with_sensors(
         partial(_found, candidates, checks, progress), records, sensors, chosen.admit, _Found.reported
@@ -234,7 +238,7 @@ def check_discovery(
     chosen = DiscoveryOptions.given(options, keywords)
     records = [record] if isinstance(record, Record) else list(record)
     candidates = candidates_for(records, masses, chosen.terms)
-    by_channel(chosen.calibration, records[0].responses)  # refuses those of other channels
+    errors_to_find(records, calibration=chosen.calibration)  # refuses those of other channels
     return _checked(records, candidates).remarks
 
 

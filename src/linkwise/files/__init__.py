@@ -14,7 +14,10 @@ from types import ModuleType
 from linkwise.atomic import FullDiskError, atomic_file, check_file, is_disk_fault
 from linkwise.errors import OutputError, RecordError
 from linkwise.files.assemble import ReadOptions, to_record
+from linkwise.files.first_mapping import first_mapping
 from linkwise.files.isolated import read_here, read_isolated
+from linkwise.files.mapping import RecordMapping, read_mapping
+from linkwise.files.table import Table
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 
@@ -26,22 +29,24 @@ class Format:
     """A format of record files: the full name of its module, and the library of the extra [files] that it needs.
 
     The module has a `read_table(path)` and, of a `writable` format, a `write(record, path)`. Reading is `isolated` in a
-    process of its own unless the format is text, which crashes no library.
+    process of its own unless the format is text, which crashes no library. Where the format has a line that is the `header`,
+    `read_table` takes it as a keyword.
     """
 
     module: str
     library: str | None = None
     writable: bool = False
     isolated: bool = True
+    header: bool = False
 
 
 FORMATS: Registry[Format] = Registry(
     "suffix",
     {
-        ".csv": Format("linkwise.files.csv", writable=True, isolated=False),
-        ".txt": Format("linkwise.files.csv", isolated=False),
-        ".dat": Format("linkwise.files.csv", isolated=False),
-        ".tsv": Format("linkwise.files.csv", isolated=False),
+        ".csv": Format("linkwise.files.csv", writable=True, isolated=False, header=True),
+        ".txt": Format("linkwise.files.csv", isolated=False, header=True),
+        ".dat": Format("linkwise.files.csv", isolated=False, header=True),
+        ".tsv": Format("linkwise.files.csv", isolated=False, header=True),
         ".mat": Format("linkwise.files.mat", writable=True),
         ".h5": Format("linkwise.files.hdf5", writable=True),
         ".hdf5": Format("linkwise.files.hdf5", writable=True),
@@ -52,7 +57,7 @@ FORMATS: Registry[Format] = Registry(
         ".npz": Format("linkwise.files.numpy_arrays"),
         ".json": Format("linkwise.files.json", isolated=False),
         ".lvm": Format("linkwise.files.lvm", isolated=False),
-        ".xlsx": Format("linkwise.files.xlsx", library="openpyxl"),
+        ".xlsx": Format("linkwise.files.xlsx", library="openpyxl", header=True),
         ".tdms": Format("linkwise.files.tdms", library="nptdms"),
     },
 )
@@ -67,6 +72,8 @@ def read_record(
     resample: float | None = None,
     known_masses: Iterable[str] | None = None,
     informative: bool = True,
+    mapping: RecordMapping | str | Path | None = None,
+    header: str | int | None = None,
 ) -> Record:
     """Read a record from a file; its suffix says the format.
 
@@ -87,6 +94,11 @@ def read_record(
     informative : bool, default True
         Refuse a response that is constant, missing throughout or a copy of another. Without it such channels are read, for
         `inspect`.
+    mapping : RecordMapping, str or Path, optional
+        What the columns are and what is known of the sensors, or the file that states it, as of `read_mapping`. The other
+        arguments go before what it states, and it goes before what the file of the record states of its sensors.
+    header : str or int, optional
+        The header line of a text file where it is not found: its number from 1, or a text that it contains.
 
     Returns
     -------
@@ -114,12 +126,38 @@ def read_record(
     ...     lw.read_record(path, channels={"x:m1[mm]": "laser"})
     Record of 100 samples at 100 Hz, 0 to 0.99 s: x:m1
     """
-    path = Path(path)
+    given = RecordMapping(dict(channels or {}), rate=rate, resample=resample, header=header)
+    stated = read_mapping(mapping) if isinstance(mapping, str | Path) else mapping or RecordMapping()
+    chosen = given.over(stated)
+    masses = None if known_masses is None else tuple(known_masses)
+    return to_record(_table(Path(path), chosen.header), str(path), ReadOptions(chosen, masses, informative))
+
+
+def write_first_mapping(record: Path, path: Path, header: str | int | None = None) -> tuple[str, ...]:
+    """Write a mapping file for the columns of the file of a record; sentences on what was guessed.
+
+    Raises RecordError where the record cannot be read, or the mapping file is there already or cannot be written.
+    """
+    text, guesses = first_mapping(_table(record, header), record)
+    if path.exists():
+        raise RecordError(
+            "is there already, and what was written into it by hand would be lost; give another name", path
+        )
+    with _refused(path), atomic_file(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+    return guesses
+
+
+def _table(path: Path, header: str | int | None) -> Table:
     _check_exists(path)
     format_ = _format(path)
-    table = (read_isolated if format_.isolated else read_here)(format_.module, path)
-    masses = None if known_masses is None else tuple(known_masses)
-    return to_record(table, str(path), ReadOptions(channels or {}, rate, resample, masses, informative))
+    if header is not None and not format_.header:
+        raise RecordError(
+            f"a header line is of text files and sheets; a {path.suffix} file states its names itself",
+            path,
+            arguments=("header",),
+        )
+    return (read_isolated if format_.isolated else read_here)(format_.module, path, header)
 
 
 def write_record(record: Record, path: str | Path) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,16 @@ from numpy.typing import NDArray
 from linkwise.errors import RecordError
 from linkwise.files.columns import ColumnChoice, choose, ignored, listing
 from linkwise.files.header import si_factor
+from linkwise.files.mapping import RecordMapping
+from linkwise.files.sensor_attributes import statement_of
 from linkwise.files.table import Table
+from linkwise.records.channel import Channel
 from linkwise.records.checks import check_rate
 from linkwise.records.measured import sampled_columns
 from linkwise.records.record import Record
 from linkwise.records.resampling import resample_evenly
+from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
+from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.records.timeline import JITTER
 
 
@@ -24,9 +28,7 @@ from linkwise.records.timeline import JITTER
 class ReadOptions:
     """Arguments of `files.read_record`."""
 
-    channels: Mapping[str, str | int]
-    rate: float | None = None
-    resample: float | None = None
+    mapping: RecordMapping
     known_masses: tuple[str, ...] | None = None
     informative: bool = True
 
@@ -47,27 +49,28 @@ class _Grid:
 
 def to_record(table: Table, file: str, options: ReadOptions) -> Record:
     """The record in a table; RecordError names file, line and channel."""
-    chosen = choose(table, file, options.channels, options.known_masses)
+    mapping = options.mapping
+    chosen = choose(table, file, mapping.channels, options.known_masses)
     columns = {choice.name: _in_si(table, file, choice) for choice in chosen if choice.name != "time"}
     notes = [*table.notes, *ignored(table, chosen)]
     time_column = next((choice for choice in chosen if choice.name == "time"), None)
-    if time_column is not None and options.rate is not None:
-        notes.append(f"The time column was ignored in favour of the given rate of {options.rate:g} Hz.")
+    if time_column is not None and mapping.rate is not None:
+        notes.append(f"The time column was ignored in favour of the given rate of {mapping.rate:g} Hz.")
         time_column = None
     time = None if time_column is None else _in_si(table, file, time_column)
     count = len(next(iter(columns.values())))
-    grid, lines = _grid(table, file, time, options.rate, count), table.lines
-    if options.resample is not None:
+    grid, lines = _grid(table, file, time, mapping.rate, count), table.lines
+    if mapping.resample is not None:
         notes.append(
-            f"Resampled from {len(grid.time)} samples to {options.resample:g} Hz by quintic splines; "
+            f"Resampled from {len(grid.time)} samples to {mapping.resample:g} Hz by quintic splines; "
             "noise of neighbouring samples is no longer independent."
         )
-        start, columns = resample_evenly(grid.time, columns, options.resample, file=file, lines=lines)
-        grid, lines = _Grid.even(start, options.resample, len(next(iter(columns.values())))), None
+        start, columns = resample_evenly(grid.time, columns, mapping.resample, file=file, lines=lines)
+        grid, lines = _Grid.even(start, mapping.resample, len(next(iter(columns.values())))), None
     timeline, values, remarks = sampled_columns(
         grid.time, columns, file, lines, informative=options.informative
     )
-    return Record(
+    record = Record(
         timeline.start if grid.rate is None else grid.start,
         timeline.rate if grid.rate is None else grid.rate,
         tuple(columns),
@@ -78,6 +81,33 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
         interpolation={name: kind for name, kind in table.interpolation.items() if name in columns},
         units={each.name: each.unit for each in chosen if each.kind == "state" and each.unit},
     )
+    stated, unread = _statements(table, file, chosen, mapping)
+    record = with_statements(replace(record, notes=(*record.notes, *unread)), stated, file)
+    return record if mapping.decimate is None else record.decimate(mapping.decimate)
+
+
+def _statements(
+    table: Table, file: str, chosen: tuple[ColumnChoice, ...], mapping: RecordMapping
+) -> tuple[dict[str, SensorStatement], tuple[str, ...]]:
+    """What the mapping states of the sensors, and what the file states beside it, with remarks on that."""
+    stated: dict[str, SensorStatement] = {}
+    unread: tuple[str, ...] = ()
+    for each in (each for each in chosen if each.name != "time"):
+        attributes, of_file = table.columns[each.column].attributes, table.sensors.get(each.name)
+        if attributes or of_file:
+            of_column, more = statement_of(attributes, each.name)
+            stated[each.name] = SensorStatement.of(of_file or {}, each.name, file).over(of_column)
+            unread += more
+    if COMMON in table.sensors:
+        stated[COMMON] = SensorStatement.of(table.sensors[COMMON], COMMON, file)
+    for name, own in mapping.sensors.items():
+        stated[name] = own.over(stated.get(name, SensorStatement()))
+    if mapping.calibration is not None:
+        general = SensorStatement(gain=StatedError(1.0, mapping.calibration))
+        for name in (each.name for each in chosen if each.name != "time"):
+            if not Channel.parse(name).is_input:
+                stated[name] = stated.get(name, SensorStatement()).over(general)
+    return stated, unread
 
 
 def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None, count: int) -> _Grid:

@@ -44,6 +44,11 @@ def choose(
     return chosen
 
 
+def recognised(table: Table, file: str) -> dict[int, str]:
+    """The channel or "time" by number of the column whose header says it."""
+    return {choice.column: choice.name for choice in _recognised(table, file, (), None)}
+
+
 def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note on the columns that are not used."""
     used = {choice.column for choice in chosen}
@@ -114,7 +119,7 @@ def _find(table: Table, file: str, key: str, column: str | int) -> int:
         f"{key} is mapped to column {wanted!r}, which does not exist; {hint}{listing(table)}",
         file,
         table.header_line,
-        arguments=("channels",),
+        arguments=("channels", "header") if table.lines is not None else ("channels",),
     )
 
 
@@ -176,7 +181,7 @@ def _nothing_recognised(table: Table, file: str) -> RecordError:
         "map columns of other names, as in channels={'x:m1': 'laser'}",
         file,
         table.header_line,
-        arguments=("channels",),
+        arguments=("channels", "mapping"),
     )
 
 

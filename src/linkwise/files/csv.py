@@ -23,9 +23,9 @@ _NO_UNIT = ("", "-", "1", "none")
 _PREAMBLE = 100  # lines searched for a header
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, header: str | int | None = None) -> Table:
     """The columns of a text file; see `files.read_record`."""
-    return table_of(read_lines(path), path)
+    return table_of(read_lines(path), path, named_header=header)
 
 
 def table_of(
@@ -35,12 +35,14 @@ def table_of(
     rate: float | None = None,
     notes: tuple[str, ...] = (),
     lines_before: int = 0,
+    named_header: str | int | None = None,
 ) -> Table:
     """The columns of a text of these lines, which `lines_before` others precede in the file `path`.
 
-    `rate` in Hz is what the file states besides, and `notes` is what was assumed so far.
+    `rate` in Hz is what the file states besides, `notes` is what was assumed so far, and `named_header` the header line as of
+    `files.read_record`.
     """
-    header, first = _header(lines)
+    header, first = _header(lines) if named_header is None else _named(lines, named_header, path)
     kept = _data_lines(lines, first)
     if not len(kept):
         line = None if header is None else header + 1 + lines_before
@@ -109,34 +111,65 @@ def _header(lines: list[str]) -> tuple[int | None, int]:
     """Index of the header line, None without one, and of the first line that may hold data.
 
     The header is the first line above the numbers with a column that names the time or a channel; otherwise the last line of
-    text above the numbers; otherwise there is none.
+    text above the numbers that is not a line of units; otherwise there is none.
     """
     named: int | None = None
-    last: int | None = None
+    texts: list[int] = []
     for i, line in enumerate(lines[:_PREAMBLE]):
-        text = _uncommented(line)
-        if not text or text.lower().startswith("sep="):
+        cells = _cells(line)
+        if not any(cells):
             continue
-        dialect = Dialect.of(text, [text])
-        cells = [cell for cell in dialect.split(text) if cell]
         comment = line.lstrip().startswith(_COMMENTS)
-        if not comment and cells and all(parse_number(cell) is not None for cell in cells):
-            header = named if named is not None else last
+        if not comment and all(parse_number(cell) is not None for cell in cells if cell):
+            header = named if named is not None else _above_units(lines, texts)
             return header, i if header is None else header + 1
-        if named is None and any(map(_is_channel_or_time, cells)):
+        if named is None and _names_columns(cells):
             named = i
             if not comment:
                 return named, i + 1
         if not comment:
-            last = i
+            texts.append(i)
     header = named if named is not None else next(i for i, line in enumerate(lines) if line.strip())
     return header, header + 1
 
 
-def _is_channel_or_time(cell: str) -> bool:
-    """Whether a header names the time or a channel."""
-    header = ColumnHeader.parse(cell)
-    return header.is_time or header.channel is not None
+def _cells(line: str) -> list[str]:
+    """The cells of a line by its own delimiter; none of a line that states the delimiter."""
+    text = _uncommented(line)
+    return [] if text.lower().startswith("sep=") else Dialect.of(text, [text]).split(text)
+
+
+def _above_units(lines: list[str], texts: list[int]) -> int | None:
+    """The last line of text; the one above it where the last states the units of its columns."""
+    if len(texts) > 1:
+        above, below = _cells(lines[texts[-2]]), _cells(lines[texts[-1]])
+        if _units(below, above) is not None and _units(above, above) is None:
+            return texts[-2]
+    return texts[-1] if texts else None
+
+
+def _named(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
+    """Index of the header line that is named by its number or a text in it, and of the next one."""
+    if isinstance(header, int):
+        if not 1 <= header < len(lines):
+            raise RecordError(
+                f"line {header} cannot be the header: the file has {len(lines)} lines, and data follow the header",
+                path,
+                arguments=("header",),
+            )
+        return header - 1, header
+    found = next((number for number, line in enumerate(lines) if header in line), None)
+    if found is None:
+        raise RecordError(f"no line contains {header!r}", path, arguments=("header",))
+    return found, found + 1
+
+
+def _names_columns(cells: list[str]) -> bool:
+    """Whether cells are a header that names the time or a channel; `Time;13:55:01` above a header states when it was."""
+    headers = [ColumnHeader.parse(cell) for cell in cells if cell]
+    return any(header.is_time or header.channel is not None for header in headers) and not any(
+        header.name[:1].isdigit() for header in headers
+    )
 
 
 def _data_lines(lines: list[str], first: int) -> NDArray[np.int64]:

@@ -1,12 +1,14 @@
 """HDF5: one data set per column, named by its channel, with its unit as an attribute.
 
 Files written by linkwise hold `time` and one data set per channel at the root, each with the attribute `unit` and, where it is
-known, `noise`; the root has the attributes `format`, `version`, `start`, `rate`, `source` and `notes`. Any other file can be
-read whose data sets, in any group, have such names or are mapped to them.
+known, `noise`; the root has the attributes `format`, `version`, `start`, `rate`, `source`, `notes` and, where errors of
+sensors are known to within, `sensors`, a JSON text. Any other file can be read whose data sets, in any group, have such names
+or are mapped to them; texts in their attributes `calibration`, `gain`, `offset` and `delay` say what is known of the sensor.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of
+from linkwise.files.sensor_attributes import as_statements, sensors_of, stated_in, with_attributes
 from linkwise.files.table import Table
 from linkwise.records.record import Record
 
@@ -38,7 +41,7 @@ def read_table(path: Path) -> Table:
         tree: dict[str, Any] = {}
         noise: dict[str, float] = {}
         interpolation: dict[str, str] = {}
-
+        attributes: dict[str, dict[str, object]] = {}
         for name, item in _items(file):
             if isinstance(item, Unread):
                 tree[name] = item
@@ -48,17 +51,20 @@ def read_table(path: Path) -> Table:
                 noise[name] = float(item.attrs["noise"])
             if "interpolation" in item.attrs:
                 interpolation[name] = str(item.attrs["interpolation"])
+            attributes[name] = stated_in(item.attrs)
         rate = file.attrs.get("rate")
         stated = {name: file.get(name) for name in file.attrs.get("channels", ())}
         order = [name if item is None else f"{name}{_unit(item)}" for name, item in stated.items()]
+        columns = columns_of({**{name: tree.get(name, Unread("missing")) for name in order}, **tree})
         return Table(
-            columns_of({**{name: tree.get(name, Unread("missing")) for name in order}, **tree}),
+            with_attributes(columns, attributes),
             start=float(file.attrs.get("start", 0.0)),
             rate=None if rate is None else float(rate),
             noise=noise,
             notes=tuple(str(note) for note in np.atleast_1d(file.attrs.get("notes", ()))),
             source=str(file.attrs.get("source", "")),
             interpolation=interpolation,
+            sensors=as_statements(file.attrs.get("sensors"), path),
         )
 
 
@@ -115,3 +121,5 @@ def write(record: Record, path: Path) -> None:
                 item.attrs["noise"] = record.noise[name]
             if name in record.interpolation:
                 item.attrs["interpolation"] = record.interpolation[name]
+        if record.uncertainty:
+            file.attrs["sensors"] = json.dumps(sensors_of(record.uncertainty))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import signal
@@ -25,8 +26,10 @@ _LIBRARIES = (
 _START = "import sys; sys.path[:] = {path!r}; from linkwise.files.isolated import main; main()"
 
 
-def read_isolated(module: str, path: Path) -> Table:
+def read_isolated(module: str, path: Path, header: str | int | None = None) -> Table:
     """What `read_table` of the module with this full name finds in the file, read in a child process.
+
+    `header` is the header line, where it is given.
 
     Raises RecordError for a file that cannot be read, where the child crashes, needs more memory than there is or, except on
     Windows, takes longer than any file of its size.
@@ -37,7 +40,7 @@ def read_isolated(module: str, path: Path) -> Table:
     limits = (f"{seconds:.0f}", str(available_memory() + _LIBRARIES))
     answer: object = None
     with subprocess.Popen(
-        [sys.executable, "-c", _START.format(path=sys.path), module, str(path), *limits],
+        [sys.executable, "-c", _START.format(path=sys.path), module, str(path), json.dumps(header), *limits],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -66,10 +69,11 @@ def read_isolated(module: str, path: Path) -> Table:
     )
 
 
-def read_here(module: str, path: Path) -> Table:
+def read_here(module: str, path: Path, header: str | int | None = None) -> Table:
     """The same in this process, without limits."""
+    options = {} if header is None else {"header": header}
     try:
-        table: Table = import_module(module).read_table(path)
+        table: Table = import_module(module).read_table(path, **options)
     except (RecordError, MemoryError):
         raise
     except Exception as error:  # format libraries raise all kinds of errors on a damaged file
@@ -80,14 +84,14 @@ def read_here(module: str, path: Path) -> Table:
 
 def main() -> None:
     """In the child process: read, and write the table or the error to standard output, which nothing else reaches."""
-    module, name, seconds, memory = sys.argv[1:]
+    module, name, header, seconds, memory = sys.argv[1:]
     path = Path(name)
     answer: Table | RecordError
     with os.fdopen(os.dup(1), "wb") as pipe:
         os.dup2(2, 1)
         _limit(int(seconds), int(memory))
         try:
-            answer = read_here(module, path)
+            answer = read_here(module, path, json.loads(header))
         except RecordError as error:
             answer = error
         except MemoryError:

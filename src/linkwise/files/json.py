@@ -1,7 +1,7 @@
 """JSON: columns by name, a list of rows under a name, or a list of objects with the same keys.
 
 Rows are named as in MATLAB, `data(:,2)`, unless `columns` beside them says what they are; `rate`, `fs` or `sampling freq` is
-the sampling rate, `dt` the step. null is a missing sample.
+the sampling rate, `dt` the step, and `sensors` what is known of sensors, by channel. null is a missing sample.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of, spelled_as_channel, stated_rate
+from linkwise.files.sensor_attributes import as_statements
 from linkwise.files.table import Column, Table
 
 _NAMES = ("columns", "names", "channels", "header")
@@ -34,9 +35,10 @@ def read_table(path: Path) -> Table:
         content = _by_key(content) if content and isinstance(content[0], dict) else {"data": content}
     if not isinstance(content, dict):
         raise RecordError("holds a single value: expected columns by name, or rows of numbers", path)
+    sensors = content.pop("sensors", None)
     tree = {name: _array(value, 0) for name, value in content.items()}
     columns = tuple(spelled_as_channel(column) for column in columns_of(tree))
-    return Table(_renamed(columns, content), rate=stated_rate(tree))
+    return Table(_renamed(columns, content), rate=stated_rate(tree), sensors=as_statements(sensors, path))
 
 
 def _by_key(rows: list[Any]) -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 A MATLAB variable cannot be named x:m1, so it is named x_m1. Files written by linkwise hold `time`, one column vector per
 channel, `start`, `rate`, `source`, the cells `channels` and `variables` (which channel is which variable) and `notes`, and
-`noise` (NaN where unknown).
+`noise` (NaN where unknown); `sensors`, a JSON text, is what is known of sensors.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import struct
 from collections.abc import Mapping
@@ -21,6 +22,7 @@ from scipy.sparse import csc_array, issparse
 
 from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of, spelled_as_channel
+from linkwise.files.sensor_attributes import as_statements, sensors_of
 from linkwise.files.table import Column, Table
 from linkwise.records.interpolation import BAND_LIMITED
 from linkwise.records.record import Record
@@ -30,7 +32,9 @@ _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
 _HEADER = 128  # bytes
 _BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
 _RATES = ("rate", "fs", "Fs")
-_OWN = frozenset({"channels", "variables", "noise", "interpolation", "notes", "start", "rate", "source"})
+_OWN = frozenset(
+    {"sensors", "channels", "variables", "noise", "interpolation", "notes", "start", "rate", "source"}
+)
 
 
 def read_table(path: Path) -> Table:
@@ -52,6 +56,7 @@ def read_table(path: Path) -> Table:
         notes=_texts(tree.get("notes")),
         source=next(iter(_texts(tree.get("source"))), ""),
         interpolation={name: kind for name, kind in runs if kind != BAND_LIMITED},
+        sensors=as_statements(next(iter(_texts(tree.get("sensors"))), None), path),
     )
 
 
@@ -164,6 +169,8 @@ def write(record: Record, path: Path) -> None:
         "notes": np.array(record.notes, dtype=object),
         "source": record.source,
     }
+    if record.uncertainty:
+        content["sensors"] = json.dumps(sensors_of(record.uncertainty))
     savemat(path, content, format="5", oned_as="column", long_field_names=True)
 
 

@@ -1,6 +1,7 @@
 """NumPy files: `.npy`, one array, and `.npz`, several by name. Nothing in them is unpickled.
 
-Names are those of channels, or as MATLAB spells them (`x_m1` for x:m1); `fs` or `rate` is the sampling rate, `dt` the step.
+Names are those of channels, or as MATLAB spells them (`x_m1` for x:m1); `fs` or `rate` is the sampling rate, `dt` the step;
+`sensors`, a JSON text, is what is known of sensors by channel.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.files.arrays import columns_of, spelled_as_channel, stated_rate
+from linkwise.files.sensor_attributes import as_statements
 from linkwise.files.table import Column, Table
 
 
@@ -21,7 +23,8 @@ def read_table(path: Path) -> Table:
         with content:
             arrays = {name: content[name] for name in content.files}
         columns = tuple(spelled_as_channel(column) for column in columns_of(arrays))
-        return Table(columns, rate=stated_rate(arrays))
+        sensors = as_statements(arrays.get("sensors"), path)
+        return Table(columns, rate=stated_rate(arrays), sensors=sensors)
     if content.dtype.names:
         named = {name: content[name] for name in content.dtype.names}
         return Table(tuple(spelled_as_channel(column) for column in columns_of(named)))

@@ -1,8 +1,12 @@
-"""Parquet: one column per channel; rate, noise and notes in the metadata of the schema."""
+"""Parquet: one column per channel; rate, noise, notes and what is known of sensors in the metadata of the schema.
+
+The metadata `calibration`, `gain`, `offset` and `delay` of a column of any other file say what is known of its sensor.
+"""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +17,7 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from linkwise.errors import RecordError
+from linkwise.files.sensor_attributes import sensors_of, stated_in
 from linkwise.files.table import Column, Table
 from linkwise.records.record import Record
 
@@ -28,14 +33,26 @@ def read_table(path: Path) -> Table:
             stated = msgspec.json.decode(content.schema.metadata[_KEY], type=_Stated, strict=True)
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise RecordError(f"its metadata are not those of a record: {error}", path) from error
+    columns = tuple(
+        replace(Column.of(each.name, _values(content.column(i))), attributes=_stated_in(each))
+        for i, each in enumerate(content.schema)
+    )
     return Table(
-        tuple(Column.of(name, _values(content.column(i))) for i, name in enumerate(content.column_names)),
+        columns,
         start=stated.start,
         rate=stated.rate,
         noise=stated.noise,
         notes=stated.notes,
         source=stated.source,
         interpolation=stated.interpolation,
+        sensors=stated.sensors,
+    )
+
+
+def _stated_in(column: pyarrow.Field) -> dict[str, object]:
+    """What the metadata of a column state of its sensor."""
+    return stated_in(
+        {key.decode("utf-8", "replace"): value for key, value in (column.metadata or {}).items()}
     )
 
 
@@ -48,6 +65,7 @@ class _Stated(msgspec.Struct):
     notes: tuple[str, ...] = ()
     source: str = ""
     interpolation: dict[str, str] = {}
+    sensors: dict[str, dict[str, object]] = {}
 
 
 def _values(column: pyarrow.ChunkedArray) -> NDArray[Any]:
@@ -67,6 +85,7 @@ def write(record: Record, path: Path) -> None:
         "notes": record.notes,
         "source": record.source,
         "interpolation": dict(record.interpolation),
+        "sensors": sensors_of(record.uncertainty),
     }
     names = ("time", *record.channels)
     arrays = [pyarrow.array(record.time), *(pyarrow.array(record.channel(name)) for name in record.channels)]

@@ -26,7 +26,8 @@ class Column:
 
     `values` (N,) are real numbers, NaN where missing, or None where `bad` is a cell that is not a number, or `instead` says
     what is there in place of a row of numbers. `meaning` is the channel that a header stands for where the format cannot
-    spell it (`x_m1` for x:m1 in MATLAB).
+    spell it (`x_m1` for x:m1 in MATLAB). `attributes` are what the file states of the sensor, as of
+    `SensorStatement.of`.
     """
 
     header: str
@@ -34,6 +35,7 @@ class Column:
     bad: BadCell | None = None
     meaning: str = ""
     instead: str = ""
+    attributes: Mapping[str, object] = field(default_factory=dict)
 
     @classmethod
     def of(cls, header: str, values: NDArray[Any], meaning: str = "") -> Column:
@@ -55,7 +57,8 @@ class Table:
 
     `named` is False where the file has no header and columns have numbers; `opening` is then its first line. `lines` (N,) and
     `header_line` count from 1, None where the format has no lines. `start` in s and `rate` in Hz are set where the file
-    states them besides or instead of a time column.
+    states them besides or instead of a time column. `sensors` is what the file states of sensors by channel, beside the
+    attributes of columns.
     """
 
     columns: tuple[Column, ...]
@@ -69,6 +72,7 @@ class Table:
     notes: tuple[str, ...] = ()
     source: str = ""
     interpolation: Mapping[str, str] = field(default_factory=dict)
+    sensors: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
     @property
     def headers(self) -> tuple[str, ...]:

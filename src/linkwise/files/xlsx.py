@@ -13,7 +13,7 @@ from linkwise.files.csv import table_of
 from linkwise.files.table import Table
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, header: str | int | None = None) -> Table:
     """The columns of a sheet; see `files.read_record`. A note names sheets with numbers that were not read."""
     book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     try:
@@ -30,7 +30,7 @@ def read_table(path: Path) -> Table:
     lines = ["\t".join(_text(cell) for cell in row[:width]) for row in rows]
     others = ", ".join(filled[1:])
     notes = (f"Sheet {filled[0]} was read; {others} was not.",) if others else ()
-    return table_of(lines, path, notes=notes)
+    return table_of(lines, path, notes=notes, named_header=header)
 
 
 def _is_number(cell: Any) -> bool:

@@ -14,6 +14,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.identification.methods import METHODS
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
+from linkwise.likelihood.stated_errors import uncounted
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import of_links
@@ -94,10 +95,12 @@ def identify(
     estimate = estimator.estimate(records, structure, progress)
     seconds, notes = perf_counter() - started, joined_notes(records)
     unused = of_links(records[0].channels) if estimate.method != MaximumLikelihood.method else ()
+    remarks = uncounted(records, estimate.method)
     if unused:
-        remark = f'{", ".join(unused)} were not used: method "ml" alone takes forces and states of links.'
-        estimate = replace(estimate, remarks=(*estimate.remarks, remark))
-    return replace(estimate, seconds=seconds, notes=notes)
+        remarks += (
+            f'{", ".join(unused)} were not used: method "ml" alone takes forces and states of links.',
+        )
+    return replace(estimate, seconds=seconds, notes=notes, remarks=(*estimate.remarks, *remarks))
 
 
 def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:

@@ -63,13 +63,17 @@ def diagnose(
 
 
 def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
-    """What was known beforehand of a parameter or of a gain, and the records contradict."""
+    """What was known beforehand of a parameter, or of an error of a sensor, and the records contradict."""
     segments, point = fit.segments, fit.optimum.point
     if segments.prior is None:
         return
     system = segments.system.parameters
-    names = [*zip(system.names, system.units, strict=True), *((name, "") for name in fit.offsets)]
-    names += [(f"gain of {name}", "1") for name in fit.gains]
+    names = [
+        *zip(system.names, system.units, strict=True),
+        *((f"offset of {name}", Channel.parse(name).unit) for name in fit.offsets),
+        *((f"gain of {name}", "1") for name in fit.gains),
+        *((f"delay of {name}", "s") for name in fit.delays),
+    ]
     limit = _CONTRADICTED + 2.0 * np.log(max(segments.prior.count, 1))
     for number in np.flatnonzero(fit.prior_conflicts > limit).tolist():
         where, unit = names[number]

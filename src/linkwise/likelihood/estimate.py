@@ -29,12 +29,13 @@ from linkwise.likelihood.random_forces import (
 )
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.segmentation import require_units_of_states
-from linkwise.likelihood.sensor_unknowns import answer_with_sensors, by_channel
+from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.shape_parameters import held_where_unseen
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.stated_errors import errors_to_find
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -148,19 +149,23 @@ class MaximumLikelihood(Estimator):
             if structure.hosts:
                 require_supported(framed(record, structure).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
+        sensors = errors_to_find(
+            records,
+            offsets=self.offsets,
+            gains=self.gains,
+            calibration=self.calibration,
+            delays=self.delays,
+        )
         options = LikelihoodOptions(
-            self.offsets,
-            self.gains,
-            by_channel(self.calibration, records[0].responses),
-            self.delays,
-            random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
-            self.loss,
+            **sensors,
+            random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
+            loss=self.loss,
             progress=progress,
         )
         admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
-            refuse_beside_random_forces(self.delays, admitted, robust=robust, records=records)
+            refuse_beside_random_forces(options.delays, admitted, robust=robust, records=records)
 
         return answer_with_sensors(
             partial(self._search, structure),

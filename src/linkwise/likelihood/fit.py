@@ -196,7 +196,16 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     )
     calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
     sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
-    return replace(sensing, frames=tuple(frames), random=tuple(options.random))
+    return replace(
+        sensing,
+        offset_deviations={names.get(name, name): sigma for name, sigma in options.offset_deviations.items()},
+        delay_priors={
+            names.get(name, name): (-options.shifts.get(name, 0.0), sigma)
+            for name, sigma in options.delay_deviations.items()
+        },
+        frames=tuple(frames),
+        random=tuple(options.random),
+    )
 
 
 def _fitted(

@@ -26,6 +26,10 @@ class LikelihoodOptions:
         Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
     delays : sequence of str, optional
         Channels with an unknown delay, of 1.5 samples at most.
+    offset_deviations, delay_deviations : mapping of str to float, optional
+        Standard deviations to which offsets and delays are known beforehand, in SI units by channel.
+    shifts : mapping of str to float, optional
+        Parts in s of delays that have been taken out of the records.
     random : sequence of RandomForce, optional
         Random forces on masses.
     loss : Loss, optional
@@ -48,6 +52,9 @@ class LikelihoodOptions:
     gains: Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: Sequence[str] = ()
+    offset_deviations: Mapping[str, float] = field(default_factory=dict)
+    delay_deviations: Mapping[str, float] = field(default_factory=dict)
+    shifts: Mapping[str, float] = field(default_factory=dict)
     random: Sequence[RandomForce] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True

@@ -17,11 +17,10 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
+from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.signals.base_frame import FramedRecord
 from linkwise.units import base_exponents
 
-COMMON = "common"
-"""Name of an unknown factor that all sensors share."""
 _KINDS = {"x": X, "v": V, "a": A, "f": F, "state": S}
 
 

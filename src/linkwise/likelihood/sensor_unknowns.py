@@ -14,9 +14,9 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.segmentation import COMMON
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.text import near_miss
 
 ALL = "all"
@@ -140,7 +140,8 @@ def _with_delays(
     late, step = dict.fromkeys(options.delays, 0), records[0].step
     for _ in range(_SHIFTS):
         shifted = [_shifted(record, late) for record in records]
-        fit = search(shifted, options)
+        taken_out = {name: samples * step for name, samples in late.items()}
+        fit = search(shifted, replace(options, shifts=taken_out))
         interrupted = fit.status is AnnealingStatus.INTERRUPTED
         moved = {
             name: round(delay / step) for name, delay in fit.delays.items() if abs(delay) > _WHOLE * step

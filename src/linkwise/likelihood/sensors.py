@@ -38,6 +38,10 @@ class SensorModel:
         For each record the standard deviations of the noise by channel, in SI units.
     calibration : mapping of str to float
         Standard deviations to which gains are known beforehand, relative, by channel.
+    offset_deviations : mapping of str to float
+        Those of offsets, in the unit of the channel.
+    delay_priors : mapping of str to tuple of float
+        Mean and standard deviation of delays, in s.
     frames : tuple of FramedRecord
         Where the records are in coordinates that move, what these are.
     random : tuple of RandomForce
@@ -49,6 +53,8 @@ class SensorModel:
     noise: tuple[dict[str, float], ...]
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: tuple[str, ...] = ()
+    offset_deviations: Mapping[str, float] = field(default_factory=dict)
+    delay_priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     frames: tuple[FramedRecord, ...] = ()
     random: tuple[RandomForce, ...] = ()
 
@@ -98,12 +104,12 @@ class SensorModel:
             The prior; None where nothing is known.
         """
         starts = [0.0 if p.start is None else p.start for p in parameters]
-        late = np.zeros(len(self.delays))
-        mean = np.concatenate([starts, np.zeros(len(self.offsets)), np.ones(len(self.gains)), late])
+        late = np.array([self.delay_priors.get(name, (0.0, np.inf)) for name in self.delays]).reshape(-1, 2)
+        mean = np.concatenate([starts, np.zeros(len(self.offsets)), np.ones(len(self.gains)), late[:, 0]])
         sigma = [p.sigma for p in parameters]
         gains = [self.calibration.get(name, np.inf) for name in self.gains]
-        free = np.full(len(self.offsets), np.inf), np.full(len(self.delays), np.inf)
-        prior = Prior(mean, np.concatenate([sigma, free[0], gains, free[1]]))
+        offsets = [self.offset_deviations.get(name, np.inf) for name in self.offsets]
+        prior = Prior(mean, np.concatenate([sigma, offsets, gains, late[:, 1]]))
         return prior if prior.count else None
 
     @property

@@ -8,12 +8,12 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
-from linkwise.errors import StructureError, StudyError
+from linkwise.errors import RecordError, StructureError, StudyError
 from linkwise.text import near_miss
 
 Table = TypeVar("Table", bound=msgspec.Struct)
 LARGEST = 50_000_000  # bytes: 300 000 masses; a pipe or a device may have no end
-FileError = type[StructureError] | type[StudyError]
+FileError = type[StructureError] | type[StudyError] | type[RecordError]
 
 
 def read_toml_text(path: str | Path, error: FileError) -> str:

@@ -56,6 +56,8 @@ def beside(record: Record, other: Record) -> Record:
         values=np.hstack([record.values[:length], other.values[:length]]),
         noise={**record.noise, **other.noise},
         interpolation={**record.interpolation, **other.interpolation},
+        units={**record.units, **other.units},
+        uncertainty={**other.uncertainty, **record.uncertainty},
         simulated=None,
         notes=tuple(dict.fromkeys((*record.notes, *other.notes))),
     )

@@ -16,9 +16,10 @@ from linkwise.errors import RecordError
 from linkwise.html import NotebookView
 from linkwise.records.channel import Channel
 from linkwise.records.checks import check_names, check_values
-from linkwise.records.decimation import check_factor, lowpass_for
+from linkwise.records.decimation import check_complete, check_factor, lowpass_for
 from linkwise.records.immutable import read_only
 from linkwise.records.measured import sampled_columns
+from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, check_uncertainty
 from linkwise.records.synthetic_noise import LARGEST_RATIO, with_white_noise
 from linkwise.records.timeline import rows_between
 from linkwise.records.truth import SimulationTruth
@@ -53,6 +54,8 @@ class Record(NotebookView):
         How inputs run between their samples: ``"held"``, ``"linear"``, or, by default, ``"band-limited"``.
     units : mapping of str to str, optional
         Units that a file stated of states of links, by channel, to be checked against the link; `values` are SI.
+    uncertainty : mapping of str to SensorUncertainty, optional
+        How well gain, offset and delay of sensors are known, by channel; ``"common"`` is a gain that all share.
 
     Raises
     ------
@@ -81,14 +84,16 @@ class Record(NotebookView):
     notes: tuple[str, ...] = ()
     interpolation: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    uncertainty: Mapping[str, SensorUncertainty] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, kind in (("start", float), ("rate", float), ("channels", tuple), ("notes", tuple)):
             object.__setattr__(self, name, kind(getattr(self, name)))
-        for name in ("noise", "interpolation", "units"):
+        for name in ("noise", "interpolation", "units", "uncertainty"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "values", read_only(self.values))
         check_names(self.channels, self.noise, self.interpolation)
+        check_uncertainty(self.channels, self.uncertainty)
         check_values(self.start, self.rate, self.channels, self.values)
 
     @classmethod
@@ -269,9 +274,11 @@ class Record(NotebookView):
         """
         names = tuple(names)
         columns = [self._column(name) for name in names]
-        noise = {name: self.noise[name] for name in names if name in self.noise}
-        runs = {name: kind for name, kind in self.interpolation.items() if name in names}
-        return replace(self, channels=names, values=self.values[:, columns], noise=noise, interpolation=runs)
+        kept: dict[str, Any] = {
+            what: {name: value for name, value in getattr(self, what).items() if name in (*names, COMMON)}
+            for what in ("noise", "interpolation", "units", "uncertainty")
+        }
+        return replace(self, channels=names, values=self.values[:, columns], **kept)
 
     def __getitem__(self, which: slice) -> Record:
         if not isinstance(which, slice) or which.step not in (None, 1):
@@ -319,8 +326,8 @@ class Record(NotebookView):
     def decimate(self, factor: int) -> Record:
         """Reduce the sampling rate, behind a linear-phase anti-alias filter.
 
-        Samples at both ends, where the filter is incomplete, are dropped. Known noise is reduced as the filter reduces white
-        noise. The truth of a simulated record is not filtered.
+        Samples at both ends, where the filter is incomplete, are dropped. White noise stays white, and known noise is reduced
+        as the filter reduces it. The truth of a simulated record is not filtered.
 
         Parameters
         ----------
@@ -330,7 +337,7 @@ class Record(NotebookView):
         Returns
         -------
         Record
-            The record at ``rate / factor``, flat to 80 % of its Nyquist frequency and attenuated by 80 dB above it.
+            The record at ``rate / factor``, flat to 80 % of its Nyquist frequency and attenuated by 80 dB from 120 % on.
 
         Raises
         ------
@@ -340,12 +347,7 @@ class Record(NotebookView):
         check_factor(factor)
         if factor == 1:
             return self
-        if self.missing.any():
-            raise RecordError(
-                "samples are missing, and the anti-alias filter cannot bridge a gap; select a complete piece with "
-                "record.between first",
-                channel=self.channels[int(np.argmax(self.missing.any(axis=0)))],
-            )
+        check_complete(self.channels, self.missing)
         antialias = lowpass_for(int(factor), len(self))
         kept = slice(antialias.half, len(self) - antialias.half, int(factor))
         return replace(
@@ -356,10 +358,7 @@ class Record(NotebookView):
             noise={name: sigma * antialias.noise_gain for name, sigma in self.noise.items()},
             simulated=self.simulated and self.simulated.rows(kept),
             interpolation={},  # what was held or linear between samples is filtered now
-            notes=(
-                *self.notes,
-                f"Decimated by {factor}; {antialias.half} samples at each end were dropped, where the filter is incomplete.",
-            ),
+            notes=(*self.notes, *antialias.notes(self.channels, self.values, self.rate)),
         )
 
     def with_noise(self, decibel: float, *, seed: int) -> Record:

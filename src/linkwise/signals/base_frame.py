@@ -170,6 +170,7 @@ def _changed(
         noise=noise,
         simulated=None,
         interpolation={name: kind for name, kind in record.interpolation.items() if name in columns},
+        uncertainty={},  # of channels by their own names, which the estimators take from the record itself
     )
 
 

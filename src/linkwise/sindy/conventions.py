@@ -91,7 +91,7 @@ def noisy_states(
         inputs = [record.channel(name) for name in record.inputs]
         channels = (*noisy_record.channels, *record.inputs)
         noisy_record = replace(
-            record, channels=channels, values=np.column_stack([noisy_record.values, *inputs])
+            record, channels=channels, values=np.column_stack([noisy_record.values, *inputs]), uncertainty={}
         )
         return differentiate(
             noisy_record, derivative if convention == "displacement" else "differences", order=4

@@ -36,4 +36,4 @@ def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
         columns.append(x[:, None])
         relative = sigma[channel] / float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))
         noise[f"x:{name}"] = relative * float(np.sqrt(np.mean(x**2)))
-    return replace(record, channels=tuple(names), values=np.hstack(columns), noise=noise)
+    return replace(record, channels=tuple(names), values=np.hstack(columns), noise=noise, uncertainty={})

@@ -19,6 +19,7 @@ from linkwise.identification.validation.profiles import error_profiles, error_sp
 from linkwise.identification.validation.result import CoefficientAgreement, Validation
 from linkwise.identification.validation.scores import channel_scores
 from linkwise.identification.validation.sensor_noise import sensor_noise
+from linkwise.identification.validation.stated_sensors import unknown_sensors, with_stated_sensors
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import BASE, Structure
@@ -97,7 +98,7 @@ def validate(
     refuse_memory(structure.links, "validation")
     law_error = _law_error(given.model_error if model_error is None else model_error)
     seen = _usable(record, structure)
-    remarks = (*remarks, *_unscored(record, seen))
+    remarks = (*remarks, *_unscored(record, seen), *unknown_sensors(seen))
     frame = framed(seen, structure)
     used = frame.record
     if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
@@ -122,10 +123,11 @@ def validate(
                 )
         except IdentificationError as error:
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
-    deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
-    deviation[np.isnan(prediction.predicted)] = np.nan
     shown = frame.shown
     prediction = replace(prediction, predicted=prediction.predicted + shown)
+    prediction = with_stated_sensors(prediction, seen)
+    deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
+    deviation[np.isnan(prediction.predicted)] = np.nan
     noise = dict(zip(seen.responses, noise.values(), strict=True))
     return Validation(
         structure=structure,

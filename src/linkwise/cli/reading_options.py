@@ -1,0 +1,262 @@
+"""Where a record comes from and how it is read: options that every command with records has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf, isinf
+from pathlib import Path
+from typing import Any
+
+import click
+
+import linkwise as lw
+from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs
+
+_EXAMPLES = {"gain": "x:m1=1.02", "offset": "x:m1=0.3mm", "delay": "a:base=2ms"}
+_NONE = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """How to read the file of a record: the answers to the options of `READING`."""
+
+    channel: tuple[str, ...]
+    mapping: Path | None
+    header: str | None
+    rate: float | None
+    resample: float | None
+    decimate: int | None
+    start: float | None
+    stop: float | None
+    mark_missing: tuple[str, ...]
+    offset: tuple[str, ...]
+    gain: tuple[str, ...]
+    delay: tuple[str, ...]
+    interpolation: tuple[str, ...]
+    noise_of: tuple[str, ...]
+
+    def read_file(self, path: Path, masses: tuple[str, ...] | None, *, informative: bool = True) -> lw.Record:
+        """The record in `path`, cut to the asked time; RecordError names file, line and channel.
+
+        `masses` are those there are, if that is known. Without `informative` dead and duplicated channels are read.
+        """
+        whole = self.record_mapping()
+        late = {name: each.delay.value for name, each in whole.sensors.items() if each.delay is not None}
+        record, *others = (
+            lw.read_record(file or path, known_masses=masses, informative=informative, mapping=mapping)
+            for file, mapping in self._by_file(whole).items()
+        )
+        for other in others:
+            record = lw.beside(record, other)
+        record = lw.mark_missing(record, self.mark_missing)
+        record = lw.without_delays(record, {name: delay for name, delay in late.items() if delay})
+        if whole.decimate is not None:
+            record = record.decimate(whole.decimate)
+        if self.start is None and self.stop is None:
+            return record
+        start = record.start if self.start is None else self.start
+        stop = record.start + record.duration if self.stop is None else self.stop
+        return record.between(start, stop)
+
+    def record_mapping(self) -> lw.RecordMapping:
+        """What the options state, and the mapping file beside them."""
+        header = int(self.header) if self.header is not None and self.header.isdecimal() else self.header
+        channels = {name: column for name, (file, column) in self._columns().items() if file is None}
+        own = lw.RecordMapping(
+            channels,
+            self._sensors(),
+            rate=self.rate,
+            resample=self.resample,
+            decimate=self.decimate,
+            header=header,
+        )
+        return own if self.mapping is None else own.over(lw.read_mapping(self.mapping))
+
+    @property
+    def errors_to_find(self) -> tuple[str, ...]:
+        """The options that state an error of a sensor that is not known exactly, as typed."""
+        return tuple(
+            f"--{kind} {text}"
+            for kind in _NONE
+            for text in getattr(self, kind)
+            if _stated_error(kind, text)[1].sigma
+        )
+
+    def refuse_unknown_errors(self) -> None:
+        """Raise UsageError for an error of a sensor of which nothing is known, which `identify` and `discover` find."""
+        for kind, example in _EXAMPLES.items():
+            for text in getattr(self, kind):
+                name, stated = _stated_error(kind, text)
+                if isinf(stated.sigma):
+                    raise click.UsageError(
+                        f"--{kind} {text} has no {'time' if kind == 'delay' else 'size'}, which identify and discover find; "
+                        f"here write it, as in --{kind} {name}={example.partition('=')[2]}."
+                    )
+
+    def _by_file(self, whole: lw.RecordMapping) -> dict[Path | None, lw.RecordMapping]:
+        """The mapping of the record's own file, and of each that was started with it; delays are taken out later."""
+        elsewhere: dict[Path, dict[str, str | int]] = {}
+        for name, (file, column) in self._columns().items():
+            if file is not None:
+                elsewhere.setdefault(file, {})[name] = column
+        named = {file: {_channel(name) for name in columns} for file, columns in elsewhere.items()}
+        theirs = {name for names in named.values() for name in names}
+        sensors = {
+            name: each if each.delay is None else replace(each, delay=lw.StatedError(0.0, each.delay.sigma))
+            for name, each in whole.sensors.items()
+        }
+        mappings: dict[Path | None, lw.RecordMapping] = {
+            None: replace(
+                whole,
+                decimate=None,
+                channels={
+                    key: column for key, column in whole.channels.items() if _channel(key) not in theirs
+                },
+                sensors={name: each for name, each in sensors.items() if name not in theirs},
+            )
+        }
+        for file, columns in elsewhere.items():
+            mappings[file] = replace(
+                mappings[None],
+                channels=columns,
+                sensors={name: each for name, each in sensors.items() if name in named[file]},
+            )
+        return mappings
+
+    def _columns(self) -> dict[str, tuple[Path | None, str]]:
+        columns = pairs(self.channel, "--channel", "x:m1=COLUMN")
+        return {name: file_and_column(text) for name, text in columns.items()}
+
+    def _sensors(self) -> dict[str, lw.SensorStatement]:
+        """What the options state of sensors; UsageError for a text that does not say it."""
+        sensors: dict[str, lw.SensorStatement] = {}
+        for kind in _NONE:
+            named: dict[str, lw.StatedError] = {}
+            for text in getattr(self, kind):
+                name, stated = _stated_error(kind, text)
+                if name in named:
+                    raise click.UsageError(f"--{kind} is given twice for {name!r}.")
+                named[name] = stated
+            for name, stated in named.items():
+                error: dict[str, Any] = {kind: stated}
+                sensors[name] = replace(sensors.get(name, lw.SensorStatement()), **error)
+        runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
+        for name, run in runs.items():
+            sensors[name] = replace(sensors.get(name, lw.SensorStatement()), interpolation=run)
+        for name, text in pairs(self.noise_of, "--noise-of", "x:m1=1e-4").items():
+            try:
+                noise = lw.SensorStatement.of({"noise": text}, name).noise
+            except lw.RecordError as error:
+                reason = error.message.removeprefix("noise: ")
+                raise click.UsageError(f"--noise-of {name}={text}: {reason}") from error
+            sensors[name] = replace(sensors.get(name, lw.SensorStatement()), noise=noise)
+        return sensors
+
+
+def _channel(key: str) -> str:
+    """The name of a channel without the unit that stands behind it."""
+    return key.partition("[")[0].strip()
+
+
+def _stated_error(kind: str, text: str) -> tuple[str, lw.StatedError]:
+    """The channel and the error that an option states: CHANNEL, or CHANNEL=SIZE; UsageError for anything else."""
+    name, sign, size = (part.strip() for part in text.partition("="))
+    if not name or (sign and not size):
+        raise click.UsageError(
+            f"--{kind} {text!r} is not CHANNEL or CHANNEL=SIZE, as in --{kind} {_EXAMPLES[kind]}."
+        )
+    if not sign:
+        return name, lw.StatedError(_NONE[kind], inf)
+    try:
+        stated: lw.StatedError = getattr(lw.SensorStatement.of({kind: size}, name), kind)
+    except lw.RecordError as error:
+        reason = error.message.removeprefix(f"{kind}: ")
+        raise click.UsageError(f"--{kind} {name}={size}: {reason}") from error
+    return name, stated
+
+
+@dataclass(frozen=True)
+class RecordOptions(ReadingOptions):
+    """A record's file and how to read it: the answers to the options of `record_options`."""
+
+    record: Path
+
+    def read(self, masses: tuple[str, ...]) -> lw.Record:
+        """The record, cut to the asked time; RecordError names file, line and channel. `masses` are those there are."""
+        return self.read_file(self.record, masses)
+
+
+READING = (
+    click.option(
+        "--channel",
+        metavar="NAME=COLUMN",
+        multiple=True,
+        help="The column of the file that a channel is, as in x:m1=Laser1 or x:m1[mm]=Laser1, or of another file that was "
+        "started with it, as in a:base=ground.csv:AccX. Repeatable.",
+    ),
+    click.option(
+        "--mapping",
+        metavar="FILE",
+        type=FILE,
+        help="A file that states columns, units, masses, calibration, noise, offsets and delays once, for all records of a "
+        "test; other options go before it. inspect --write-mapping FILE writes a first one.",
+    ),
+    click.option(
+        "--header",
+        metavar="LINE",
+        help="The header line of a text file, where it is not found: its number, or a text in it.",
+    ),
+    click.option(
+        "--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of a file without a time column."
+    ),
+    click.option("--resample", metavar="HZ", type=POSITIVE, help="Resample uneven time to this rate."),
+    click.option(
+        "--decimate",
+        metavar="N",
+        type=click.IntRange(min=1),
+        help="Keep every N-th sample, behind an anti-alias filter.",
+    ),
+    click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
+    click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
+    click.option(
+        "--mark-missing",
+        metavar="KINDS",
+        multiple=True,
+        callback=comma_separated,
+        help="Take samples with these faults as missing: clipped, spikes.",
+    ),
+    click.option(
+        "--offset",
+        metavar="CHANNEL[=SIZE]",
+        multiple=True,
+        help="A constant error of this channel: 0.3mm is taken out as known; 0.3mm+-0.1mm, or +-0.1mm, is known to within a "
+        "standard deviation, and identify and discover find the rest, as they do without a size. Repeatable.",
+    ),
+    click.option(
+        "--gain",
+        metavar="CHANNEL[=FACTOR]",
+        multiple=True,
+        help="The factor by which this channel shows its motion: 1.02, 1.02+-1%, or found without one. Repeatable.",
+    ),
+    click.option(
+        "--delay",
+        metavar="CHANNEL[=TIME]",
+        multiple=True,
+        help="The time by which this channel is late, in s or with a unit: 2ms, 2ms+-0.1ms, or found without one. "
+        "Repeatable.",
+    ),
+    click.option(
+        "--interpolation",
+        metavar="CHANNEL=KIND",
+        multiple=True,
+        help="How an input runs between its samples: held, linear or band-limited (default). Repeatable.",
+    ),
+    click.option(
+        "--noise-of",
+        metavar="CHANNEL=SIGMA",
+        multiple=True,
+        help="Standard deviation of a channel's noise in SI units, where it is known. Repeatable.",
+    ),
+)
+
+record_options = grouped(RecordOptions, "source", click.argument("record", type=FILE), *READING)

@@ -1,0 +1,255 @@
+"""Mapping files: what the columns of the records of a test are, and what is known of its sensors, stated once.
+
+```toml
+rate = "1 kHz"                  # of files without a time column
+decimate = 4                    # resample = "1 kHz"; header = "Time" or the number of the line
+calibration = "1 %"             # of all sensors; common_calibration = "1 %" for a factor that they share
+
+[time]
+column = "Time"
+unit = "ms"
+
+[channel."x:m1"]
+column = "Laser 1"              # a header, or a number from 1
+unit = "mm"
+calibration = "0.5 %"           # gain = 1.02, "unknown" or "1.02 +- 1 %"
+offset = "+- 0.1 mm"            # "0.3 mm" where it is known, "unknown"
+delay = "2 ms"                  # "2 ms +- 0.1 ms", "unknown"
+noise = "5 um"
+interpolation = "held"          # of inputs
+
+[mass]
+m1 = "1.2 kg"
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from linkwise.errors import LinkwiseError, RecordError
+from linkwise.files.header import ColumnHeader
+from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
+from linkwise.records.channel import Channel
+from linkwise.records.sensor_statement import SensorStatement
+from linkwise.records.sensor_uncertainty import COMMON
+from linkwise.units import to_si
+
+_COLUMN = ("column", "unit")
+
+
+class _ColumnTable(msgspec.Struct, forbid_unknown_fields=True):
+    column: str | int = "time"
+    unit: str = ""
+
+
+class _ChannelTable(msgspec.Struct, forbid_unknown_fields=True):
+    column: str | int | None = None
+    unit: str = ""
+    calibration: float | str | None = None
+    gain: float | str | dict[str, float | str] | None = None
+    offset: float | str | dict[str, float | str] | None = None
+    delay: float | str | dict[str, float | str] | None = None
+    noise: float | str | None = None
+    interpolation: str | None = None
+
+
+class _MappingTable(msgspec.Struct, forbid_unknown_fields=True):
+    channel: dict[str, Any] = {}
+    time: _ColumnTable | None = None
+    mass: dict[str, float | str] = {}
+    rate: float | str | None = None
+    resample: float | str | None = None
+    decimate: int | None = None
+    header: str | int | None = None
+    calibration: float | str | None = None
+    common_calibration: float | str | None = None
+
+
+@dataclass(frozen=True)
+class RecordMapping:
+    """What the columns of a record are, and what is known of its sensors.
+
+    Parameters
+    ----------
+    channels : mapping of str to str or int, optional
+        Column of each channel, or of ``"time"``, as of `read_record`.
+    sensors : mapping of str to SensorStatement, optional
+        What is stated of sensors, by channel; ``"common"`` is a gain that all share.
+    calibration : float, optional
+        Relative standard deviation of the gain of every response of which nothing else is stated.
+    masses : mapping of str to float or "unknown", optional
+        Masses in kg by name.
+    rate, resample : float, optional
+        As of `read_record`.
+    decimate : int, optional
+        The factor by which the sampling rate is reduced, behind an anti-alias filter.
+    header : str or int, optional
+        The header line of a text file: its number from 1, or a text that it contains.
+    source : str, optional
+        Where the mapping comes from.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "sensors.toml"
+    ...     _ = path.write_text('[channel."x:m1"]\\ncolumn = "laser"\\nunit = "mm"\\ncalibration = "1 %"')
+    ...     mapping = lw.read_mapping(path)
+    ...     run = Path(folder) / "run.csv"
+    ...     rows = (f"{k / 100},{k % 7}" for k in range(100))
+    ...     _ = run.write_text("\\n".join(["time,laser", *rows]))
+    ...     record = lw.read_record(run, mapping=mapping)
+    >>> record.uncertainty["x:m1"].gain, float(record.channel("x:m1").max())
+    (0.01, 0.006)
+    """
+
+    channels: Mapping[str, str | int] = field(default_factory=dict)
+    sensors: Mapping[str, SensorStatement] = field(default_factory=dict)
+    calibration: float | None = None
+    masses: Mapping[str, float | str] = field(default_factory=dict)
+    rate: float | None = None
+    resample: float | None = None
+    decimate: int | None = None
+    header: str | int | None = None
+    source: str = ""
+
+    def over(self, other: RecordMapping) -> RecordMapping:
+        """Return this mapping, and of another one what it does not state.
+
+        Parameters
+        ----------
+        other : RecordMapping
+            The other one.
+
+        Returns
+        -------
+        RecordMapping
+            Both.
+        """
+        own = {_channel(key) for key in self.channels}
+        kept = {key: column for key, column in other.channels.items() if _channel(key) not in own}
+        sensors = dict(other.sensors)
+        for name, stated in self.sensors.items():
+            sensors[name] = stated.over(sensors.get(name, SensorStatement()))
+        rest = {
+            each.name: getattr(self, each.name)
+            for each in fields(self)
+            if each.name not in ("channels", "sensors") and getattr(self, each.name) not in (None, {}, "")
+        }
+        return replace(other, channels={**kept, **self.channels}, sensors=sensors, **rest)
+
+
+def _channel(key: str) -> str:
+    header = ColumnHeader.parse(key)
+    return "time" if header.is_time else header.name
+
+
+def read_mapping(path: str | Path) -> RecordMapping:
+    """Read a mapping file: columns, units, masses and sensors, stated once for all records of a test.
+
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file. At its top `rate`, `resample`, `decimate`, `header`, `calibration` of all sensors and
+        `common_calibration`; the tables ``[time]`` and ``[channel."x:m1"]`` with `column` and `unit`, a channel also with
+        `calibration`, `gain`, `offset`, `delay`, `noise` and `interpolation`; and ``[mass]`` with masses by name.
+
+    Returns
+    -------
+    RecordMapping
+        The mapping.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read; the error names file, key and what was expected.
+
+    See Also
+    --------
+    read_record : Read a record from a file.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "sensors.toml"
+    ...     _ = path.write_text('rate = "1 kHz"\\n[channel."x:m1"]\\ncolumn = 2\\noffset = "+- 0.1 mm"')
+    ...     mapping = lw.read_mapping(path)
+    >>> mapping.rate, dict(mapping.channels), mapping.sensors["x:m1"].offset.sigma
+    (1000.0, {'x:m1': 2}, 0.0001)
+    """
+    source = str(path)
+    data = parse_toml(read_toml_text(path, RecordError), source, RecordError)
+    table = decode(data, _MappingTable, source, "", RecordError)
+    if table.decimate is not None and table.decimate < 1:
+        raise RecordError(f"decimate: must be a positive integer, got {table.decimate}", source)
+    channels: dict[str, str | int] = {}
+    sensors: dict[str, SensorStatement] = {}
+    if table.time is not None:
+        channels[f"time[{table.time.unit}]" if table.time.unit else "time"] = table.time.column
+    for name, content in table.channel.items():
+        known = _checked_name(name, source)
+        entry = decode(content, _ChannelTable, source, f'channel."{name}"', RecordError)
+        if entry.column is not None or entry.unit:
+            key = f"{known}[{entry.unit}]" if entry.unit else known
+            channels[key] = known if entry.column is None else entry.column
+        stated = {key: value for key, value in content.items() if key not in _COLUMN}
+        if stated:
+            sensors[known] = SensorStatement.of(stated, known, source)
+    if table.common_calibration is not None:
+        sensors[COMMON] = SensorStatement.of({"calibration": table.common_calibration}, COMMON, source)
+    return RecordMapping(
+        channels,
+        sensors,
+        _calibration(table.calibration, source),
+        {name: _si(mass, "kg", source, f"mass.{name}") for name, mass in table.mass.items()},
+        _rate(table.rate, source, "rate"),
+        _rate(table.resample, source, "resample"),
+        table.decimate,
+        table.header,
+        source,
+    )
+
+
+def _checked_name(name: str, source: str) -> str:
+    """The name of a channel; RecordError names the key."""
+    if ColumnHeader.parse(name).unit:
+        raise RecordError(f'channel."{name}": write the unit as a key of its own, as in unit = "mm"', source)
+    try:
+        return str(Channel.parse(name))
+    except RecordError as error:
+        raise RecordError(f'channel."{name}": {error.message}', source) from error
+
+
+def _calibration(given: object, source: str) -> float | None:
+    if given is None:
+        return None
+    gain = SensorStatement.of({"calibration": given}, COMMON, source).gain
+    return None if gain is None else gain.sigma
+
+
+def _rate(given: object, source: str, key: str) -> float | None:
+    return None if given is None else float(_si(given, "Hz", source, key))
+
+
+def _si(given: object, dimension: str, source: str, key: str) -> float | str:
+    """A positive number in SI units, or "unknown" for a mass; RecordError names the key."""
+    if given == "unknown" and dimension == "kg":
+        return "unknown"
+    try:
+        value = to_si(given, dimension)
+    except LinkwiseError as error:
+        raise RecordError(f"{key}: {error}", source) from error
+    if not value > 0.0:
+        raise RecordError(f"{key}: must be positive, got {given!r}", source)
+    return value

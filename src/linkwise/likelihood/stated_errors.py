@@ -1,0 +1,106 @@
+"""What is known beforehand of the errors of sensors: what the records state, and what the user asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isinf
+from typing import Any
+
+from linkwise.errors import IdentificationError
+from linkwise.likelihood.sensor_unknowns import ALL, by_channel
+from linkwise.records.record import Record
+from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
+
+
+def errors_to_find(
+    records: Sequence[Record],
+    *,
+    offsets: Sequence[str] = (),
+    gains: Sequence[str] = (),
+    calibration: Mapping[str, float] | None = None,
+    delays: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The fields of `LikelihoodOptions` for the errors of sensors.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records, and what they state (`Record.uncertainty`) of their responses.
+    offsets, gains, delays : sequence of str, optional
+        Channels with an unknown error, whatever the records state of it.
+    calibration : mapping of str to float, optional
+        Relative standard deviations of gains, as of `MaximumLikelihood`; they go before what the records state.
+
+    Returns
+    -------
+    dict
+        `offsets`, `gains`, `calibration`, `delays` and the standard deviations of offsets and delays.
+
+    Raises
+    ------
+    IdentificationError
+        If records state different things of a sensor, or a calibration is not that of a response.
+    """
+    stated = _stated(records)
+    asked = dict(calibration or {})
+    named = {
+        name: known.gain
+        for name, known in stated.items()
+        if known.gain and not isinf(known.gain) and name not in (*asked, *gains)
+    }
+    free = {name: known for name, known in stated.items() if isinf(known.gain) and name not in asked}
+    if ALL in asked:
+        named = dict.fromkeys((each for each in records[0].responses if each not in free), asked[ALL]) | named
+    named |= {name: sigma for name, sigma in asked.items() if name != ALL}
+    by_channel(asked, records[0].responses)
+    found = {kind: _deviations(stated, kind, own) for kind, own in (("offset", offsets), ("delay", delays))}
+    return {
+        "offsets": _with(offsets, stated, "offset"),
+        "gains": (*gains, *(name for name in free if name not in gains)),
+        "calibration": by_channel(named, records[0].responses),
+        "delays": _with(delays, stated, "delay"),
+        "offset_deviations": found["offset"],
+        "delay_deviations": found["delay"],
+    }
+
+
+def _with(asked: Sequence[str], stated: Mapping[str, SensorUncertainty], kind: str) -> Sequence[str]:
+    """The channels that are asked for, and those of which such an error is stated."""
+    more = [name for name, known in stated.items() if getattr(known, kind) and name not in asked]
+    return (*asked, *more) if more else asked
+
+
+def _deviations(stated: Mapping[str, SensorUncertainty], kind: str, asked: Sequence[str]) -> dict[str, float]:
+    sigmas = {name: float(getattr(known, kind)) for name, known in stated.items() if name not in asked}
+    return {name: sigma for name, sigma in sigmas.items() if sigma and not isinf(sigma)}
+
+
+def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
+    """What the records state of their responses; IdentificationError where they disagree."""
+    stated: dict[str, SensorUncertainty] = {}
+    for record in records:
+        for name, known in record.uncertainty.items():
+            if name != COMMON and name not in record.responses:
+                continue
+            if stated.setdefault(name, known) != known:
+                raise IdentificationError(
+                    f"records that are taken together state different errors of {name}: {stated[name].described(name)} "
+                    f"against {known.described(name)} State the same of all, for instance in a mapping file"
+                )
+    return stated
+
+
+def uncounted(records: Sequence[Record], method: str) -> tuple[str, ...]:
+    """Sentences on what records state of sensors that `method` does not count."""
+    every = method == "ml"
+    names = [
+        name
+        for record in records
+        for name in record.uncertainty
+        if not every or (name != COMMON and name not in record.responses)
+    ]
+    if not names:
+        return ()
+    listed = ", ".join(dict.fromkeys(names))
+    why = "errors of inputs are not estimated" if every else 'method "ml" alone counts errors of sensors'
+    return (f"What is stated of the errors of {listed} is not counted: {why}.",)

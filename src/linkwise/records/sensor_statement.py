@@ -1,0 +1,274 @@
+"""What a laboratory states of a sensor: gain, offset, delay and noise; known errors are taken out of its samples."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from math import inf, isfinite
+from typing import Any, NamedTuple
+
+from linkwise.errors import LinkwiseError, RecordError
+from linkwise.records.channel import UNITS, Channel
+from linkwise.records.delays import without_delays
+from linkwise.records.record import Record
+from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
+from linkwise.text import near_miss
+from linkwise.units import to_si
+
+KEYS = ("calibration", "gain", "offset", "delay", "noise", "interpolation")
+_WITHIN = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
+_EXAMPLES = {"gain": "1.02", "offset": "0.3 {unit}", "delay": "2 ms"}
+_PLAIN = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
+
+
+class StatedError(NamedTuple):
+    """The size of an error of a sensor, and the standard deviation to which it is known.
+
+    Attributes
+    ----------
+    value : float
+        The size: a factor for a gain, the SI unit of the channel for an offset, s for a delay.
+    sigma : float
+        Its standard deviation; 0 where it is known, infinity where nothing is.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.SensorStatement.of({"delay": "2 ms +- 0.5 ms"}, "x:m1").delay
+    StatedError(value=0.002, sigma=0.0005)
+    """
+
+    value: float
+    sigma: float = 0.0
+
+
+@dataclass(frozen=True)
+class SensorStatement:
+    """What is stated of one sensor; None where nothing is.
+
+    A sensor shows `gain` times the motion of `delay` s before, and `offset`.
+
+    Parameters
+    ----------
+    gain, offset, delay : StatedError, optional
+        Errors of the sensor. What is known is taken out of its samples, and the rest is found with the laws.
+    noise : float, optional
+        Standard deviation of its noise, in the SI unit of the channel.
+    interpolation : str, optional
+        How an input runs between its samples.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> stated = lw.SensorStatement.of({"calibration": "1 %", "offset": "0.3 mm"}, "x:m1")
+    >>> stated.gain.sigma, stated.offset.value
+    (0.01, 0.0003)
+    """
+
+    gain: StatedError | None = None
+    offset: StatedError | None = None
+    delay: StatedError | None = None
+    noise: float | None = None
+    interpolation: str | None = None
+
+    @classmethod
+    def of(cls, stated: Mapping[str, object], channel: str, file: str | None = None) -> SensorStatement:
+        """Read what a mapping file or the attributes of a record file state.
+
+        Parameters
+        ----------
+        stated : mapping of str to object
+            The keys calibration, gain, offset, delay, noise and interpolation: numbers in SI units, or texts such as
+            ``"0.3 mm"``, ``"0.3 mm +- 0.1 mm"``, ``"+- 0.1 mm"`` and ``"unknown"``.
+        channel : str
+            The channel, or ``"common"``.
+        file : str, optional
+            The file, for errors.
+
+        Returns
+        -------
+        SensorStatement
+            The statement.
+
+        Raises
+        ------
+        RecordError
+            If a key is unknown or a value cannot be read; the error names file, channel and key.
+        """
+        unit = "" if channel == COMMON else UNITS[Channel.parse(channel).kind]
+        for key in stated:
+            if key not in KEYS:
+                message = f"unknown key {key!r}{near_miss(key, KEYS)}; the keys are {', '.join(KEYS)}"
+                raise RecordError(message, file, channel=channel)
+        found: dict[str, Any] = {}
+        for key, given in stated.items():
+            try:
+                found[key] = _value(key, given, unit)
+            except LinkwiseError as error:
+                raise RecordError(f"{key}: {error}", file, channel=channel) from error
+        calibration = found.pop("calibration", None)
+        if calibration is not None:
+            gain = found.get("gain", StatedError(1.0))
+            if gain.sigma:
+                message = "calibration and gain both say how well the gain is known; leave one of them out"
+                raise RecordError(message, file, channel=channel)
+            found["gain"] = StatedError(gain.value, calibration)
+        return cls(**found)
+
+    def over(self, other: SensorStatement) -> SensorStatement:
+        """Return this statement, and of another one what it does not say.
+
+        Parameters
+        ----------
+        other : SensorStatement
+            The other one.
+
+        Returns
+        -------
+        SensorStatement
+            Both.
+        """
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        return replace(other, **{name: value for name, value in given.items() if value is not None})
+
+    @property
+    def uncertainty(self) -> SensorUncertainty:
+        """What remains to be found when the known errors are taken out."""
+        gain, offset, delay = (getattr(self, name) or StatedError(_PLAIN[name]) for name in _PLAIN)
+        return SensorUncertainty(gain.sigma / abs(gain.value), offset.sigma / abs(gain.value), delay.sigma)
+
+
+def known_within(text: str, dimension: str, kind: str) -> StatedError:
+    """Read "0.3 mm", "0.3 mm +- 0.1 mm", "+- 0.1 mm" or "unknown" as an error of this kind.
+
+    Raises LinkwiseError for anything else.
+    """
+    if text.strip() == "unknown":
+        return StatedError(_PLAIN[kind], inf)
+    parts = _WITHIN.split(text.strip())
+    if len(parts) > 2 or not parts[-1]:
+        raise _unreadable(text, dimension, kind)
+    try:
+        value = _PLAIN[kind] if len(parts) == 2 and not parts[0] else _si(parts[0], dimension)
+        return StatedError(value, _si(parts[1], dimension) if len(parts) == 2 else 0.0)
+    except LinkwiseError as error:
+        raise _unreadable(text, dimension, kind, str(error)) from error
+
+
+def _unreadable(text: str, dimension: str, kind: str, reason: str = "") -> LinkwiseError:
+    example = _EXAMPLES[kind].format(unit=dimension)
+    within = f"{example} +- {'1 %' if kind == 'gain' else example}"
+    return LinkwiseError(
+        f"{reason.rstrip('.') or f'{text!r} cannot be read'}; write '{example}' for a known {kind}, '{within}' for one "
+        "that is known to within a standard deviation, or 'unknown'"
+    )
+
+
+def _si(given: object, dimension: str) -> float:
+    """A number, plain or as a text, in SI units; a percentage where a number without unit is expected."""
+    if isinstance(given, str):
+        text = given.strip()
+        if not dimension and text.endswith("%"):
+            return 0.01 * _si(text[:-1], "")
+        with suppress(ValueError):  # of a text with a unit
+            given = float(text)
+    return to_si(given, dimension)
+
+
+def _value(key: str, given: object, unit: str) -> Any:
+    """The value of one key of a sensor."""
+    if key == "interpolation":
+        return str(given)
+    if key in ("calibration", "noise"):
+        sigma = _si(given, "" if key == "calibration" else unit)
+        if sigma < 0.0:
+            raise LinkwiseError(f"a standard deviation must not be negative, got {given!r}")
+        return sigma
+    dimension = {"gain": "", "offset": unit, "delay": "s"}[key]
+    stated = _stated(key, given, dimension)
+    if not isfinite(stated.value) or stated.sigma < 0.0:
+        raise LinkwiseError(f"a standard deviation must not be negative, got {given!r}")
+    if key == "gain" and stated.value == 0.0:
+        raise LinkwiseError("a gain of 0 shows no motion; leave the channel out")
+    return stated
+
+
+def _stated(key: str, given: object, dimension: str) -> StatedError:
+    if isinstance(given, Mapping):
+        wrong = [name for name in given if name not in ("start", "sigma")]
+        if wrong or "sigma" not in given:
+            raise LinkwiseError(f"a table has the keys start and sigma, got {', '.join(map(str, given))}")
+        start = _si(given["start"], dimension) if "start" in given else _PLAIN[key]
+        return StatedError(start, _si(given["sigma"], dimension))
+    if isinstance(given, str):
+        return known_within(given, dimension, key)
+    return StatedError(_si(given, dimension))
+
+
+def with_statements(record: Record, stated: Mapping[str, SensorStatement], file: str | None = None) -> Record:
+    """The record without the known errors of its sensors, with what is known of the others and of their noise.
+
+    Raises RecordError for a channel that is not in the record.
+    """
+    if not stated:
+        return record
+    values, notes = record.values.copy(), []
+    noise, runs = dict(record.noise), dict(record.interpolation)
+    uncertainty = dict(record.uncertainty)
+    late: dict[str, float] = {}
+    for name, each in stated.items():
+        known = each.uncertainty
+        uncertainty.pop(name, None)
+        if known:
+            uncertainty[name] = known
+        if any(0.0 < sigma < inf for sigma in (known.gain, known.offset, known.delay)):
+            notes.append(known.described(name))  # what is unknown is found, and told then
+        if name == COMMON:
+            continue
+        if name not in record.channels:
+            listed = ", ".join(record.channels)
+            raise RecordError(
+                f"is not in the record, and something is stated of it; the channels are {listed}",
+                file,
+                channel=name,
+            )
+        gain, offset = each.gain or StatedError(1.0), each.offset or StatedError(0.0)
+        if each.noise is not None:
+            noise[name] = each.noise
+        if offset.value or gain.value != 1.0:
+            column = record.channels.index(name)
+            values[:, column] = (values[:, column] - offset.value) / gain.value
+            if name in noise:
+                noise[name] /= abs(gain.value)
+            notes.append(_taken_out(name, gain.value, offset.value))
+        if each.delay is not None and each.delay.value:
+            late[name] = each.delay.value
+        if each.interpolation is not None:
+            runs[name] = each.interpolation
+    changed = replace(
+        record,
+        values=values,
+        noise=noise,
+        interpolation=runs,
+        uncertainty=uncertainty,
+        notes=(*record.notes, *notes),
+    )
+    return without_delays(changed, late)
+
+
+def _taken_out(name: str, gain: float, offset: float) -> str:
+    unit = Channel.parse(name).unit.replace("?", "").strip()
+    errors = [f"an offset of {offset:g} {unit}".rstrip()] if offset else []
+    errors += [f"a gain of {gain:g}"] if gain != 1.0 else []
+    return f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} taken out, as known."
+
+
+def attributes_of(known: SensorUncertainty, channel: str) -> dict[str, str]:
+    """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor."""
+    unit = "" if channel == COMMON else f" {Channel.parse(channel).unit}".replace(" ?", "")
+    told = (("gain", known.gain, ""), ("offset", known.offset, unit), ("delay", known.delay, " s"))
+    return {
+        key: "unknown" if sigma == inf else f"+- {sigma!r}{suffix}" for key, sigma, suffix in told if sigma
+    }

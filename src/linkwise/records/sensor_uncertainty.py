@@ -1,0 +1,102 @@
+"""How well the errors of a sensor are known: its gain, its offset and its delay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isinf, isnan
+
+from linkwise.errors import RecordError
+from linkwise.records.channel import Channel
+
+COMMON = "common"  # in place of a channel: a gain that all sensors share
+
+
+@dataclass(frozen=True)
+class SensorUncertainty:
+    """Standard deviations to which gain, offset and delay of a sensor are known beforehand.
+
+    0 says that there is no such error, infinity that nothing is known of it. `identify` by maximum likelihood and `discover`
+    find the errors with the laws, with these priors, and count them in every interval.
+
+    Parameters
+    ----------
+    gain : float, optional
+        Of the gain, relative: 0.01 for a calibration to 1 %.
+    offset : float, optional
+        Of the constant error, in the SI unit of the channel.
+    delay : float, optional
+        Of the delay, in s.
+
+    Raises
+    ------
+    RecordError
+        If one of them is negative or not a number.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from dataclasses import replace
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> record = replace(record, uncertainty={"x:m1": lw.SensorUncertainty(gain=0.01, offset=1e-4)})
+    >>> fit = lw.identify(record, lw.bnes_chain(2).unknown("nes"))
+    >>> [finding[:14] for finding in fit.findings]
+    ['x:m1 is off by', 'x:m1 shows 1.0']
+    """
+
+    gain: float = 0.0
+    offset: float = 0.0
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "offset", "delay"):
+            sigma = getattr(self, name)
+            if isnan(sigma) or sigma < 0.0:
+                raise RecordError(f"the standard deviation of a {name} must not be negative, got {sigma!r}")
+
+    def __bool__(self) -> bool:
+        return bool(self.gain or self.offset or self.delay)
+
+    def described(self, channel: str) -> str:
+        """Say what is known of the sensor of a channel.
+
+        Parameters
+        ----------
+        channel : str
+            The channel, or ``"common"``.
+
+        Returns
+        -------
+        str
+            A sentence.
+        """
+        unit = "" if channel == COMMON else Channel.parse(channel).unit
+        known = [
+            (
+                f"its {name} is unknown"
+                if isinf(sigma)
+                else f"its {name} is known to {_size(sigma, name, unit)}"
+            )
+            for name, sigma in (("gain", self.gain), ("offset", self.offset), ("delay", self.delay))
+            if sigma
+        ]
+        return f"{'The gain that all sensors share' if channel == COMMON else channel}: {', '.join(known)}."
+
+
+def _size(sigma: float, name: str, unit: str) -> str:
+    if name == "gain":
+        return f"{100.0 * sigma:.3g} %"
+    return f"{sigma:.3g} {'s' if name == 'delay' else unit}".replace(" ?", "")
+
+
+def check_uncertainty(channels: tuple[str, ...], uncertainty: Mapping[str, SensorUncertainty]) -> None:
+    """Raise RecordError for what is stated of a channel that is not in the record, and for a delay of what has none."""
+    for name, known in uncertainty.items():
+        if name == COMMON:
+            if known.offset or known.delay:
+                raise RecordError("sensors share a gain, not an offset or a delay", channel=name)
+        elif name not in channels:
+            raise RecordError(
+                f"errors are stated of a channel that is not in the record; the channels are {', '.join(channels)}",
+                channel=name,
+            )

@@ -1,0 +1,160 @@
+"""Mapping files: columns, units and sensors stated once, errors that name the key, and a first mapping to be edited."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.files import write_first_mapping
+from linkwise.files.mapping import RecordMapping, read_mapping
+
+N, RATE = 400, 100.0
+T = np.arange(N) / RATE
+X, A = np.sin(20.0 * T), np.cos(31.0 * T)
+
+MAPPING = """
+calibration = "2 %"
+common_calibration = "1 %"
+
+[time]
+column = "Zeit"
+unit = "ms"
+
+[channel."x:m1"]
+column = "Laser 1"
+unit = "mm"
+calibration = "0.5 %"
+offset = "0.3 mm +- 0.1 mm"
+noise = "5 um"
+
+[channel."a:m2"]
+column = 3
+unit = "m/s^2"
+gain = 1.02
+delay = "+- 1 ms"
+
+[mass]
+m1 = "1 kg"
+m2 = "unknown"
+"""
+
+
+def logger(folder: Path) -> Path:
+    """A semicolon file with decimal commas, whose laser shows 0.3 mm too much and whose accelerometer 2 % too much."""
+    rows = [
+        f"{1e3 * t:.0f};{1e3 * x + 0.3:.7f};{1.02 * a:.9f}".replace(".", ",")
+        for t, x, a in zip(T, X, A, strict=True)
+    ]
+    path = folder / "logger.csv"
+    path.write_text("\n".join(["Zeit;Laser 1;Acc", *rows]))
+    return path
+
+
+def mapping_file(folder: Path, text: str = MAPPING) -> Path:
+    path = folder / "sensors.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_mapping_says_what_columns_are_and_takes_known_errors_out(tmp_path: Path) -> None:
+    record = lw.read_record(logger(tmp_path), mapping=mapping_file(tmp_path))
+    assert record.rate == RATE and record.channels == ("x:m1", "a:m2")
+    # the files have seven digits of a millimetre, and nine of the acceleration
+    assert record.channel("x:m1") == pytest.approx(X, abs=1e-10)
+    assert record.channel("a:m2") == pytest.approx(A, abs=1e-9)
+    assert record.noise["x:m1"] == pytest.approx(5e-6, rel=1e-12)
+    known = record.uncertainty
+    assert (known["x:m1"].gain, known["common"].gain) == (0.005, 0.01)
+    assert known["x:m1"].offset == pytest.approx(1e-4, rel=1e-12)
+    # a gain that is stated has no standard deviation but its own
+    assert known["a:m2"] == lw.SensorUncertainty(delay=1e-3)
+    assert "x:m1: an offset of 0.0003 m was taken out, as known." in record.notes
+    assert any(note.startswith("a:m2: its delay is known to 0.001 s") for note in record.notes)
+
+
+def test_arguments_go_before_the_mapping(tmp_path: Path) -> None:
+    mapping = mapping_file(tmp_path)
+    record = lw.read_record(
+        logger(tmp_path), mapping=mapping, channels={"x:m1[m]": "Acc"}, rate=50.0, informative=False
+    )
+    assert record.rate == 50.0 and abs(record.channel("x:m1")).max() > 1.0
+    own = RecordMapping(sensors={"x:m1": lw.SensorStatement.of({"offset": "unknown"}, "x:m1")})
+    both = own.over(read_mapping(mapping))
+    offset, gain = both.sensors["x:m1"].offset, both.sensors["x:m1"].gain
+    assert offset == (0.0, np.inf) and gain == (1.0, 0.005)
+    assert both.masses == {"m1": 1.0, "m2": "unknown"} and both.source == str(mapping)
+
+
+def test_the_calibration_of_all_is_of_responses_of_which_nothing_else_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    rows = (f"{t},{x},{a},{a}" for t, x, a in zip(T, X, A, strict=True))
+    path.write_text("\n".join(["time,x:m1,a:m2,force:m1", *rows]))
+    text = 'calibration = "2 %"\n[channel."x:m1"]\ncalibration = 0.005\ndecimate = 1'
+    with pytest.raises(lw.RecordError, match=r'channel\."x:m1": unknown key "decimate"'):
+        lw.read_record(path, mapping=mapping_file(tmp_path, text))
+    record = lw.read_record(path, mapping=mapping_file(tmp_path, text.rpartition("\n")[0]))
+    assert {name: known.gain for name, known in record.uncertainty.items()} == {"x:m1": 0.005, "a:m2": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[channel]\nx = 1", "'x' is not a channel"),
+        ('[channel."x:m1[mm]"]\ncolumn = 1', 'channel."x:m1[mm]": write the unit as a key of its own'),
+        ('[channel."x:m1"]\ncolum = 1', 'unknown key "colum"; did you mean "column"'),
+        ('[channel."x:m1"]\noffset = "3 kg"', "channel x:m1: offset: '3 kg' is in kg: expected"),
+        ('[channel."x:m1"]\noffset = "about 3 mm"', "write '0.3 m' for a known offset"),
+        ('[channel."x:m1"]\ndelay = { start = 1, sgma = 2 }', "a table has the keys start and sigma"),
+        ('[channel."x:m1"]\ngain = 0', "a gain of 0 shows no motion"),
+        ('[channel."x:m1"]\ncalibration = -0.1', "a standard deviation must not be negative"),
+        ('[channel."x:m1"]\ncolumn = "Laser 9"', "x:m1 is mapped to column 'Laser 9', which does not exist"),
+        ('[channel."v:m7"]\nnoise = 1', "channel v:m7: is not in the record"),
+        ('rate = "fast"', "rate: 'fast' cannot be read"),
+        ('rate = "1 kg"', "rate: '1 kg' is in kg"),
+        ("decimate = 0", "decimate: must be a positive integer, got 0"),
+        ("decimate = 2.5", "decimate: expected `int | null`, got `float`"),
+        ('[mass]\nm1 = "-1 kg"', "mass.m1: must be positive"),
+        ("rate = 1 kHz", "is not valid TOML"),
+    ],
+)
+def test_errors_name_file_and_key(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(["time,x:m1", *(f"{t},{x}" for t, x in zip(T, X, strict=True))]))
+    with pytest.raises(lw.RecordError) as caught:
+        lw.read_record(path, mapping=mapping_file(tmp_path, text))
+    assert said in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "run.csv" if "not in" in said else tmp_path))
+
+
+def test_a_mapping_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lw.RecordError, match=r"none\.toml: there is no such file"):
+        read_mapping(tmp_path / "none.toml")
+
+
+def test_a_first_mapping_guesses_quantities_and_can_be_used(tmp_path: Path) -> None:
+    path, written = tmp_path / "run.csv", tmp_path / "first.toml"
+    rows = (f"{t},{x},{9.81 * a},{x},7" for t, x, a in zip(T, X, A, strict=True))
+    path.write_text("\n".join(['Time (s),Laser "a" (mm),Pos 2,x:m4,counter', *rows]))
+    guesses = write_first_mapping(path, written)
+    assert guesses == (
+        'Column Laser "a" was guessed from its unit to be a displacement, x:m1.',
+        "Column Pos 2 was guessed from its name to be a displacement, x:m2.",
+    )
+    mapping = read_mapping(written)
+    assert mapping.channels == {"time[s]": "Time", "x:m1[mm]": 'Laser "a"', "x:m2": "Pos 2", "x:m4": "x:m4"}
+    assert '# not used: "counter"' in written.read_text()
+    record = lw.read_record(path, mapping=written, informative=False)
+    assert record.channel("x:m1") == pytest.approx(1e-3 * X, rel=1e-12)
+    with pytest.raises(lw.RecordError, match="is there already"):
+        write_first_mapping(path, written)
+
+
+def test_a_first_mapping_of_columns_that_say_nothing_is_an_example(tmp_path: Path) -> None:
+    path, written = tmp_path / "run.npy", tmp_path / "first.toml"
+    np.save(path, np.column_stack([X, A]))
+    assert write_first_mapping(path, written) == ()
+    assert read_mapping(written) == RecordMapping(source=str(written))
+    assert '# [channel."x:m1"]\n# column = 1\n# unit = "mm"\n' in written.read_text()

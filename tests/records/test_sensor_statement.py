@@ -1,0 +1,87 @@
+"""What is stated of sensors: known errors are taken out of the samples, and the rest is kept as their uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.records.sensor_statement import attributes_of, with_statements
+
+T = np.arange(400) / 200.0
+MOTION = 1e-3 * np.sin(30.0 * T)
+
+
+def statement(channel: str = "x:m1", **stated: object) -> lw.SensorStatement:
+    return lw.SensorStatement.of(stated, channel)
+
+
+@pytest.mark.parametrize(
+    ("given", "value", "sigma"),
+    [
+        ("0.3 mm", 3e-4, 0.0),
+        (3e-4, 3e-4, 0.0),
+        ("0.0003", 3e-4, 0.0),
+        ("+- 0.1 mm", 0.0, 1e-4),
+        ("0.3mm+-0.1mm", 3e-4, 1e-4),
+        ("0.3 mm ± 100 um", 3e-4, 1e-4),
+        ("-0.3 mm +/- 0.1 mm", -3e-4, 1e-4),
+        ("unknown", 0.0, np.inf),
+        ({"sigma": "0.1 mm"}, 0.0, 1e-4),
+        ({"start": "0.3 mm", "sigma": 1e-4}, 3e-4, 1e-4),
+    ],
+)
+def test_an_error_is_known_known_to_within_or_unknown(given: object, value: float, sigma: float) -> None:
+    assert statement(offset=given).offset == pytest.approx((value, sigma), rel=1e-12)
+
+
+def test_a_sensor_shows_gain_times_motion_and_offset() -> None:
+    shown = 1.25 * MOTION + 2e-4
+    record = lw.Record(0.0, 200.0, ("x:m1",), shown[:, None], noise={"x:m1": 1e-5})
+    known = statement(gain="1.25 +- 1 %", offset="0.2 mm +- 0.05 mm", delay="+- 1 ms")
+    corrected = with_statements(record, {"x:m1": known})
+    assert corrected.channel("x:m1") == pytest.approx(MOTION, abs=1e-16)
+    # standard deviations of what is left are those of the motion, not of what the sensor showed
+    left = corrected.uncertainty["x:m1"]
+    assert (left.gain, left.offset, left.delay) == pytest.approx((0.008, 4e-5, 1e-3), rel=1e-12)
+    assert corrected.noise["x:m1"] == pytest.approx(8e-6, rel=1e-12)
+    assert "x:m1: an offset of 0.0002 m and a gain of 1.25 were taken out, as known." in corrected.notes
+
+
+def test_a_known_delay_is_taken_out() -> None:
+    late = 1e-3 * np.sin(30.0 * (T - 0.01))
+    record = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, late], axis=1))
+    corrected = with_statements(record, {"x:m2": statement(delay="10 ms")})
+    # two whole samples, so that nothing is interpolated
+    assert corrected.channel("x:m2") == pytest.approx(corrected.channel("x:m1"), abs=1e-12)
+    assert not corrected.uncertainty
+
+
+def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
+    known = lw.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf)
+    again = lw.SensorStatement.of(attributes_of(known, "v:m1"), "v:m1")
+    assert again.uncertainty == known
+    state = lw.SensorStatement.of(attributes_of(known, "state:joint.z"), "state:joint.z")
+    assert state.uncertainty == known
+
+
+def test_a_record_refuses_what_is_stated_of_other_channels() -> None:
+    record = lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None])
+    known = lw.SensorUncertainty(offset=1e-4)
+    with pytest.raises(lw.RecordError, match="channel x:m2: errors are stated of a channel that is not in"):
+        replace(record, uncertainty={"x:m2": known})
+    with pytest.raises(lw.RecordError, match="sensors share a gain, not an offset or a delay"):
+        replace(record, uncertainty={"common": known})
+    with pytest.raises(lw.RecordError, match="standard deviation of a delay must not be negative"):
+        lw.SensorUncertainty(delay=-1.0)
+
+
+def test_channels_keep_what_is_known_of_them() -> None:
+    known = {"x:m1": lw.SensorUncertainty(offset=1e-4), "common": lw.SensorUncertainty(gain=0.01)}
+    both = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, MOTION**2], axis=1), uncertainty=known)
+    assert both.select(["x:m2"]).uncertainty == {"common": known["common"]}
+    assert both.select(["x:m1"])[10:].decimate(1).uncertainty == known
+    other = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.SensorUncertainty(delay=1e-3)})
+    assert set(lw.beside(both.select(["x:m1"]), other).uncertainty) == {"x:m1", "x:m2", "common"}
