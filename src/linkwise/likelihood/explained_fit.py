@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingStatus
 from linkwise.likelihood.block_scores import error_ratios
 from linkwise.likelihood.coloured_fit import ColouredFit, with_coloured_noise
 from linkwise.likelihood.coloured_noise import ColouredNoise
 from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.model_error import ModelErrorCandidate, lag_one_autocorrelation, with_model_error
+from linkwise.likelihood.noise_level import with_noise_of_residuals
 from linkwise.likelihood.segments import Iterate, Segments
 
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
@@ -66,7 +67,7 @@ def explained_fit(
     annealer: Annealer,
     *,
     limit: float,
-    stated: bool,
+    stated: Bools,
     allowed: AllowedErrors,
 ) -> ExplainedFit:
     """`fit`, or, where noise as expected does not explain it, the likelier of fits with coloured noise and with model error.
@@ -83,7 +84,7 @@ def explained_fit(
         Fits again.
     limit : float
         By how much chi-square may differ from 1.
-    stated : bool
+    stated : array of bool, shape (C,)
         Whether the noise of a channel is stated.
     allowed : AllowedErrors
         What it may resort to.
@@ -93,7 +94,8 @@ def explained_fit(
     ExplainedFit
         The fit and its errors.
     """
-    off = _is_off(fit, annealer.loss, limit, stated=stated)
+    any_stated = bool(stated.any())
+    off = _is_off(fit, annealer.loss, limit, stated=any_stated)
     exact = allowed.model_error and not allowed.known_model_error
     coloured = with_coloured_noise(segments, fit, annealer) if exact and allowed.coloured_noise else None
     candidate = None
@@ -102,12 +104,12 @@ def explained_fit(
     if allowed.model_error and (allowed.known_model_error or inexact):
         candidate = with_model_error(segments, fit, start, annealer)
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
-        return _with_coloured_noise(coloured, off=stated and off)
+        return _with_coloured_noise(coloured, off=any_stated and off)
     if candidate is not None and candidate.exact:
-        off = _is_off(candidate.fit, annealer.loss, limit, stated=stated)
-        return _with_exact_laws(candidate.fit, off=off)
+        fit = with_noise_of_residuals(segments, candidate.fit, annealer, stated)
+        return _with_exact_laws(fit, off=_is_off(fit, annealer.loss, limit, stated=any_stated))
     if candidate is not None:
-        return _with_model_error(segments, candidate, annealer, limit, stated)
+        return _with_model_error(segments, candidate, annealer, limit, any_stated)
     return _with_exact_laws(fit, off=off)
 
 

@@ -23,6 +23,7 @@ from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.marginal import marginal_fit, relaxation
+from linkwise.likelihood.noise_level import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
@@ -217,12 +218,14 @@ def _fitted(
     annealer: Annealer,
 ) -> LikelihoodFit:
     segments, start, fit, limit = _annealed(problem, spread, options, annealer)
-    stated = any(name in record.noise for record in records for name in records[0].responses)
+    known = sensing.stated(records)
     if segments.random is not None:
-        segments, fit = marginal_fit(segments, fit, sensing.stated(records), annealer)
+        segments, fit = marginal_fit(segments, fit, known, annealer)
+    else:
+        fit = with_noise_of_residuals(segments, fit, annealer, known)
     inexact = options.model_error and segments.random is None
     allowed = AllowedErrors(inexact, options.coloured_noise, options.relaxation is not None)
-    explained = explained_fit(segments, start, fit, annealer, limit=limit, stated=stated, allowed=allowed)
+    explained = explained_fit(segments, start, fit, annealer, limit=limit, stated=known, allowed=allowed)
     fit, p = explained.fit, segments.system.parameters.size
     ratios = explained.error_ratios
     frame, point = sensing.frames[0], fit.point
