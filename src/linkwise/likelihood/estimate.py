@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar, TypedDict, final
 
@@ -20,6 +20,7 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
+from linkwise.likelihood.low_signal import held_as_closely_as_smooth, is_loosened
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.random_forces import (
@@ -45,6 +46,11 @@ from linkwise.signals.base_frame import framed, framed_records
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.residual import weak_residual
+
+_LOOSENED = (
+    "If the motion had to follow the laws exactly, noise would leave the likelihood many optima, of which a search finds one. "
+    "The motion was let depart from the laws by a small part of the noise, and the intervals are wider for that."
+)
 
 
 class LikelihoodKeywords(TypedDict, total=False):
@@ -185,8 +191,12 @@ class MaximumLikelihood(Estimator):
         drifts = needs_integration(framed(records[0], structure).record, structure)
         if structure.hosts or drifts:
             return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
-        fit = likelihood_fit(records, structure, theta, spread=spread, options=options)
-        return lower_of_two(fit, lambda values: likelihood_fit(records, structure, values, options=options))
+        search = partial(likelihood_fit, records, structure)
+        fit = search(theta, spread=spread, options=options)
+        fit = lower_of_two(fit, lambda values: search(values, options=options))
+        return held_as_closely_as_smooth(
+            fit, lambda values, nodes, q: search(values, options=_held(options, nodes, q))
+        )
 
     def _valleys(self, records: Sequence[Record], structure: Structure) -> tuple[Valley, ...]:
         """Starts of a structure with memory; none without memory."""
@@ -197,6 +207,18 @@ class MaximumLikelihood(Estimator):
             return (Valley(np.array([given[p.name] for p in structure.parameters]), 0.0),)
         with one_blas_thread():
             return memory_starts(framed_records(records, structure), structure, given)
+
+
+def _held(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:
+    """Options of a search for exact laws near the optimum at a relaxation, where it ends."""
+    return replace(
+        options,
+        nodes=nodes,
+        relaxation=relaxation,
+        tightest=relaxation,
+        model_error=False,
+        coloured_noise=False,
+    )
 
 
 def estimate_of(
@@ -312,4 +334,5 @@ def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]
         f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
         for values in fit.others
     ]
-    return (*(force.description for force in fit.random_forces), *of_sensors, *tied)
+    loosened = [_LOOSENED] if is_loosened(fit) else []
+    return (*(force.description for force in fit.random_forces), *of_sensors, *loosened, *tied)

@@ -305,7 +305,10 @@ def _annealed(
         tight = max(options.relaxation / _TIGHTER, AnnealingSchedule.final_q)
         schedule = AnnealingSchedule(initial_q=options.relaxation, final_q=tight)
     schedule = replace(
-        schedule, cost_ceiling=options.ceiling, max_steps=min(schedule.max_steps, options.steps)
+        schedule,
+        cost_ceiling=options.ceiling,
+        max_steps=min(schedule.max_steps, options.steps),
+        final_q=max(schedule.final_q, options.tightest),
     )
     if segments.random is not None:
         tight = relaxation(segments, problem.scales, start.theta)
@@ -329,7 +332,13 @@ def _resumed(
 
     Close to its end it may creep along a bend of the likelihood, which looser links straighten.
     """
-    looser = replace(_WARM, cost_ceiling=schedule.cost_ceiling, max_steps=schedule.max_steps)
+    looser = replace(
+        _WARM,
+        initial_q=max(_WARM.initial_q, schedule.final_q),
+        final_q=schedule.final_q,
+        cost_ceiling=schedule.cost_ceiling,
+        max_steps=schedule.max_steps,
+    )
     again = annealer(segments, fit.point, fit.scales, looser)
     return replace(again, path=(*fit.path, *again.path))
 

@@ -92,6 +92,34 @@ def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
         return True
     if len(fit.path) > _EXHAUSTED:
         return False
+    return is_quadratic(fit, faint)
+
+
+def is_quadratic(
+    fit: LikelihoodFit,
+    faint: Sequence[str] = (),
+    *,
+    factor: float = _IRREGULAR,
+    sides: Sequence[float] = (1.0,),
+) -> bool:
+    """Whether the cost rises as the covariance predicts where the parameters are moved by two standard errors and held.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    faint : sequence of str, optional
+        Parameters that stay where they are.
+    factor : float, optional
+        By which the rise may differ from the prediction.
+    sides : sequence of float, optional
+        Signs of the two random directions that are taken.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
     free = np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
     of_white = fit.optimum.of_white  # as which the cost takes the noise
     covariance = (fit.covariance if of_white is None else of_white)[np.ix_(free, free)]
@@ -102,18 +130,22 @@ def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
     root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(free)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
-    return all(_rises_as_expected(fit, free, root @ direction) for direction in directions)
+    return all(
+        _rises_as_expected(fit, free, side * (root @ direction), factor)
+        for direction in directions
+        for side in sides
+    )
 
 
-def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats) -> bool:
-    """Whether the cost rises quadratically when the free parameters are moved by `step` and held."""
+def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats, factor: float) -> bool:
+    """Whether the cost rises quadratically, within a factor, when the free parameters are moved by `step` and held."""
     optimum = fit.optimum
     theta = optimum.point.theta.copy()
     theta[free] += step
     moved = fitted_with(optimum, theta, np.ones(len(theta), dtype=bool))
     rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2 / _DISTANCE**2
     if moved.status is AnnealingStatus.CONVERGED:
-        return bool(1.0 / _IRREGULAR < rise < _IRREGULAR)
+        return bool(1.0 / factor < rise < factor)
     return bool(rise < _IRREGULAR_UNCONVERGED)
 
 

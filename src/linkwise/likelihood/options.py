@@ -46,6 +46,8 @@ class LikelihoodOptions:
         Cost per sample above which the laws are wrong and the continuity is not tightened further.
     steps : int, optional
         Largest number of steps.
+    tightest : float, optional
+        Relaxation at which the search ends; that of exact laws by default.
     """
 
     offsets: Sequence[str] = ()
@@ -64,3 +66,4 @@ class LikelihoodOptions:
     relaxation: float | None = None
     ceiling: float = np.inf
     steps: int = AnnealingSchedule.max_steps
+    tightest: float = AnnealingSchedule.final_q

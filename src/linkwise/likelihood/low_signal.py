@@ -1,0 +1,158 @@
+"""Exact laws at a low signal: how closely the motion is held to them, so that the likelihood has one optimum.
+
+The closer the motion must follow the laws, the longer each sample says something of the parameters. Where neighbouring
+motions part, noise then leaves the likelihood with many narrow optima. A search that tightens the links between segments
+quickly ends in one that is not the highest, and the curvature there says nothing of the distance to the others. With looser
+links the motion forgets before that happens, and the likelihood has one optimum. From there the links are tightened slowly,
+with -2 log of the marginal likelihood at each relaxation: it falls towards exact laws in the right valley and rises in a wrong
+one. Where the tightest links leave no quadratic likelihood, the tightest that do are kept; their covariance takes the loosened
+links for noise, and is on the safe side.
+
+References
+----------
+V. F. Pisarenko and D. Sornette, "Statistical methods of parameter estimation for deterministically chaotic time series",
+Phys. Rev. E 69, 036122 (2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.local_optima import is_quadratic, went_straight
+from linkwise.likelihood.model_error import evidence
+
+_LOW = (
+    10.0**1.5
+)  # power of a channel over that of its noise, 15 dB, below which few steps are no sign of one optimum
+_LADDER = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, AnnealingSchedule.final_q)
+_SINGLE = 1e-2  # relaxation down to which noise as strong as the motion leaves one optimum
+_STEPS = 40  # at each relaxation; a search that takes more has left the valley
+_WORSE = (
+    2.0  # of -2 log of the marginal likelihood: more than rounding and the error of Laplace's approximation
+)
+_AGREES = 1.0  # of the cost: two searches that ended in the same optimum
+_FACTOR = 2.0  # by which the cost may rise more or less than the covariance predicts
+_BOTH = (1.0, -1.0)
+_ON_THE_WAY = 3.0  # times the noise, in power: a search that did not converge may have been in a wrong valley
+
+
+class Refit(Protocol):
+    """`likelihood_fit` of exact laws from values and states, down to a relaxation."""
+
+    def __call__(self, values: Floats, nodes: Floats, relaxation: float) -> LikelihoodFit: ...
+
+
+def held_as_closely_as_smooth(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
+    """`fit`, or where its likelihood has other optima the closest fit to exact laws whose likelihood is quadratic.
+
+    Looked at are fits with white noise and without a model error, at a low signal, of many steps, or not converged.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit of exact laws.
+    refit : callable
+        Fits again.
+
+    Returns
+    -------
+    LikelihoodFit
+        The fit; the given one where no other is better.
+    """
+    if not _may_be_wrong(fit):
+        return fit
+    rungs = list(_descent(fit))
+    if not rungs or rungs[-1].fit.status is AnnealingStatus.INTERRUPTED:
+        return fit
+    tightest = rungs[-1].fit
+    same = (
+        tightest.q <= fit.optimum.q
+        and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
+    )
+    if same and fit.status is AnnealingStatus.CONVERGED and _is_smooth(fit):
+        return fit
+    least = min(rung.evidence for rung in rungs)
+    for rung in reversed(rungs):
+        if rung.evidence > least + _WORSE and rung.fit.q < _SINGLE:
+            continue
+        try:
+            other = refit(rung.fit.point.theta, rung.fit.point.nodes, rung.fit.q)
+        except IdentificationError:  # the motion runs away
+            continue
+        if other.status is AnnealingStatus.INTERRUPTED:
+            return fit
+        if other.status is AnnealingStatus.CONVERGED and not other.chi_square_off and _is_smooth(other):
+            return other
+    return fit
+
+
+def is_loosened(fit: LikelihoodFit) -> bool:
+    """Whether laws that are taken as exact hold between the segments of a fit only to within its relaxation.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    bool
+        Whether they do.
+    """
+    exact = fit.status is AnnealingStatus.CONVERGED and fit.model_error == 0.0 and not fit.random_forces
+    return exact and fit.optimum.q > AnnealingSchedule.final_q
+
+
+@dataclass(frozen=True, eq=False)
+class _Rung:
+    """A fit at one relaxation, and -2 log of its marginal likelihood."""
+
+    fit: AnnealingFit
+    evidence: float
+
+
+def _descent(fit: LikelihoodFit) -> Iterator[_Rung]:
+    """Fits at ever smaller relaxations, each from the one before, as long as they converge."""
+    optimum, point = fit.optimum, fit.optimum.point
+    for q in _LADDER:
+        schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_STEPS)
+        found = anneal(optimum.segments, point, optimum.scales, schedule, loss=optimum.loss)
+        if found.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
+            return
+        yield _Rung(found, evidence(optimum.segments, found, q, optimum.loss)[1])
+        if found.status is AnnealingStatus.INTERRUPTED:
+            return
+        point = found.point
+
+
+def _may_be_wrong(fit: LikelihoodFit) -> bool:
+    """Whether the search for exact laws may have ended in an optimum that is not the highest."""
+    if fit.status is AnnealingStatus.INTERRUPTED or fit.model_error > 0.0:
+        return False
+    if fit.random_forces or fit.optimum.coloured is not None:
+        return False
+    if fit.status is not AnnealingStatus.CONVERGED:
+        return fit.chi_square < _ON_THE_WAY
+    if fit.optimum.q > AnnealingSchedule.final_q:
+        return False
+    return _is_low(fit) or not (went_straight(fit) or _is_smooth(fit))
+
+
+def _is_smooth(fit: LikelihoodFit) -> bool:
+    return is_quadratic(fit, factor=_FACTOR, sides=_BOTH)
+
+
+def _is_low(fit: LikelihoodFit) -> bool:
+    """Whether a channel is hardly above its noise."""
+    segments, sigma = fit.segments, fit.optimum.scales.sigma
+    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    power = np.sum((segments.samples * segments.observed) ** 2, axis=(0, 2)) / counts
+    return bool((power < _LOW * sigma**2).any())

@@ -1,0 +1,46 @@
+"""Searches at a low signal: other valleys, and laws that the motion is held to as closely as the likelihood is smooth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from problems import chain_record, truth
+
+import linkwise as lw
+
+CHAIN = lw.bnes_chain(2)
+FAR = 5.0  # standard errors
+
+
+def identified(seed: int) -> lw.Estimate:
+    return lw.identify(chain_record(2).with_noise(5.0, seed=seed), CHAIN.unknown("all"))
+
+
+def errors(fit: lw.Estimate) -> np.ndarray:
+    """(p,) errors in standard errors."""
+    return np.asarray((fit.values - truth(CHAIN, fit.given_structure)) / np.sqrt(fit.covariance.diagonal()))
+
+
+def test_a_search_that_ended_in_a_wrong_valley_finds_the_right_one() -> None:
+    """At 5 dB; the first search of this record does not converge, and is 17 standard errors off."""
+    fit = identified(1014)
+    assert fit.trusted
+    assert np.max(np.abs(errors(fit))) < FAR
+    assert not loosened(fit)
+
+
+def loosened(fit: lw.Estimate) -> bool:
+    """Whether the answer says that the motion was let depart from the laws."""
+    return any("let depart from the laws" in remark for remark in fit.remarks)
+
+
+@pytest.mark.parametrize("seed", [1012, 1019])
+def test_motion_departs_from_the_laws_where_the_likelihood_has_many_optima(seed: int) -> None:
+    fit = identified(seed)
+    assert loosened(fit)
+    assert fit.trusted and fit.model_error == 0.0
+    assert np.max(np.abs(errors(fit))) < FAR
+
+
+def test_a_high_signal_is_held_to_the_laws() -> None:
+    assert not loosened(lw.identify(chain_record(2).with_noise(20.0, seed=1014), CHAIN.unknown("all")))
