@@ -23,6 +23,7 @@ from linkwise.likelihood.normal_equations import Linearization, linearise
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.room import fit_bytes, require_room
 from linkwise.likelihood.score_test import CandidateForce, candidates_along
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.tangent_forces import CandidateForces
@@ -130,7 +131,8 @@ def both(
     n = len(segments.system.incidence)
     reached = np.ones((n, n), dtype=bool) if whole else reach(segments, misfit, scales)
     origins = column_origins(segments, candidates, errors)
-    groups = neighbourhoods(segments, reached, clusters(segments.system), origins)
+    moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
+    groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
     assert len(groups) > 1
     local = local_linearization(LocalRows(segments, misfit, scales, loss, groups, candidates, errors))
     return local, linearise(segments, misfit, scales, loss, candidates=candidates, errors=errors)
@@ -212,6 +214,17 @@ def test_reach_leaves_out_what_is_small_in_every_segment(name: str) -> None:
     assert reached.diagonal().all()
 
 
+def test_intervals_of_many_masses() -> None:
+    """The errors of 35 coefficients, weighed by their covariance: between the quantiles of 0.1 % and 99.9 %, for one seed."""
+    chain = lw.bnes_chain(14)
+    record = lw.simulate(chain, release={"v:m1": 3.0}, duration=1.5, rate=1000.0).with_noise(20.0, seed=1000)
+    fit = lw.identify(record, chain.unknown("all"))
+    true = np.array([present(chain.coefficient(p.name).value) for p in fit.parameters])
+    error = fit.values - true
+    assert fit.trusted and len(error) == 35
+    assert 14.7 < error @ np.linalg.solve(fit.covariance, error) < 66.6
+
+
 def test_few_masses_and_dense_graphs_stay_dense() -> None:
     for true, local in ((lw.bnes_chain(6), False), (star(20), False), (lw.bnes_chain(20), True)):
         asked = true.unknown("all")
@@ -223,3 +236,14 @@ def test_few_masses_and_dense_graphs_stay_dense() -> None:
         misfit = evaluate(found.segments, found.start, found.scales, Gaussian())
         linear = linear_model(found.segments, misfit, found.scales, Gaussian())
         assert isinstance(linear, LocalLinearization) is local
+
+
+def test_a_fit_without_room_is_refused_before_the_work() -> None:
+    """200 masses over 6 s at 1 kHz: two dense blocks a node, 3 GB, and 2 GB of neighbours."""
+    needed = fit_bytes(1200, 200, 400, 500)
+    assert 2 * 8 * 1200 * 400**2 < needed < 6e9
+    require_room(1200, 200, 400, 500, free=needed)
+    with pytest.raises(
+        lw.IdentificationError, match=r"for 200 masses over 1200 segments .* needs 4.99 GB, and 2 GB are free"
+    ):
+        require_room(1200, 200, 400, 500, free=2_000_000_000)

@@ -23,6 +23,7 @@ from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.marginal import marginal_fit, relaxation
+from linkwise.likelihood.neighbourhoods import MANY
 from linkwise.likelihood.noise_level import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
@@ -39,6 +40,10 @@ from linkwise.signals.base_frame import FramedRecord, framed
 _NEAR = AnnealingSchedule(
     initial_q=0.1, smallest_factor=0.01, trust_per_sample=10.0
 )  # from a start with known deviations: the weak fit's
+_FAR_OF_MANY = AnnealingSchedule(
+    smallest_factor=0.1, trust_per_sample=1.0
+)  # of many masses: the mean of all hides that the quadratic model is wrong for one
+_NEAR_OF_MANY = replace(_FAR_OF_MANY, initial_q=0.1)
 _WARM = AnnealingSchedule(
     initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0
 )  # from the states of a fit to nearly the same laws
@@ -296,9 +301,10 @@ def _annealed(
     if options.nodes is None:
         start = carry_through_gaps(segments, problem.start)
         start = within_reach(segments, start, problem.scales, annealer.loss)
-        schedule = AnnealingSchedule()
+        schedule = _FAR_OF_MANY if _many(segments) else AnnealingSchedule()
         if spread is not None:
-            start, schedule = states_by_held_laws(segments, start, problem.scales, annealer), _NEAR
+            start = states_by_held_laws(segments, start, problem.scales, annealer)
+            schedule = _NEAR_OF_MANY if _many(segments) else _NEAR
     else:
         start, schedule = replace(problem.start, nodes=options.nodes), _WARM
     if options.relaxation is not None:
@@ -323,6 +329,10 @@ def _annealed(
         if joined is not None:
             return problem.segments, start, joined, limit
     return segments, start, fit, limit
+
+
+def _many(segments: Segments) -> bool:
+    return len(segments.system.incidence) >= MANY
 
 
 def _resumed(

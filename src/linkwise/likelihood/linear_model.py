@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 
 import numpy as np
 
@@ -12,17 +12,17 @@ from linkwise.likelihood.local_equations import LocalFactor, LocalLinearization
 from linkwise.likelihood.local_products import local_linearization
 from linkwise.likelihood.local_rows import LocalRows
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.neighbourhoods import clusters, neighbourhoods, reach
+from linkwise.likelihood.neighbourhoods import MANY, clusters, neighbourhoods, reach
 from linkwise.likelihood.normal_equations import Linearization, linearise
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import F, S, Scales, Segments
 from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.runtime import processors
 
 LinearModel = Linearization | LocalLinearization
 Factor = BorderedFactor | LocalFactor
 
-_FEWEST = 12  # masses from which the parts of a structure are handled apart
 _WORTHWHILE = 0.7  # of the sensitivities of the whole: what groups may have of them
 
 
@@ -50,12 +50,16 @@ def linear_model(
     if _separable(segments):
         reached = reach(segments, misfit, scales)
         origins = column_origins(segments, candidates, errors)
-        groups = neighbourhoods(segments, reached, clusters(segments.system), origins)
+        moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
+        groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
         m, n = segments.system.dimension, len(segments.system.incidence)
         handled = sum(len(group.masses) * group.size for group in groups)
         if handled < _WORTHWHILE * n * (m + len(origins)):
             rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
-            return local_linearization(rows, executor)
+            if executor is not None:
+                return local_linearization(rows, executor)
+            with ThreadPoolExecutor(processors()) as threads:
+                return local_linearization(rows, threads)
     return linearise(segments, misfit, scales, loss, executor, candidates, errors)
 
 
@@ -64,7 +68,7 @@ def _separable(segments: Segments) -> bool:
     sensors = segments.sensors
     hosts = len(segments.system.points) > 0 or sensors.shapes is not None
     return (
-        len(segments.system.incidence) >= _FEWEST
+        len(segments.system.incidence) >= MANY
         and segments.random is None
         and not hosts
         and not sensors.gains

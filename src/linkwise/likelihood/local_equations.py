@@ -34,19 +34,22 @@ class MeetingGroups:
 
 @dataclass(frozen=True, eq=False)
 class PairBlocks:
-    """What two groups of columns contribute: states (K, a, P') of the first with all columns of the second, and the border of
-    the first with the states (K, q, b) of the second.
+    """What two groups of columns contribute: states (K, a, P') of the first with columns of the second, and the border of the
+    first with the states (K, q, b) of the second.
     """
 
     upper: NDArray[Any]
     lower: NDArray[Any]
 
     @classmethod
-    def empty(cls, K: int, one: Neighbourhood, other: Neighbourhood, kind: type) -> PairBlocks:
-        """Room for K segments."""
+    def empty(
+        cls, K: int, groups: tuple[Neighbourhood, Neighbourhood], sizes: tuple[int, int], kind: type
+    ) -> PairBlocks:
+        """Room for K segments and as many columns of each group."""
+        one, other = groups
         return cls(
-            np.empty((K, len(one.states), other.size), kind),
-            np.empty((K, len(one.border), len(other.states)), kind),
+            np.empty((K, len(one.states), sizes[1]), kind),
+            np.empty((K, sizes[0] - len(one.states), len(other.states)), kind),
         )
 
     def put(self, part: slice, product: NDArray[Any]) -> Floats:
@@ -97,7 +100,7 @@ class LocalLinearization:
     data, defects : LocalQuadraticForm
         The data part, and the defects for q = 1 without the diagonal of the later node.
     ends : sequence of array
-        For each group the ends of the segments by its columns, (K, r, P).
+        For each group the ends of the segments by its moving columns, (K, r, P).
     missed : array of shape (K, m)
         The defects.
     joined : array of shape (K,)
@@ -203,14 +206,12 @@ class LocalSystem:
         coupling = np.zeros((last - first, m, m))
         for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
             one, other = order.of_states[pair.first], order.of_states[pair.second]
-            upper = defects.upper[some] * weight
-            upper += data.upper[some]
+            upper = _weighted_sum(data.upper[some], defects.upper[some], weight, 2)
             b = other.stop - other.start
             diagonal[:, one, other] = upper[:, :, :b]
             right[:, order.of_border[pair.second], one] = upper[:, :, b:].transpose(0, 2, 1)
             if pair.first != pair.second:
-                lower = defects.lower[some] * weight
-                lower += data.lower[some]
+                lower = _weighted_sum(data.lower[some], defects.lower[some], weight, 1)
                 right[:, order.of_border[pair.first], other] = lower
         before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
         later = slice(before.start + 1 - first, None)
@@ -218,7 +219,7 @@ class LocalSystem:
             rows, own = order.places[group.rows], order.of_states[number]
             a = own.stop - own.start
             coupling[:, rows, own] = linear.ends[number][some, :, :a].astype(float) * -weight
-            columns = np.arange(p)[order.of_border[number]]
+            columns = np.arange(p)[order.of_border[number]][: group.moving - a]
             if len(columns):
                 ends = linear.ends[number][before, :, a:].astype(float).transpose(0, 2, 1) * weight
                 right[later][:, columns[:, None], rows] -= ends
@@ -239,12 +240,14 @@ class LocalSystem:
             for pair, blocks in zip(linear.pairs, form.pairs, strict=True):
                 one, other = order.of_states[pair.first], order.of_states[pair.second]
                 b = other.stop - other.start
-                left[:, one] -= factor * (blocks.upper[:, :, b:] @ border[order.of_border[pair.second]])
+                by_second = border[order.of_border[pair.second]][: blocks.upper.shape[2] - b]
+                left[:, one] -= factor * (blocks.upper[:, :, b:] @ by_second)
                 if pair.first != pair.second:
-                    left[:, other] -= factor * (border[order.of_border[pair.first]] @ blocks.lower)
+                    by_first = border[order.of_border[pair.first]][: blocks.lower.shape[1]]
+                    left[:, other] -= factor * (by_first @ blocks.lower)
         for number, group in enumerate(linear.groups):
             a = len(group.states)
-            ends = linear.ends[number][:-1, :, a:] @ border[order.of_border[number]]
+            ends = linear.ends[number][:-1, :, a:] @ border[order.of_border[number]][: group.moving - a]
             left[1:, order.places[group.rows]] += weight * ends
         return left
 
@@ -282,3 +285,11 @@ class LocalFactor:
     def log_determinant(self, free: Bools) -> float:
         """As `BorderedFactor.log_determinant`."""
         return self.blocks.log_determinant(free[self.order.border])
+
+
+def _weighted_sum(data: NDArray[Any], defects: NDArray[Any], weight: float, axis: int) -> Floats:
+    """data + weight * defects, of which the latter have the first places along an axis only."""
+    total = np.asarray(data, dtype=float)
+    own = (slice(None),) * axis + (slice(defects.shape[axis]),)
+    total[own] += weight * defects
+    return total

@@ -14,8 +14,10 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.neighbourhoods import MANY
 
 _STRAIGHT = 10  # steps of annealing up to which there is no sign of another optimum
+_DOUBLED = 5.0  # more of them for twice the masses, of which the slowest to converge decides
 _DIRECTIONS = 2  # in which the cost is evaluated
 _EXHAUSTED = AnnealingSchedule.max_steps  # steps after which a search was taken up again
 _DISTANCE = 2.0  # standard errors
@@ -41,7 +43,9 @@ def went_straight(fit: LikelihoodFit) -> bool:
     bool
         Whether there is none.
     """
-    return len(fit.path) <= _STRAIGHT or fit.model_error > 0.0 or bool(fit.random_forces)
+    masses = len(fit.segments.system.incidence)
+    more = _DOUBLED * np.log2(masses / MANY) if masses > MANY else 0.0
+    return len(fit.path) <= _STRAIGHT + more or fit.model_error > 0.0 or bool(fit.random_forces)
 
 
 def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) -> LikelihoodFit:

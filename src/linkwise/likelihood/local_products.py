@@ -41,12 +41,13 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
     """
     segments, groups = rows.segments, rows.groups
     order, pairs, K = Order(groups), _pairs(groups), segments.count
-    data, defects = (_empty(K, groups, pairs, order, kind) for kind in (np.float32, np.float64))
+    data = _empty(K, groups, pairs, [group.size for group in groups], np.float32)
+    defects = _empty(K, groups, pairs, [group.moving for group in groups], np.float64)
     joined = np.append(segments.linked, False).astype(float)
     missed = np.zeros((K, len(order.states)))
     missed[:-1] = rows.misfit.defects.reshape(len(order.states), -1).T
     missed = missed[:, order.states] * joined[:, None]
-    ends = [np.empty((K, len(group.rows), group.size), np.float32) for group in groups]
+    ends = [np.empty((K, len(group.rows), group.moving), np.float32) for group in groups]
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> list[list[Floats]]:
@@ -74,9 +75,11 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
     for sums in map(work, parts) if executor is None else executor.map(work, parts):
         for form, kind in ((data, 0), (defects, 1)):
             for group, each in zip(groups, sums, strict=False):
-                form.corner_gradient[group.border] += each[kind]
+                form.corner_gradient[group.border[: len(each[kind])]] += each[kind]
             for pair, each in zip(pairs, sums[len(groups) :], strict=True):
-                one, other = (groups[i].border for i in pair.groups)
+                one, other = (
+                    groups[i].border[:size] for i, size in zip(pair.groups, each[kind].shape, strict=True)
+                )
                 form.corner[np.ix_(one, other)] += each[kind]
                 if pair.first != pair.second:
                     form.corner[np.ix_(other, one)] += each[kind].T
@@ -87,15 +90,27 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
 
 
 def _empty(
-    K: int, groups: Sequence[Neighbourhood], pairs: Sequence[MeetingGroups], order: Order, kind: type
+    K: int,
+    groups: Sequence[Neighbourhood],
+    pairs: Sequence[MeetingGroups],
+    sizes: Sequence[int],
+    kind: type,
 ) -> LocalQuadraticForm:
-    p = len(order.border)
-    return LocalQuadraticForm(
-        [PairBlocks.empty(K, groups[pair.first], groups[pair.second], kind) for pair in pairs],
-        np.zeros((K, len(order.states))),
-        np.zeros((p, p)),
-        np.zeros(p),
+    """Room for the products of as many columns of each group."""
+    m, p = (
+        sum(len(each) for each in parts)
+        for parts in zip(*((g.states, g.border) for g in groups), strict=True)
     )
+    blocks = [
+        PairBlocks.empty(
+            K,
+            (groups[pair.first], groups[pair.second]),
+            (sizes[pair.first], sizes[pair.second]),
+            kind,
+        )
+        for pair in pairs
+    ]
+    return LocalQuadraticForm(blocks, np.zeros((K, m)), np.zeros((p, p)), np.zeros(p))
 
 
 def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:

@@ -22,8 +22,8 @@ from linkwise.likelihood.tangents import Transfer, march, tangent_forces
 
 @dataclass(frozen=True, eq=False)
 class GroupRows:
-    """Of k segments and a group of P columns: whitened `data` (k, M, C, P) of the group's channels, and `ends` (k, r, P), the
-    sensitivities of the group's rows at the segments' ends, both in scaled unknowns.
+    """Of k segments and a group of P columns: whitened `data` (k, M, C, P) of the group's channels, and `ends` (k, r, P'), the
+    sensitivities of the group's rows at the segments' ends to the moving columns, both in scaled unknowns.
     """
 
     data: Single
@@ -34,7 +34,8 @@ class GroupRows:
 class LocalRows:
     """The Jacobian at a point, in `groups` of columns.
 
-    The border's columns are parameters, amplitudes of `candidates`, sizes of `errors`, and offsets.
+    The border's columns are parameters, amplitudes of `candidates`, sizes of `errors`, and offsets; `groups` have as moving
+    ones the first two.
     """
 
     segments: Segments
@@ -83,12 +84,11 @@ class LocalRows:
         whiten: Single,
     ) -> GroupRows:
         segments, m = self.segments, len(self.scales.state)
-        moving = group.border[group.border < self.moving]
-        columns = np.concatenate([group.states, m + moving])
-        width = len(columns)
+        width = group.moving
+        columns = np.concatenate([group.states, m + group.border])[:width]
         M = len(segments.samples)
         data: NDArray[Any] = np.zeros((len(step), M, len(group.channels), group.size), np.float32)
-        ends: NDArray[Any] = np.zeros((len(step), len(group.rows), group.size), np.float32)
+        ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
         if width:
             starts, middles = (
                 each.within(group.masses, group.links, group.memory, columns) for each in forces
@@ -106,9 +106,9 @@ class LocalRows:
                         2, 0, 1
                     )
             r, rate = len(group.masses), (1.0 / step).astype(np.float32)
-            ends[:, :r, :width] = tangent.state[0].transpose(2, 0, 1)
-            ends[:, r : 2 * r, :width] = (tangent.state[1] * rate).transpose(2, 0, 1)
-            ends[:, 2 * r :, :width] = tangent.memory.transpose(2, 0, 1)
+            ends[:, :r] = tangent.state[0].transpose(2, 0, 1)
+            ends[:, r : 2 * r] = (tangent.state[1] * rate).transpose(2, 0, 1)
+            ends[:, 2 * r :] = tangent.memory.transpose(2, 0, 1)
             ends /= self.scales.state[group.rows, None].astype(np.float32)
         self._add_errors(data, group, part, whiten)
         return GroupRows(data, ends)

@@ -19,6 +19,7 @@ from linkwise.likelihood.tangents import Transfer, march, tangent_forces, units_
 
 TOLERANCE = 1e-3
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""
+MANY = 12  # masses from which the parts of a structure are handled apart
 _CLUSTER = 6  # masses at most
 _EVENLY, _STEEPEST = 8, 16  # segments whose sensitivities are computed for the whole structure
 
@@ -39,6 +40,8 @@ class Neighbourhood:
         Displacements and velocities of `masses`, and `memory`, by their numbers among the states.
     channels : array of int, shape (C,)
         Sensors that show them.
+    moving : int
+        Number of columns that act on the motion: states, and the first of the border; errors of sensors do not.
     """
 
     states: Indices
@@ -48,6 +51,7 @@ class Neighbourhood:
     memory: Indices
     rows: Indices
     channels: Indices
+    moving: int
 
     @property
     def size(self) -> int:
@@ -151,7 +155,11 @@ def _sampled(segments: Segments, misfit: Misfit) -> Indices:
 
 
 def neighbourhoods(
-    segments: Segments, reached: Bools, groups: Sequence[Indices], origins: Sequence[Indices]
+    segments: Segments,
+    reached: Bools,
+    groups: Sequence[Indices],
+    origins: Sequence[Indices],
+    moving: int,
 ) -> list[Neighbourhood]:
     """The columns in groups, with what each group reaches.
 
@@ -165,6 +173,8 @@ def neighbourhoods(
         The masses in clusters; their states are the columns of the first groups.
     origins : sequence of array of int
         Of each column of the border the masses on which the unknown acts, or whose sensors it changes.
+    moving : int
+        How many columns of the border act on the motion; they come first.
 
     Returns
     -------
@@ -190,14 +200,15 @@ def neighbourhoods(
         inner = np.flatnonzero(of_states == key[0]) if len(key) == 1 else np.empty(0, dtype=int)
         sources = np.unique(np.concatenate([own, *(owners[s] for s in inner), *(origins[c] for c in border)]))
         masses = np.flatnonzero(reached[:, sources.astype(int)].any(axis=1))
-        found.append(_neighbourhood(segments, own, inner, np.array(border, dtype=int), masses))
+        found.append(_neighbourhood(segments, (own, inner), np.array(border, dtype=int), masses, moving))
     return found
 
 
 def _neighbourhood(
-    segments: Segments, own: Indices, inner: Indices, border: Indices, masses: Indices
+    segments: Segments, owners: tuple[Indices, Indices], border: Indices, masses: Indices, moving: int
 ) -> Neighbourhood:
-    """The group of the states of masses `own`, of the states `inner` of links and of `border`, which reaches `masses`."""
+    """The group of the states of some masses, some states of links (`owners`) and of `border`, which reaches `masses`."""
+    own, inner = owners
     system, sensors, n = segments.system, segments.sensors, len(segments.system.incidence)
     inside = np.zeros(n, dtype=bool)
     inside[masses] = True
@@ -208,12 +219,14 @@ def _neighbourhood(
         np.isin(sensors.mass, links),
         np.where(sensors.kind == S, np.isin(sensors.mass, memory), np.isin(sensors.mass, masses)),
     )
+    states = np.concatenate([own, n + own, 2 * n + inner])
     return Neighbourhood(
-        states=np.concatenate([own, n + own, 2 * n + inner]),
+        states=states,
         border=border,
         masses=masses,
         links=links,
         memory=memory,
         rows=np.concatenate([masses, n + masses, 2 * n + memory]),
         channels=np.flatnonzero(shown),
+        moving=len(states) + int(np.sum(border < moving)),
     )

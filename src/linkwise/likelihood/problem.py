@@ -10,9 +10,11 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.loss import Gaussian
+from linkwise.likelihood.neighbourhoods import MANY
 from linkwise.likelihood.random_forces import first_deviations, with_random_forces
 from linkwise.likelihood.random_states import RandomStates
 from linkwise.likelihood.residuals import Misfit, evaluate
+from linkwise.likelihood.room import require_room
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.starts.states import segment_nodes, start_states
@@ -25,6 +27,7 @@ _FLOW_ERROR = 1e-3  # of the standard deviation of the noise: errors of the step
 _TANGENT_ERROR = 0.002  # of a sensitivity over a segment
 _MAX_REFINEMENT = 8  # steps per sample
 _TESTED_SEGMENTS = 150  # whose residuals decide how fine the steps must be
+_TESTED_NUMBERS = 1_000_000  # in the sensitivities that do, with many masses
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +75,16 @@ def shooting_problem(
     -------
     ShootingProblem
         The problem.
+
+    Raises
+    ------
+    IdentificationError
+        If it needs more memory than is free.
     """
     masses = [force.mass for force in sensing.random]
     system = System.of(with_random_forces(structure, masses))
+    count = sum(-(-len(record) // sensing.samples) for record in records)
+    require_room(count, structure.size, system.dimension, system.parameters.size)
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
     starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
@@ -161,13 +171,22 @@ class _TestedFlow:
     def end_sensitivities(self, steps: int) -> Floats:
         """(2n + S, P, k) of the states at the segments' ends, by tangents in `steps` steps a sample."""
         segments, theta = self.segments, self.misfit.point.theta
-        thinned = segments.refine // steps
-        orbit, step = self.misfit.trajectories.thinned(thinned), segments.step * thinned
-        units = self.scales.state, self.scales.theta[: len(theta)]
-        for tangent in tangents(segments.system.at(theta), orbit, step, *units, inputs=segments.inputs):
+        thinned, some = segments.refine // steps, self._tested
+        orbit, step = self.misfit.trajectories.part(some).thinned(thinned), segments.step[some] * thinned
+        units, inputs = (self.scales.state, self.scales.theta[: len(theta)]), segments.inputs.part(some)
+        for tangent in tangents(segments.system.at(theta), orbit, step, *units, inputs=inputs):
             ends = tangent
         x, u = ends.state
         return np.concatenate([x, u / step, ends.memory]) / self.scales.state[:, None, None]
+
+    @property
+    def _tested(self) -> slice:
+        """The segments whose sensitivities are tested: fewer of many masses, each of which has as many to test."""
+        n, links = self.segments.system.incidence.shape
+        if n < MANY:
+            return slice(None)
+        numbers = links * (len(self.scales.state) + len(self.scales.theta)) * self.segments.count
+        return slice(None, None, -(-numbers // _TESTED_NUMBERS))
 
 
 def _same_residuals(coarse: _TestedFlow, fine: _TestedFlow) -> bool:
