@@ -108,7 +108,7 @@ def test_errors_and_chi_square_at_20_db(n: int) -> None:
 
 @pytest.mark.parametrize("n", [2, 4])
 def test_velocities_cover(n: int) -> None:
-    """What the suite asks of eight and four records of half the duration, of all twenty."""
+    """What the suite asks of six and three records of half the duration, of all twenty."""
     paper_fits.check_velocities(identified(n, 30.0, SEEDS, "v"))
 
 

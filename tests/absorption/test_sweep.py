@@ -232,7 +232,7 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
 @pytest.mark.parametrize("masses", [2, 8])
 def test_the_memory_of_a_sweep_is_what_it_takes(masses: int) -> None:
     trial: dict[str, Any] = {"duration": 0.1, "rate": 500.0, "release": RELEASE, "workers": 1}
-    chain, alphas = lw.bnes_chain(masses), np.linspace(-200.0, -20.0, 400)
+    chain, alphas = lw.bnes_chain(masses), np.linspace(-200.0, -20.0, 200)
     lw.absorption_map(chain, {"nes1.alpha": alphas[:2]}, **trial)  # loads what a first one does
     tracemalloc.start()
     lw.absorption_map(chain, {"nes1.alpha": alphas}, **trial)

@@ -20,8 +20,8 @@ from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.system import System
 
 number = lw.Coefficient.number
-FREQUENCIES = (3.3, 20.6, 57.7, 113.0)  # Hz, of a slender cantilever
-SHAPES = {"tip": (3.2, -3.2, 3.2, -3.2), "mid": (1.1, 2.3, 0.06, -2.3), "root": (0.3, 1.5, 2.8, 3.0)}
+FREQUENCIES = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever
+SHAPES = {"tip": (3.2, -3.2, 3.2), "mid": (1.1, 2.3, 0.06), "root": (0.3, 1.5, 2.8)}
 LAW = lw.Law.parse("alpha*d + beta*d**3 + c*v")
 TRUE = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
 
@@ -29,7 +29,7 @@ TRUE = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
 def beam(
     frequencies: tuple[lw.Coefficient, ...] = tuple(map(number, FREQUENCIES)), end: str = "tip"
 ) -> lw.Structure:
-    """A cantilever by four modes with a bistable sink at one of its points."""
+    """A cantilever by three modes with a bistable sink at one of its points."""
     modes = tuple(
         lw.HostMode(frequency, number(0.01), {point: shape[r] for point, shape in SHAPES.items()})
         for r, frequency in enumerate(frequencies)
@@ -40,7 +40,7 @@ def beam(
 
 @cache
 def record() -> lw.Record:
-    """Two hammer hits; accelerometers on two points and on the sink, fewer than the four modes and the sink."""
+    """Two hammer hits; accelerometers on two points and on the sink, fewer than the three modes and the sink."""
     hits = "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 0.675)/0.002)**2)"
     return lw.simulate(
         beam(),
@@ -80,7 +80,7 @@ def test_a_sink_on_a_beam_is_identified_with_fewer_sensors_than_modes() -> None:
 def test_frequencies_known_to_within_are_found() -> None:
     within = tuple(
         lw.Coefficient.unknown(frequency * factor, sigma=0.01 * frequency)
-        for frequency, factor in zip(FREQUENCIES, (1.01, 0.992, 1.004, 0.995), strict=True)
+        for frequency, factor in zip(FREQUENCIES, (1.01, 0.992, 1.004), strict=True)
     )
     fit = lw.identify(record(), beam(within).unknown("nes"))
     assert fit.trusted
@@ -241,7 +241,7 @@ def test_sensitivities_to_shapes_are_those_of_differences() -> None:
 
     rows, ends = whitened_jacobian(segments, misfit(theta), scales, Gaussian(), slice(0, count))
     shapes = [column for column, p in enumerate(structure.parameters) if ".shape." in p.name]
-    assert len(shapes) == 12
+    assert len(shapes) == 9
     for column in shapes:
         step = 1e-4 * scales.theta[column] * np.eye(len(theta))[column]
         later, earlier = misfit(theta + step), misfit(theta - step)
@@ -256,7 +256,7 @@ def test_sensitivities_to_shapes_are_those_of_differences() -> None:
 
 def test_shapes_known_to_within_are_found_and_counted() -> None:
     """Shapes off by 2 %: held as known they take trust away and are named, known to within they come out."""
-    host = mistaken(100)
+    host = mistaken(101)
     held = lw.identify(first_hit(), beside(beam(), host))
     assert not held.trusted
     assert held.diagnosis[0].kind == "shape"
@@ -264,7 +264,7 @@ def test_shapes_known_to_within_are_found_and_counted() -> None:
     assert fit.trusted
     assert np.abs(errors(fit)).max() < 4.0
     assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.08)
-    assert len(fit.shapes) == 12
+    assert len(fit.shapes) == 9
     for each in fit.shapes:
         true = beam().coefficient(each.name).value
         assert true is not None
@@ -274,7 +274,7 @@ def test_shapes_known_to_within_are_found_and_counted() -> None:
     (first, *_) = fit.to_dict()["modes"]
     assert first["shape"]["tip"]["unit"] == "1/sqrt(kg)"
     assert fit.structure.coefficient("beam.mode1.shape.tip").value == first["shape"]["tip"]["value"]
-    assert "... and 6 more" in str(fit)
+    assert "... and 3 more" in str(fit)
     known = with_exact_host()
     for name in TRUE:
         wide, narrow = (each.coefficient(f"nes.{name}").standard_error for each in (fit, known))
@@ -318,7 +318,7 @@ def test_limit_counts_shapes_known_to_within() -> None:
         )
 
     exact, loose = planned(beam().hosts[0]), planned(beam().hosts[0].known_to_within(shape=0.02))
-    assert len(loose.values) == len(exact.values) + 12
+    assert len(loose.values) == len(exact.values) + 9
     assert (np.diag(loose.covariance)[:3] > np.diag(exact.covariance)[:3]).all()
     priors = np.array([p.sigma for p in loose.parameters])[3:]
     assert (np.sqrt(np.diag(loose.covariance)[3:]) <= priors * (1.0 + 1e-9)).all()
@@ -341,8 +341,8 @@ def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
     fit = lw.identify(shown, beside(true, true.hosts[0].known_to_within(frequency=0.01)))
     assert fit.trusted
     assert np.abs(errors(fit)).max() < 4.0
-    assert fit.coefficient("beam.mode5.frequency").standard_error == pytest.approx(1.8)
-    assert any("beam.mode5.frequency is hardly determined" in finding for finding in fit.findings)
-    seen = fit.coefficient("beam.mode4.frequency").standard_error
+    assert fit.coefficient("beam.mode4.frequency").standard_error == pytest.approx(1.8)
+    assert any("beam.mode4.frequency is hardly determined" in finding for finding in fit.findings)
+    seen = fit.coefficient("beam.mode3.frequency").standard_error
     assert seen is not None
     assert seen < 0.1
