@@ -128,6 +128,7 @@ def old_keywords(module: ast.AST) -> set[tuple[str, str, str]]:
     }
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_every_old_keyword_works_and_is_in_the_changelog() -> None:
     stated = {
         keyword for path in FILES if path.name != "deprecation.py" for keyword in old_keywords(tree(path))

@@ -50,6 +50,7 @@ def test_example_prints_what_stands_below_it() -> None:
     assert same(printed.getvalue(), promised), printed.getvalue()
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("linkwise ")]
