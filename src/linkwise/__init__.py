@@ -114,6 +114,7 @@ if TYPE_CHECKING:
     from linkwise.report.discovery_json import discovery_of
     from linkwise.report.estimate_folder import write_result
     from linkwise.report.estimate_json import result_of
+    from linkwise.report.export import export_answer
     from linkwise.report.inspection_folder import write_inspection
     from linkwise.report.study_folder import write_study_report
     from linkwise.report.validation_folder import write_validation
@@ -283,6 +284,7 @@ __all__ = [
     "discovery_of",
     "equilibria",
     "equivalent",
+    "export_answer",
     "export_study",
     "format_structure",
     "free_run",

@@ -101,6 +101,7 @@ HOMES = {
     "report.discovery_json": ("discovery_of",),
     "report.estimate_folder": ("write_result",),
     "report.estimate_json": ("result_of",),
+    "report.export": ("export_answer",),
     "report.inspection_folder": ("write_inspection",),
     "report.validation_folder": ("write_validation",),
     "report.validation_json": ("validation_of",),

@@ -34,6 +34,7 @@ COMMANDS: Registry[click.Command] = Registry(
         "identify": "linkwise.cli.identify:identify",
         "validate": "linkwise.cli.validate:validate",
         "discover": "linkwise.cli.discover:discover",
+        "export": "linkwise.cli.export:export",
         "absorb": "linkwise.cli.absorb:absorb",
         "study": "linkwise.cli.study:study",
     },

@@ -1,0 +1,49 @@
+"""`linkwise export`: an answer, to functions and tables of other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+import linkwise as lw
+from linkwise.cli.console import tell
+from linkwise.cli.options import FILE
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.report import export as exports
+else:
+    exports = lazy_module("linkwise.report.export")
+
+
+@click.command()
+@click.argument("answer", type=click.Path(path_type=Path))
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
+def export(answer: Path, files: tuple[Path, ...]) -> None:
+    """Write an answer for other programs, each FILE in the format of its suffix.
+
+    ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number.
+
+    \b
+      .py    a Python module: the force of each link as a function of arrays, with coefficients, errors and covariance
+      .m     the same as a function for MATLAB and Octave
+      .mat   the numbers and laws as variables for MATLAB
+      .csv   a table of the coefficients with units, errors and intervals
+      .xlsx  the same table, and the covariance
+
+    \b
+    Examples:
+      linkwise export answer forces.py
+      linkwise export answer forces.m coefficients.xlsx
+      linkwise export answer/structure.toml structure.mat
+    """
+    for file in files:
+        exports.export_writer(file)
+    content = exports.ExportedAnswer.of(answer)
+    if content.note:
+        tell(f"note: {content.note}")
+    for file in files:
+        lw.export_answer(answer, file)
+        click.echo(f"written to {file}")

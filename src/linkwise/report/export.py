@@ -1,0 +1,154 @@
+"""Answers for other programs: one format a module, chosen by the suffix of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.atomic import atomic_file
+from linkwise.errors import OutputError
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.identification.validation.answer import ValidatedAnswer
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+from linkwise.registry import Registry
+
+NORMAL_95 = (
+    1.959963984540054  # standard deviations to either side that 95 % of a normal distribution are within
+)
+
+
+@dataclass(frozen=True)
+class ExportedCoefficient:
+    """A coefficient or a mass as other programs get it; `error` is None where it is known or has no interval."""
+
+    owner: str
+    name: str
+    value: float
+    unit: str
+    error: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedAnswer:
+    """A structure of numbers, with the covariance (p, p) of those coefficients that were identified, by `names`."""
+
+    structure: Structure
+    names: tuple[str, ...]
+    covariance: Floats
+    note: str
+    version: str
+
+    @classmethod
+    def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ExportedAnswer:
+        """What an answer in any of its forms says; StructureError where a coefficient has no value."""
+        given = ValidatedAnswer.of(answer)
+        posterior = given.posterior
+        names = posterior.names if posterior is not None else ()
+        covariance = posterior.covariance if posterior is not None else np.zeros((0, 0))
+        note = "" if posterior is not None else "It has no standard errors, since the answer gives none."
+        return cls(given.structure, names, covariance, note, version("linkwise"))
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """The links of the structure."""
+        return self.structure.links
+
+    @property
+    def coefficients(self) -> tuple[ExportedCoefficient, ...]:
+        """All coefficients and masses, link by link."""
+        errors = dict(
+            zip(self.names, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist(), strict=True)
+        )
+        masses = [
+            ExportedCoefficient(mass.name, "mass", mass.mass.value, "kg", errors.get(f"{mass.name}.mass"))
+            for mass in self.structure.masses
+            if mass.mass.value is not None
+        ]
+        return (
+            *masses,
+            *(
+                ExportedCoefficient(
+                    link.name, name, value, link.law.units[name], errors.get(f"{link.name}.{name}")
+                )
+                for link in self.links
+                for name, value in link.values.items()
+            ),
+        )
+
+
+Writer: TypeAlias = Callable[[ExportedAnswer, Path, str], None]
+
+EXPORTS: Registry[Writer] = Registry(
+    "suffix",
+    {
+        ".py": "linkwise.report.export_python:write",
+        ".m": "linkwise.report.export_matlab:write",
+        ".mat": "linkwise.report.export_mat:write",
+        ".csv": "linkwise.report.export_table:write_csv",
+        ".xlsx": "linkwise.report.export_table:write_xlsx",
+    },
+)
+"""What writes an answer to a path, by suffix; the name that the file will have, without its suffix, comes last."""
+
+
+def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: str | Path) -> Path:
+    """Write an answer for another program: the forces of its links, and its coefficients with errors and covariance.
+
+    Parameters
+    ----------
+    answer : Structure, Estimate, Posterior, str or Path
+        What `identify` or the `estimate` of what `discover` returned, the folder that was written of it, or a structure of
+        numbers or its file.
+    path : str or Path
+        The file, in the format of its suffix: ``.py``, a module for NumPy with a function for the force of each link;
+        ``.m``, a function for MATLAB and Octave; ``.mat``, the numbers for MATLAB; ``.csv`` or ``.xlsx``, a table for
+        spreadsheets.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    StructureError
+        If a coefficient has no value.
+    OutputError
+        If the suffix is another one, the name of the file is not one that its language takes, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = lw.export_answer(lw.bnes_chain(2), f"{folder}/chain.py")
+    ...     [line for line in path.read_text().splitlines() if line.startswith("def ")]
+    ['def force_spring1(d, v, *, k=30000.0, c=1.0):', 'def force_nes1(d, v, *, alpha=-100.0, beta=1000000.0, c=0.02):']
+    """
+    path = Path(path)
+    write = export_writer(path)
+    content = ExportedAnswer.of(answer)
+    try:
+        with atomic_file(path) as partial:
+            write(content, partial, path.stem)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    return path
+
+
+def export_writer(path: Path) -> Writer:
+    """What writes a file of this suffix; OutputError for another one."""
+    suffix = path.suffix.lower()
+    if suffix not in EXPORTS:
+        what, choices = path.suffix or "a file without suffix", ", ".join(EXPORTS)
+        raise OutputError(f"{path}: answers cannot be exported to {what}; choose from {choices}")
+    return EXPORTS[suffix]

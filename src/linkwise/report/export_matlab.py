@@ -1,0 +1,105 @@
+"""An answer as a function for MATLAB and Octave."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from linkwise.arrays import Floats
+from linkwise.errors import OutputError
+from linkwise.expression.code import MATLAB, to_code
+from linkwise.expression.functions import FUNCTIONS
+from linkwise.expression.tree import to_text
+from linkwise.model.link import Link
+from linkwise.report.export import ExportedAnswer
+from linkwise.report.export_names import identifiers
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
+_KEYWORDS = (
+    "break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global", "if", "otherwise",
+    "parfor", "persistent", "return", "spmd", "switch", "try", "while", "pi", "i", "j", "Inf", "NaN", "eps", "ans",
+)  # fmt: skip
+_OWN = ("d", "v", "states", "link", "force", "rates", "real_or_nan", "answer", "nargin", "error")
+_HEAD = """function [force, rates] = {name}(link, d, v, states)
+%{title}  Forces of the links of a structure, identified by linkwise {version}.
+%   force = {name}(link, d, v) is the force in N of the link of that name at the elongation d = x_first - x_second in m and
+%   its rate v in m/s, numbers or arrays of one size; -force acts on the first end of the link and force on the second.
+%   [force, rates] = {name}(link, d, v, states) is for a link with memory: states and rates are cells with one array a state.
+%   answer = {name}() is a struct of the coefficients in SI units with their standard errors and covariance.{note}
+if nargin == 0
+    force = values();
+    return
+end
+rates = {{}};
+switch link
+"""
+_TAIL = """    otherwise
+        error('unknown link: %s', link);
+end
+end
+
+function r = real_or_nan(z)
+r = real(z);
+r(imag(z) ~= 0) = NaN;
+end
+"""
+
+
+def write(answer: ExportedAnswer, path: Path, name: str) -> None:
+    """Write the function, which has the `name` of its file. Raises OutputError for one that is not that of a function."""
+    if not _NAME.fullmatch(name) or name in _KEYWORDS:
+        raise OutputError(
+            f"{name}.m: a function of MATLAB has the name of its file, letters, digits and underscores after a letter, and "
+            f"{name!r} is none; choose another name"
+        )
+    note = f"\n%   {answer.note}" if answer.note else ""
+    head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note)
+    cases = "".join(_case(link) for link in answer.links)
+    path.write_text(f"{head}{cases}{_TAIL}\n{_values(answer)}", encoding="utf-8", newline="\n")
+
+
+def _text(text: str) -> str:
+    """A text in quotes, on one line."""
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    return "'" + printable.replace("'", "''") + "'"
+
+
+def _case(link: Link) -> str:
+    law, values = link.law, link.values
+    names = identifiers((*law.states, *law.coefficients), (*_OWN, *_KEYWORDS, *FUNCTIONS)) | {
+        "d": "d",
+        "v": "v",
+    }
+    lines = [f"    case {_text(link.name)}", f"        % {to_text(law.expression)}"]
+    lines += [f"        {names[key]} = {values[key]!r};" for key in law.coefficients]
+    lines += [
+        f"        {names[state]} = states{{{number}}};" for number, state in enumerate(law.states, start=1)
+    ]
+    lines.append(f"        force = {to_code(law.expression, MATLAB, names)} + 0.0.*d.*v;")
+    if law.states:
+        rates = ", ".join(to_code(rate.expression, MATLAB, names) for rate in law.rates)
+        lines.append(f"        rates = {{{rates}}};")
+    return "\n".join([*lines, ""])
+
+
+def _values(answer: ExportedAnswer) -> str:
+    """The function of the numbers."""
+    every = answer.coefficients
+    errors = ["NaN" if each.error is None else repr(each.error) for each in every]
+    lines = [
+        "function answer = values()",
+        f"answer.structure = {_text(answer.structure.name)};",
+        f"answer.names = {{{'; '.join(_text(f'{each.owner}.{each.name}') for each in every)}}};",
+        f"answer.values = [{'; '.join(repr(each.value) for each in every)}];",
+        f"answer.units = {{{'; '.join(_text(each.unit) for each in every)}}};",
+        f"answer.standard_errors = [{'; '.join(errors)}];",
+        f"answer.covariance_names = {{{'; '.join(map(_text, answer.names))}}};",
+        f"answer.covariance = {_matrix(answer.covariance)};",
+        "end",
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _matrix(values: Floats) -> str:
+    rows = ["  " + ", ".join(map(repr, row)) for row in values.tolist()]
+    return "[" + "; ...\n".join(["", *rows]).removeprefix("; ...\n").strip() + "]"

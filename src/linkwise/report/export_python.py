@@ -1,0 +1,91 @@
+"""An answer as a Python module that needs nothing but NumPy."""
+
+from __future__ import annotations
+
+import keyword
+from pathlib import Path
+
+from linkwise.expression.code import NUMPY, to_code
+from linkwise.expression.tree import to_text
+from linkwise.model.link import Link
+from linkwise.report.export import ExportedAnswer
+from linkwise.report.export_names import identifiers
+
+_TAKEN = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist)
+_HEAD = '''"""Forces of the links of a structure, identified by linkwise {version}.
+
+force_LINK(d, v) is the force f in N at the elongation d = x_first - x_second in m and its rate v in m/s, numbers or arrays;
+-f acts on the first end of the link and f on the second. A link with memory takes its states behind v, and
+rates_LINK(d, v, states) are their rates. Coefficients are keywords, so that others can be tried.{note}
+"""
+
+import numpy as np
+
+NAME = {name}
+MASSES = {masses}
+BETWEEN = {between}
+COEFFICIENTS = {coefficients}
+UNITS = {units}
+STANDARD_ERRORS = {errors}
+COVARIANCE_NAMES = {names}
+COVARIANCE = np.array({covariance}, dtype=float).reshape(len(COVARIANCE_NAMES), len(COVARIANCE_NAMES))
+'''
+
+
+def write(answer: ExportedAnswer, path: Path, name: str) -> None:
+    """Write the module; `name` is not needed in it."""
+    functions = identifiers((link.name for link in answer.links), ())
+    every = answer.coefficients
+    head = _HEAD.format(
+        version=answer.version,
+        note=f"\n\n{answer.note}" if answer.note else "",
+        name=ascii(answer.structure.name),
+        masses=_dict({each.owner: each.value for each in every if each.name == "mass"}),
+        between=_dict({link.name: link.between for link in answer.links}),
+        coefficients=_dict({link.name: link.values for link in answer.links}),
+        units=_dict({link.name: {key: link.law.units[key] for key in link.values} for link in answer.links}),
+        errors=_dict({f"{each.owner}.{each.name}": each.error for each in every if each.error is not None}),
+        names=ascii(list(answer.names)),
+        covariance=ascii(answer.covariance.tolist()),
+    )
+    texts = [_functions(link, functions[link.name]) for link in answer.links]
+    tables = [f"FORCES = {_table('force', functions)}\n"]
+    moving = {link.name: functions[link.name] for link in answer.links if link.law.states}
+    if moving:
+        tables.append(f"RATES = {_table('rates', moving)}\n")
+    path.write_text("\n\n".join([head, *texts, "".join(tables)]), encoding="utf-8", newline="\n")
+
+
+def _dict(values: dict[str, object]) -> str:
+    return ascii(values)
+
+
+def _table(kind: str, functions: dict[str, str]) -> str:
+    return "{" + ", ".join(f"{name!a}: {kind}_{own}" for name, own in functions.items()) + "}"
+
+
+def _functions(link: Link, own: str) -> str:
+    """The function of the force, and that of the rates of a link with memory."""
+    law, values = link.law, link.values
+    names = identifiers((*law.states, *law.coefficients), _TAKEN) | {"d": "d", "v": "v"}
+    variables = ["d", "v", *(names[state] for state in law.states)]
+    keywords = [f"{names[key]}={values[key]!r}" for key in law.coefficients]
+    arguments = ", ".join([*variables, *(["*", *keywords] if keywords else [])])
+    arrays = "".join(f"    {name} = np.asarray({name}, dtype=float)\n" for name in variables)
+    force = (
+        f'@np.errstate(all="ignore")\ndef force_{own}({arguments}):\n'
+        f'    """{_shown(to_text(law.expression))}, in N."""\n{arrays}'
+        f"    return {to_code(law.expression, NUMPY, names)} + 0.0*d*v\n"
+    )
+    if not law.states:
+        return force
+    rates = ", ".join(to_code(rate.expression, NUMPY, names) for rate in law.rates)
+    return (
+        f'{force}\n\n@np.errstate(all="ignore")\ndef rates_{own}({arguments}):\n'
+        f'    """Rates of {", ".join(law.states)}."""\n{arrays}    return ({rates},)\n'
+    )
+
+
+def _shown(text: str) -> str:
+    """A law as a comment, in ASCII."""
+    return text.encode("ascii", "replace").decode()

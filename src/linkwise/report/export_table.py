@@ -1,0 +1,62 @@
+"""An answer as a table for spreadsheets, in which no text is run as a formula."""
+
+from __future__ import annotations
+
+import csv
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from linkwise.errors import OutputError
+from linkwise.report.export import NORMAL_95, ExportedAnswer
+from linkwise.text import csv_cell
+
+_HEADER = ("of", "coefficient", "value", "unit", "standard error", "lower", "upper", "law")
+
+
+def _rows(answer: ExportedAnswer) -> list[list[Any]]:
+    """A row for each mass and coefficient: its interval of 95 %, and the law of its link; None where there is nothing."""
+    laws = {link.name: link.law.text for link in answer.links}
+    rows = []
+    for each in answer.coefficients:
+        law = laws.get(each.owner) if each.name != "mass" else None
+        half = None if each.error is None else NORMAL_95 * each.error
+        ends = [None, None] if half is None else [each.value - half, each.value + half]
+        rows.append([each.owner, each.name, each.value, each.unit, each.error, *ends, law])
+    return rows
+
+
+def write_csv(answer: ExportedAnswer, path: Path, name: str) -> None:
+    """Write the coefficients as CSV; `name` is not needed in it."""
+    with path.open("w", encoding="utf-8-sig", newline="") as file:
+        lines = csv.writer(file, lineterminator="\n")
+        lines.writerow(_HEADER)
+        for row in _rows(answer):
+            lines.writerow(["" if cell is None else csv_cell(cell) for cell in row])
+
+
+def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:
+    """Write the coefficients and their covariance as two sheets; `name` is not needed in it.
+
+    Raises OutputError where openpyxl is not installed.
+    """
+    if find_spec("openpyxl") is None:
+        raise OutputError(
+            f"{name}.xlsx: Excel files need the library openpyxl, which the extra 'files' installs: "
+            "pip install 'linkwise[files]'; or export a .csv file"
+        )
+    book = import_module("openpyxl").Workbook()
+    _fill(book.active, "coefficients", [list(_HEADER), *_rows(answer)])
+    covariance = [[name, *row] for name, row in zip(answer.names, answer.covariance.tolist(), strict=True)]
+    _fill(book.create_sheet(), "covariance", [["", *answer.names], *covariance])
+    book.save(path)
+
+
+def _fill(sheet: Any, title: str, rows: list[list[Any]]) -> None:
+    sheet.title = title
+    for number, row in enumerate(rows, start=1):
+        for column, value in enumerate(row, start=1):
+            cell = sheet.cell(number, column, value)
+            if isinstance(value, str):
+                cell.data_type = "s"  # also of a text that begins as a formula does

@@ -1,0 +1,200 @@
+"""Exported answers: executed where Python can, evaluated where MATLAB would, and safe against what names hold."""
+
+from __future__ import annotations
+
+import csv
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openpyxl
+import pytest
+import scipy.io
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.cli import run
+from linkwise.estimates.uncertainty import write_covariance
+from linkwise.expression.functions import writable_functions
+
+LAWS = {
+    "cubic": ("alpha*d + beta*d**3 + c*v", {"alpha": -100.0, "beta": 1e6, "c": 0.02}),
+    "friction": ("F*tanh(v/S) + k*d*abs(d) - 1e-3*sign(v)", {"F": 2.5, "S": 0.01, "k": 40.0}),
+    "stops": ("k*max(d - g, 0) + k*min(d + g, 0) + c*v", {"k": 1e4, "g": 0.01, "c": 0.3}),
+    "roots": ("k*sqrt(d) + p*(d/w)**1.5", {"k": 3.0, "p": 0.2, "w": 0.1}),
+    "waves": ("F*sin(d/w)*cos(d/w)/(2 + exp(-d/w)) - c*v/(1 + (d/w)**2)**2", {"F": 7.0, "w": 0.02, "c": 1.5}),
+    "clash": ("lambda_*d + np*v + force*d**3", {"lambda_": 3.0, "np": 2.0, "force": 5.0}),
+    "constant": ("F", {"F": 1.25}),
+    'a"""; import os #': ("k*d", {"k": 1.0}),
+    "x'); system('rm')": ("k*d", {"k": 2.0}),
+    "+1+1": ("k*d", {"k": 3.0}),
+    "κ 1": ("κ*d", {"κ": 4.0}),
+}
+STATES = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
+MEMORY = {"k": 400.0, "c": 1.5, "F": 12.0, "s": 0.7, "x0": 0.02}
+
+
+def structure() -> lw.Structure:
+    """A mass with a link of each law, and one with memory."""
+
+    def link(name: str, law: lw.Law, values: dict[str, float]) -> lw.Link:
+        known = {key: lw.Coefficient(value, known=True) for key, value in values.items()}
+        return lw.Link(name, ("m1", "ground"), law, known)
+
+    links = [link(name, lw.Law.parse(law), values) for name, (law, values) in LAWS.items()]
+    joint = link("joint", lw.Law.parse("k*d + c*v + F*z", STATES), MEMORY)
+    return lw.Structure('all "laws"', (lw.Mass("m1", lw.Coefficient(2.0, known=True)),), (*links, joint))
+
+
+def motion() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    rng = np.random.default_rng(5)
+    d, v, z = rng.normal(size=(3, 50)) * [[0.02], [0.3], [0.5]]
+    return d, v, z
+
+
+def test_all_functions_of_laws_are_tried() -> None:
+    assert all(any(f"{name}(" in law for law, _ in LAWS.values()) for name in writable_functions())
+
+
+def test_the_python_module_has_the_forces_of_the_structure(tmp_path: Path) -> None:
+    given, (d, v, z) = structure(), motion()
+    content = runpy.run_path(str(lw.export_answer(given, tmp_path / "forces.py")))
+    assert list(content["FORCES"]) == [link.name for link in given.links]
+    for name in LAWS:
+        # the same operations in another order: an identity
+        expected = given.link(name).force(d, v)
+        assert content["FORCES"][name](d, v) == pytest.approx(expected, rel=1e-12, abs=1e-12, nan_ok=True)
+        assert content["COEFFICIENTS"][name] == dict(given.link(name).values)
+    joint = given.link("joint")
+    assert content["force_joint"](d, v, z) == pytest.approx(joint.force(d, v, {"z": z}), rel=1e-12)
+    (rate,) = content["RATES"]["joint"](d, v, z)
+    assert rate == pytest.approx(joint.law.state_rates(d, v, {**MEMORY, "z": z})[0], rel=1e-12, abs=1e-12)
+    assert content["force_cubic"](0.1, 0.0, beta=0.0) == pytest.approx(-10.0, rel=1e-12)
+    assert content["MASSES"] == {"m1": 2.0} and content["NAME"] == 'all "laws"'
+
+
+def matlab_value(line: str, names: dict[str, Any]) -> Any:
+    """The right side of an assignment of MATLAB, by Python, for the little of that language that an export has."""
+    text = line.partition(" = ")[2].rstrip(";").replace(".*", "*").replace("./", "/").replace(".^", "**")
+    known = {
+        **{name: getattr(np, name) for name in ("abs", "sign", "sqrt", "exp", "tanh", "sin", "cos")},
+        "max": np.maximum, "min": np.minimum, "real_or_nan": lambda x: x,
+    }  # fmt: skip
+    assert not re.search(r"[^\w\s.()+\-*/,]", text), text
+    with np.errstate(invalid="ignore"):
+        return eval(text, {"__builtins__": {}}, {**known, **names})
+
+
+def test_the_matlab_function_has_the_forces_of_the_structure(tmp_path: Path) -> None:
+    given, (d, v, z) = structure(), motion()
+    text = lw.export_answer(given, tmp_path / "forces.m").read_text(encoding="utf-8")
+    assert text.startswith("function [force, rates] = forces(link, d, v, states)\n%FORCES  Forces")
+    cases = re.split(r"^    case ", text.partition("    otherwise")[0], flags=re.MULTILINE)[1:]
+    assert len(cases) == len(given.links)
+    for case, link in zip(cases, given.links, strict=True):
+        label, *lines = case.splitlines()
+        assert label == "'" + link.name.replace("'", "''") + "'"
+        names: dict[str, Any] = {"d": d, "v": v}
+        for line in (line.strip() for line in lines if not line.strip().startswith("%")):
+            variable, _, right = line.partition(" = ")
+            assert re.fullmatch(r"[A-Za-z]\w*", variable, re.ASCII)
+            if right == "states{1};":
+                names[variable] = z
+            elif variable == "rates":
+                expected = link.law.state_rates(d, v, {**MEMORY, "z": z})[0]
+                found = matlab_value(line.replace("{", "(").replace("}", ")"), names)
+                assert found == pytest.approx(expected, rel=1e-12, abs=1e-12)
+            else:
+                names[variable] = matlab_value(line, names)
+        expected = link.force(d, v, {"z": z} if link.law.states else None)
+        assert names["force"] == pytest.approx(expected, rel=1e-12, abs=1e-12, nan_ok=True)
+    assert text.count("'") % 2 == 0 and text.isprintable() is False and "\r" not in text
+    assert text.count("\nfunction ") == 2 and text.count("\nend\n") >= 4
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a trusted answer."""
+    record = chain_record(2, duration=2.0).with_noise(30.0, seed=1)
+    fit = lw.identify(record, lw.bnes_chain(2).unknown("nes"))
+    folder = tmp_path_factory.mktemp("export") / "answer"
+    folder.mkdir()
+    lw.write_structure(fit.structure, folder / "structure.toml")
+    write_covariance(lw.Posterior.of(fit), folder / "covariance.csv")
+    return folder
+
+
+def test_errors_and_covariance_are_those_of_the_answer(answer: Path, tmp_path: Path) -> None:
+    posterior = lw.read_posterior(answer)
+    errors = np.sqrt(np.diag(posterior.covariance))
+    content = runpy.run_path(str(lw.export_answer(answer, tmp_path / "forces.py")))
+    assert content["COVARIANCE_NAMES"] == list(posterior.names)
+    assert np.array_equal(content["COVARIANCE"], posterior.covariance)
+    assert list(content["STANDARD_ERRORS"].values()) == errors.tolist()
+    read = scipy.io.loadmat(lw.export_answer(answer, tmp_path / "answer.mat"), squeeze_me=True)
+    assert list(read["covariance_names"]) == list(posterior.names)
+    assert np.array_equal(read["covariance"], posterior.covariance)
+    values = dict(zip(read["names"], read["values"], strict=True))
+    assert values["nes1.alpha"] == posterior.values[0] and values["m2.mass"] == 0.01
+    assert np.isnan(read["standard_errors"][0]) and read["standard_errors"][-1] == errors[-1]
+    assert read["links"]["law"].tolist() == ["k*d + c*v", "alpha*d + beta*d**3 + c*v"]
+
+
+def test_tables_hold_values_intervals_and_covariance(answer: Path, tmp_path: Path) -> None:
+    posterior = lw.read_posterior(answer)
+    with lw.export_answer(answer, tmp_path / "table.csv").open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
+    alpha = next(row for row in rows if row["coefficient"] == "alpha")
+    assert float(alpha["value"]) == posterior.values[0] and alpha["unit"] == "N/m"
+    error = float(np.sqrt(posterior.covariance[0, 0]))
+    # 95 % of a normal distribution
+    assert float(alpha["upper"]) - float(alpha["value"]) == pytest.approx(1.959964 * error, rel=1e-6)
+    book = openpyxl.load_workbook(lw.export_answer(answer, tmp_path / "table.xlsx"))
+    assert book.sheetnames == ["coefficients", "covariance"]
+    # openpyxl writes 16 digits
+    assert book["covariance"]["B2"].value == pytest.approx(posterior.covariance[0, 0], rel=1e-15)
+
+
+def test_no_text_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
+    with lw.export_answer(structure(), tmp_path / "table.csv").open(encoding="utf-8-sig", newline="") as file:
+        assert [row[0] for row in csv.reader(file) if "1+1" in row[0]] == ["'+1+1"]
+    sheet = openpyxl.load_workbook(lw.export_answer(structure(), tmp_path / "table.xlsx"))["coefficients"]
+    cells = [cell for row in sheet.iter_rows() for cell in row if cell.value == "+1+1"]
+    assert [cell.data_type for cell in cells] == ["s"]
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("forces.doc", "answers cannot be exported to .doc; choose from .py, .m, .mat, .csv, .xlsx"),
+        ("forces", "answers cannot be exported to a file without suffix"),
+        ("2 forces.m", "a function of MATLAB has the name of its file"),
+        ("end.m", "'end' is none"),
+    ],
+)
+def test_files_that_cannot_be_written_are_refused(tmp_path: Path, file: str, said: str) -> None:
+    with pytest.raises(lw.OutputError) as caught:
+        lw.export_answer(lw.bnes_chain(2), tmp_path / file)
+    assert said in str(caught.value) and not any(tmp_path.iterdir())
+
+
+def test_a_structure_with_unknowns_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lw.StructureError, match=r"nes1\.alpha is unknown"):
+        lw.export_answer(lw.bnes_chain(2).unknown("nes"), tmp_path / "forces.py")
+
+
+def test_the_command_writes_each_file(
+    answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [tmp_path / name for name in ("forces.py", "forces.m", "a.mat", "a.csv", "a.xlsx")]
+    assert run(["export", str(answer), *map(str, files)]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [f"written to {file}" for file in files] and err == ""
+    assert all(file.stat().st_size > 100 for file in files)
+    assert run(["export", str(answer / "structure.toml"), str(tmp_path / "b.py")]) == 0
+    assert "note: It has no standard errors" in capsys.readouterr().err
+    assert run(["export", str(answer), str(tmp_path / "c.doc")]) == 2
+    assert run(["export", str(tmp_path / "none"), str(tmp_path / "c.py")]) == 2
+    assert "Traceback" not in capsys.readouterr().err
