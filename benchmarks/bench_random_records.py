@@ -1,6 +1,7 @@
 """Random clean records: every command must survive them, and what is trusted must be right as often as chance allows.
 
-Structures of 2 to 6 masses, 10 to 40 dB, 5 to 100 samples a period. LINKWISE_RECORDS says how many (default 1000).
+Structures of 2 to 6 masses, 10 to 40 dB, 5 to 100 samples a period. LINKWISE_RECORDS says how many (default 1000), and
+LINKWISE_FIRST the seed of the first (default 0), so that several processes can share them.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import linkwise as lw
 from linkwise.errors import LinkwiseError
 
 COUNT = int(os.environ.get("LINKWISE_RECORDS", "1000"))
+FIRST = int(os.environ.get("LINKWISE_FIRST", "0"))
 DISCOVERED = 5  # one record in so many is discovered too
 FAR = 5.0  # standard errors: by chance 6e-7 of coefficients
 SAMPLES, PER_PERIOD, SNR = (1500, 6000), (5.0, 100.0), (10.0, 40.0)
@@ -66,7 +68,7 @@ def test_random_records() -> None:
     wrong: list[str] = []
     false: list[str] = []
     coefficients = 0
-    for seed in range(COUNT):
+    for seed in range(FIRST, FIRST + COUNT):
         case = random_record(seed)
         described = f"{case.snr_db:.0f} dB, {case.samples_per_period:.0f} samples a period, {case.structure.size} masses"
         for method in (*METHODS, "discover")[: 2 if seed % DISCOVERED else 3]:
@@ -94,7 +96,7 @@ def test_random_records() -> None:
                 off = farthest(fit, truth)
                 if off > FAR:
                     wrong.append(f"seed {seed}, {method}: {off:.1f} standard errors ({described})")
-    print(f"\n{COUNT} random clean records, {coefficients} coefficients of trusted answers")
+    print(f"\n{COUNT} random clean records from seed {FIRST}, {coefficients} coefficients of trusted answers")
     for name, counter in counts.items():
         print(f"  {name:<9}", ", ".join(f"{count} {what}" for what, count in counter.most_common()))
     print(f"  trusted beyond {FAR:g} standard errors: {len(wrong)}", *wrong, sep="\n    ")

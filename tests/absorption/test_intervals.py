@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
-from problems import chain_record
+from problems import chain_discovery, chain_record
 
 import linkwise as lw
 from linkwise.cli import run
@@ -129,6 +129,21 @@ def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Es
     np.testing.assert_array_equal(found.covariance, true.covariance)
     result = json.loads((folder / "result.json").read_text())
     assert "covariance.csv" in result["files"]
+
+
+def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(tmp_path: Path) -> None:
+    discovery = chain_discovery(2, 30.0, 1)
+    assert discovery.trusted
+    lw.write_discovery(discovery, tmp_path / "found")
+    found, true = lw.read_posterior(tmp_path / "found"), lw.Posterior.of(discovery.estimate)
+    np.testing.assert_allclose(found.covariance, true.covariance, rtol=1e-9)  # the file has one half of it
+    np.testing.assert_allclose(present(found.for_dropped_terms), present(true.for_dropped_terms), rtol=1e-9)
+    own, whole = np.diag(found.beside_terms_kept), np.diag(found.covariance)
+    assert (own > 0.0).all() and (own < whole).all()
+    (tmp_path / "covariance.csv").write_text("first,second,covariance\nnes1.alpha,nes1.alpha,1,2,3\n")
+    (tmp_path / "structure.toml").write_bytes((tmp_path / "found" / "structure.toml").read_bytes())
+    with pytest.raises(lw.RecordError, match=r"line 2: .* is not two coefficients and a number"):
+        lw.read_posterior(tmp_path)
 
 
 def test_an_answer_not_to_be_trusted_has_no_intervals(fitted: lw.Estimate, tmp_path: Path) -> None:

@@ -84,6 +84,19 @@ def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
     assert not exact.coefficients and with_errors.coefficients
 
 
+def test_what_allows_for_dropped_terms_is_no_part_of_a_prediction(answer: lw.Estimate) -> None:
+    """Coefficients that are farther off beside dropped terms are so only together with these."""
+    record, plain = forced(oscillator(), 2), lw.Posterior.of(answer)
+    more = 99.0 * plain.covariance
+    wide = replace(plain, covariance=plain.covariance + more, for_dropped_terms=more)
+    found, expected = lw.validate(record, wide), lw.validate(record, plain)
+    limits = [each.channels["x:m1"].limit for each in (found, expected)]
+    assert limits[0] == pytest.approx(limits[1], rel=1e-6)
+    assert found.coefficients[0].standard_error == pytest.approx(
+        10.0 * expected.coefficients[0].standard_error
+    )
+
+
 def test_expected_errors_are_those_that_occur() -> None:
     """Over 10 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
     truth = oscillator()

@@ -331,7 +331,12 @@ def _discovery(
     estimate = estimate_of(selection.structure, fit, records, delays)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
-    estimate = replace(estimate, covariance=estimate.covariance + dropped.covariance, profile=None)
+    estimate = replace(
+        estimate,
+        covariance=estimate.covariance + dropped.covariance,
+        for_dropped_terms=dropped.covariance,
+        profile=None,
+    )
     rivals = rival_errors(selection, estimate.structure) if estimate.trusted and selection.settled else ()
     preferred = any(rival.is_preferred for rival in rivals)
     search = [
@@ -367,15 +372,21 @@ def _discovery(
         rounds=selection.rounds,
         seconds=estimate.seconds,
     )
-    if not trusted:
-        return discovery
-    estimate = replace(estimate, links_in_doubt=frozenset(discovery.in_doubt))
+    return _with_doubts(discovery, dropped, alone) if trusted else discovery
+
+
+def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats) -> Discovery:
+    """A trusted discovery without intervals of links in doubt; not trusted if no link is certain.
+
+    `alone` (p,) are the standard errors beside the terms kept alone.
+    """
+    estimate = replace(discovery.estimate, links_in_doubt=frozenset(discovery.in_doubt))
     remarks = (*discovery.remarks, *dropped_terms_remark(dropped, estimate, alone))
     told = replace(discovery, estimate=estimate, remarks=remarks)
     if len(told.in_doubt) < len(told.structure.links):
         return told
     return replace(
         told,
-        verdicts=(*verdicts, Verdict.LINKS_IN_DOUBT),
+        verdicts=(*told.verdicts, Verdict.LINKS_IN_DOUBT),
         terms=tuple(replace(term, unambiguous=False) for term in told.terms),
     )

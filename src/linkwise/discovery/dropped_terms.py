@@ -67,9 +67,10 @@ class DroppedTerms:
             both = np.concatenate([inside, dropped])
             influence = root @ (root.T @ np.hstack([-follow.T, np.eye(len(dropped))]))
             moment += influence @ quadratic.scatter[np.ix_(both, both)] @ influence.T
+        of_kept = follow @ moment @ follow.T
         return cls(
             names=tuple(quadratic.names[number] for number in dropped),
-            covariance=follow @ moment @ follow.T,
+            covariance=0.5 * (of_kept + of_kept.T),
             shares=follow**2 * moment.diagonal(),
         )
 

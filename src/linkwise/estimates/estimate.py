@@ -59,10 +59,8 @@ class Estimate(JudgedView):
         Residual power relative to that expected from noise; None where the method does not test it.
     seconds, samples : float, int
         Computing time in s, and number of samples fitted.
-    compute_motion : callable
-        Computes the motion of the links, on first use of `motion`.
-    record : Record
-        The record.
+    compute_motion, record : callable, Record
+        Computes the motion of the links, on first use of `motion`; the record.
     intervals : bool
         False for methods whose covariance gives no confidence intervals.
     profile : callable or None
@@ -72,14 +70,15 @@ class Estimate(JudgedView):
     model_error : float
         Part of the forces that the laws leave, by root mean squares; 0 where they explain the record to within its noise.
     diagnosis : tuple of Cause
-        What would explain what the laws leave: errors of sensors, masses and applied forces, and missing terms, the largest
-        gain in likelihood first.
+        What would explain what the laws leave, in sensors, masses, applied forces and terms, the largest gain first.
     more_records : tuple of Record
         The records that were fitted together with `record`.
     random_forces : tuple of RandomForceEstimate
-        Ambient forces and noise of applied forces that were counted in.
+        Ambient forces and noise of applied forces.
     links_in_doubt : frozenset of str
         Links of a discovery that others may stand for; their coefficients have no intervals.
+    for_dropped_terms : array of shape (p, p) or None
+        The part of the covariance of a discovery that allows for terms dropped; predictions without these do not have it.
 
     Examples
     --------
@@ -117,6 +116,7 @@ class Estimate(JudgedView):
     more_records: tuple[Record, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
     links_in_doubt: frozenset[str] = frozenset()
+    for_dropped_terms: Floats | None = None
 
     asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
     moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))

@@ -20,6 +20,7 @@ from linkwise.text import csv_cell, from_csv_cell
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
+_FOR_DROPPED_TERMS = "for_dropped_terms"
 _TRIES = 200  # draws at most for each that is within the bounds
 
 
@@ -39,6 +40,8 @@ class Posterior:
         Their covariance.
     lower, upper : array of shape (p,)
         Their bounds.
+    for_dropped_terms : array of shape (p, p) or None
+        The part of the covariance that allows for terms that a discovery dropped.
 
     See Also
     --------
@@ -61,6 +64,7 @@ class Posterior:
     covariance: Floats
     lower: Floats
     upper: Floats
+    for_dropped_terms: Floats | None = None
 
     @classmethod
     def of(cls, estimate: Estimate) -> Posterior:
@@ -96,13 +100,24 @@ class Posterior:
             for slot in parameter.members
         ]
         which = np.array([number for number, _ in members], dtype=int)
+        dropped = estimate.for_dropped_terms
         return cls(
             estimate.structure,
             tuple(name for _, name in members),
             np.ascontiguousarray(covariance[np.ix_(which, which)]),
             np.array([estimate.parameters[number].lower for number in which]),
             np.array([estimate.parameters[number].upper for number in which]),
+            None if dropped is None else dropped[np.ix_(which, which)],
         )
+
+    @property
+    def beside_terms_kept(self) -> Floats:
+        """(p, p) the covariance for a prediction by the terms of the structure alone.
+
+        The coefficients of a discovery may be farther off than this, but only together with dropped terms that make up for it
+        in the motions of the record.
+        """
+        return self.covariance if self.for_dropped_terms is None else self.covariance - self.for_dropped_terms
 
     @property
     def values(self) -> Floats:
@@ -152,6 +167,8 @@ class Posterior:
 def write_covariance(posterior: Posterior, path: Path) -> None:
     """Write the covariance as CSV: the upper triangle without zeros, two names and a number in each line.
 
+    A fourth column has the part for dropped terms, of a discovery.
+
     Parameters
     ----------
     posterior : Posterior
@@ -162,10 +179,13 @@ def write_covariance(posterior: Posterior, path: Path) -> None:
     first, second = np.nonzero(np.triu(posterior.covariance))
     with path.open("w", encoding="utf-8", newline="") as file:
         lines = csv.writer(file, lineterminator="\n")
-        lines.writerow(_HEADER)
+        parts = [posterior.covariance]
+        if posterior.for_dropped_terms is not None:
+            parts.append(posterior.for_dropped_terms)
+        lines.writerow((*_HEADER, _FOR_DROPPED_TERMS)[: 2 + len(parts)])
         for i, j in zip(first.tolist(), second.tolist(), strict=True):
             names = (csv_cell(posterior.names[k]) for k in (i, j))
-            lines.writerow((*names, repr(float(posterior.covariance[i, j]))))
+            lines.writerow((*names, *(repr(float(part[i, j])) for part in parts)))
 
 
 def read_posterior(folder: str | Path) -> Posterior:
@@ -210,16 +230,17 @@ def read_posterior(folder: str | Path) -> Posterior:
     except OSError:
         raise RecordError(_missing(folder), path) from None
     entries = [_entry(path, number, line) for number, line in enumerate(lines[1:], start=2)]
-    names = tuple(dict.fromkeys(first for first, _, _ in entries))
+    names = tuple(dict.fromkeys(first for first, *_ in entries))
     index = {name: number for number, name in enumerate(names)}
-    covariance = np.zeros((len(names), len(names)))
-    for number, (first, second, value) in enumerate(entries, start=2):
+    parts = np.zeros((2, len(names), len(names)))
+    for number, (first, second, *values) in enumerate(entries, start=2):
         if second not in index:
             raise RecordError(f'"{second}" has no variance of its own', path, number)
-        covariance[index[first], index[second]] = covariance[index[second], index[first]] = value
+        parts[:, index[first], index[second]] = parts[:, index[second], index[first]] = values
     for name in names:
         structure.coefficient(name)
-    return Posterior(structure, names, covariance, *_bounds(names))
+    dropped = parts[1] if _FOR_DROPPED_TERMS in (lines[0] if lines else ()) else None
+    return Posterior(structure, names, parts[0], *_bounds(names), dropped)
 
 
 def _bounds(names: Sequence[str]) -> tuple[Floats, Floats]:
@@ -228,10 +249,11 @@ def _bounds(names: Sequence[str]) -> tuple[Floats, Floats]:
     return lower, np.full(len(names), np.inf)
 
 
-def _entry(path: Path, number: int, line: list[str]) -> tuple[str, str, float]:
+def _entry(path: Path, number: int, line: list[str]) -> tuple[str, str, float, float]:
+    """Two names, their covariance, and the part of it for dropped terms."""
     try:
-        first, second, value = line
-        return from_csv_cell(first), from_csv_cell(second), float(value)
+        first, second, value, dropped = [*line, "0"] if len(line) == len(_HEADER) else line
+        return from_csv_cell(first), from_csv_cell(second), float(value), float(dropped)
     except ValueError:
         text = ",".join(line)
         raise RecordError(

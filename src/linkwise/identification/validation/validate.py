@@ -218,7 +218,7 @@ def _predictor(
     free = uncertain(posterior)
     order = [posterior.names.index(parameter.name) for parameter in free.parameters]
     values = posterior.values[order]
-    covariance = posterior.covariance[np.ix_(order, order)]
+    covariance = posterior.beside_terms_kept[np.ix_(order, order)]
     scale = np.where(np.diag(covariance) > 0.0, np.sqrt(np.abs(np.diag(covariance))), 1.0)
     size, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
