@@ -27,8 +27,8 @@ SENSORS = ("x:m1", "x:m2", "v:m1", "a:m2")
 
 def late(name: str, tenths: int, seed: int, snr_db: float = 30.0) -> lw.Record:
     """Four channels, one of them late by `tenths` of a sample, from exact motion at ten times the rate."""
-    fine = chain_record(2, duration=3.0, rate=1000.0 * FINE, sensors=SENSORS)
-    start, count = 100, 2800
+    fine = chain_record(2, duration=1.6, rate=1000.0 * FINE, sensors=SENSORS)
+    start, count = 100, 1400
     columns = []
     for channel in SENSORS:
         first = start * FINE - (tenths if channel == name else 0)

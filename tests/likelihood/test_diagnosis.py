@@ -23,7 +23,7 @@ LOST, FOUND = (
 
 def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray], channel: str = "x:m2") -> lw.Record:
     """The record of the two-mass chain with one channel changed before noise is added."""
-    clean = chain_record(2)
+    clean = chain_record(2, duration=3.0)
     column = clean.channels.index(channel)
     values = clean.values.copy()
     values[:, column] = change(values[:, column], clean)
@@ -69,7 +69,7 @@ def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
 @pytest.mark.parametrize("snr_db", [25.0, 40.0])
 def test_a_filter_of_all_sensors_is_named(snr_db: float) -> None:
     """A low pass of first order before white noise: residuals are white, and the cubic coefficient would be wrong."""
-    clean = chain_record(2)
+    clean = chain_record(2, duration=3.0)
     pole = 0.4
     values = scipy.signal.lfilter([1.0 - pole], [1.0, -pole], clean.values, axis=0)
     noisy = replace(clean, values=values, simulated=None).with_noise(snr_db, seed=43)
