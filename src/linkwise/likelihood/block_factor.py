@@ -1,7 +1,8 @@
 """Block tridiagonal normal equations with a border, node by node from both ends, for structures of many masses.
 
-The factor is that of `BorderedSystem` in another order: one thread eliminates the nodes from the first on, another from the
-last, and they meet in the middle. Blocks are dense, so that all of it is products and triangular solutions of blocks.
+The factor is that of `BorderedSystem` in another order: nodes are eliminated from the first on and from the last, which two
+threads can do at once, and they meet in the middle. Blocks are dense, so that all of it is products and triangular solutions
+of blocks.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from scipy.linalg import cho_solve, cholesky, lapack
 from linkwise.arrays import Bools, Floats
 
 _AT_ONCE = 16  # nodes that are assembled together
+_PARALLEL = (
+    120  # states of a node from which a product takes longer than one thread takes to hand over to the other
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +66,14 @@ class BlockEquations:
             _Elimination(self, roots, links, range(middle)),
             _Elimination(self, roots, links, range(K - 1, middle, -1)),
         )
-        with ThreadPoolExecutor(1) as executor:
-            other = executor.submit(halves[1].run)
-            eliminated = halves[0].run()
-            if not (other.result() and eliminated):
-                return None
+        if m < _PARALLEL:
+            eliminated = halves[0].run() and halves[1].run()
+        else:
+            with ThreadPoolExecutor(1) as executor:
+                other = executor.submit(halves[1].run)
+                eliminated = halves[0].run() and other.result()
+        if not eliminated:
+            return None
         last = self.blocks(middle, middle + 1)
         final = _Elimination(self, roots, links, range(middle, middle + 1))
         for half in halves:

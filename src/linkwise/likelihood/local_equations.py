@@ -289,7 +289,10 @@ class LocalFactor:
 
 def _weighted_sum(data: NDArray[Any], defects: NDArray[Any], weight: float, axis: int) -> Floats:
     """data + weight * defects, of which the latter have the first places along an axis only."""
-    total = np.asarray(data, dtype=float)
+    total = np.empty(data.shape)
     own = (slice(None),) * axis + (slice(defects.shape[axis]),)
-    total[own] += weight * defects
+    other = (slice(None),) * axis + (slice(defects.shape[axis], None),)
+    np.multiply(defects, weight, out=total[own])
+    total[own] += data[own]
+    total[other] = data[other]
     return total

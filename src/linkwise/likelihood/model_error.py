@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.linear_model import linear_model
 from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 
@@ -88,7 +88,7 @@ def _grid_search(
 
 def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
     """The most likely factor on the noise (and on q) of this orbit, and -2 log of the marginal likelihood with it."""
-    linear = linearise(segments, fit.misfit, fit.scales, loss)
+    linear = linear_model(segments, fit.misfit, fit.scales, loss)
     factor = linear.equations(q).factor()
     if factor is None:
         return 1.0, np.inf
