@@ -103,7 +103,7 @@ if TYPE_CHECKING:
     from linkwise.progress import Progress, ProgressReport
     from linkwise.records.channel import Channel
     from linkwise.records.delays import without_delays
-    from linkwise.records.joining import beside
+    from linkwise.records.joining import beside, continued, joined_by_time
     from linkwise.records.record import Record
     from linkwise.records.sensor_statement import SensorStatement, StatedError
     from linkwise.records.sensor_uncertainty import SensorUncertainty
@@ -119,6 +119,7 @@ if TYPE_CHECKING:
     from linkwise.report.study_folder import write_study_report
     from linkwise.report.validation_folder import write_validation
     from linkwise.report.validation_json import validation_of
+    from linkwise.signals.periods import average_periods
     from linkwise.signals.states import States, differentiate
     from linkwise.simulation.simulate import simulate
     from linkwise.sindy.conventions import CONVENTIONS, noisy_states
@@ -275,10 +276,12 @@ __all__ = [
     "absorption_map",
     "absorption_of",
     "align_truth",
+    "average_periods",
     "barrier",
     "beside",
     "bnes_chain",
     "check_discovery",
+    "continued",
     "differentiate",
     "discover",
     "discovery_of",
@@ -290,6 +293,7 @@ __all__ = [
     "free_run",
     "identify",
     "inspect",
+    "joined_by_time",
     "law_path",
     "limit",
     "link_columns",

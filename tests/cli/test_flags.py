@@ -38,5 +38,7 @@ def test_a_record_that_cannot_be_read_names_the_flags(
     assert (
         capsys.readouterr()
         .err.rstrip()
-        .endswith("On the command line: --channel NAME=COLUMN, --mapping FILE.")
+        .endswith(
+            "On the command line: --channel NAME=COLUMN, --mapping FILE (inspect --write-mapping FILE writes a first one)."
+        )
     )

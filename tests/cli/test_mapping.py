@@ -199,3 +199,33 @@ def test_what_is_known_of_sensors_survives_every_format(tmp_path: Path) -> None:
         )
     )
     assert lw.read_record(tmp_path / "run.json").uncertainty == found
+
+
+def test_parts_of_a_record_and_files_of_one_clock_are_joined(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
+    for name, part in (("one", record[:900]), ("two", record[920:]), ("late", record[300:])):
+        lw.write_record(
+            part.select(["x:m1"]) if name != "late" else part.select(["x:m2"]), tmp_path / f"{name}.csv"
+        )
+    one, two, late = (str(tmp_path / f"{name}.csv") for name in ("one", "two", "late"))
+    told = document(capsys, "inspect", one, "--then", two, "--channel", f"x:m2={late}:x:m2", "--by-time")
+    channels = told["channels"]
+    # from 0.3 s, where the second instrument begins, to 2 s
+    assert (channels["x:m1"]["samples"], channels["x:m1"]["missing"]) == (1681, 20)
+    assert (channels["x:m2"]["samples"], channels["x:m2"]["missing"]) == (1701, 0)
+    assert run(["inspect", one, "--then", one]) == 2
+    assert "overlaps in time" in capsys.readouterr().err
+
+
+def test_a_periodic_test_is_averaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time = np.arange(2000) / 200.0
+    x = np.sin(np.pi * 3.0 * time) + 0.01 * np.random.default_rng(1).standard_normal(2000)
+    path = tmp_path / "periodic.csv"
+    lw.write_record(lw.Record(0.0, 200.0, ("x:m1",), x[:, None]), path)
+    told = document(capsys, "inspect", str(path), "--period", "2")["channels"]["x:m1"]
+    expected = lw.average_periods(lw.read_record(path), 2.0)
+    assert (told["samples"], told["noise"]) == (400, expected.noise["x:m1"])
+    assert run(["inspect", str(path), "--period", "2.001"]) == 2
+    assert "not a whole number: check it, or resample" in capsys.readouterr().err

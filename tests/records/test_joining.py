@@ -63,3 +63,68 @@ def test_delays_that_cannot_be_are_refused(record: lw.Record) -> None:
     values[5, 0] = np.nan
     with pytest.raises(lw.RecordError, match=r"x:m1.*samples are missing"):
         lw.without_delays(replace(record, values=values), {"x:m1": 0.1})
+
+
+def test_records_of_one_clock_are_joined_by_time() -> None:
+    """The other instrument began later, between two samples, at three times the rate."""
+    time = 0.7321 + np.arange(1500) / 600.0
+
+    def motion(at: np.ndarray) -> np.ndarray:
+        return np.sin(40.0 * at) + 0.3 * np.cos(110.0 * at)
+
+    long = np.arange(800) / 200.0
+    one = lw.Record(0.0, 200.0, ("x:m1",), motion(long)[:, None], notes=("One.",))
+    other = lw.Record(0.7321, 600.0, ("a:base",), motion(time)[:, None], noise={"a:base": 3e-3})
+    joined = lw.joined_by_time(one, other)
+    assert joined.rate == 200.0 and joined.channels == ("x:m1", "a:base")
+    middle = slice(40, -40)
+    # to the pass band of the interpolating sinc
+    assert joined.channel("a:base")[middle] == pytest.approx(joined.channel("x:m1")[middle], abs=2e-4)
+    # the root of the factor, as white noise shrinks
+    assert joined.noise["a:base"] == pytest.approx(3e-3 / np.sqrt(3.0), rel=1e-3)
+    again = lw.joined_by_time(other, one)
+    assert again.rate == 200.0 and abs(len(again) - len(joined)) <= 1
+    assert "a:base were joined by time." in joined.notes
+
+
+def test_samples_at_the_same_times_are_not_changed(record: lw.Record) -> None:
+    joined = lw.joined_by_time(record.select(["x:m1"])[:300], record.select(["a:base"])[100:])
+    assert joined.start == 0.5 and (joined.values == record.values[100:300]).all()
+
+
+def test_records_that_cannot_be_joined_by_time_are_refused(record: lw.Record) -> None:
+    one, other = record.select(["x:m1"]), record.select(["a:base"])
+    with pytest.raises(lw.RecordError, match=r"does not overlap in time .*: 0 to 1\.995 s and 7 to 8\.995 s"):
+        lw.joined_by_time(one, replace(other, start=7.0))
+    with pytest.raises(
+        lw.RecordError, match="rates of which one is a multiple of the other, got 200 and 333 Hz"
+    ):
+        lw.joined_by_time(one, replace(other, rate=333.0))
+    with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
+        lw.joined_by_time(one, record)
+
+
+def test_parts_of_a_record_are_joined(record: lw.Record) -> None:
+    second = replace(record[150:].select(["a:base", "x:m1"]), source="part2.csv")
+    joined = lw.continued(record[:100], second)
+    assert joined.channels == record.channels and len(joined) == 400
+    assert (joined.values[:100] == record.values[:100]).all() and joined.missing[100:150].all()
+    assert (joined.values[150:] == record.values[150:]).all()
+    assert joined.notes[-1] == "The record goes on in part2.csv, after a gap of 50 samples."
+    assert not lw.continued(record[:100], record[100:]).missing.any()
+
+
+def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
+    first, second = record[:100], record[100:]
+    with pytest.raises(lw.RecordError, match=r"overlaps in time: 0 to 0\.495 s and 0\.25 to 1\.995 s"):
+        lw.continued(first, record[50:])
+    with pytest.raises(
+        lw.RecordError, match=r"goes on 0\.0025 s after 0 to 0\.495 s, which is no whole number of steps"
+    ):
+        lw.continued(first, replace(second, start=second.start + 0.0025))
+    with pytest.raises(lw.RecordError, match=r"begins 1000 s after .* a gap longer than both parts"):
+        lw.continued(first, replace(second, start=second.start + 1000.0))
+    with pytest.raises(
+        lw.RecordError, match="parts of a record need the same channels: x:m1, a:base and x:m1"
+    ):
+        lw.continued(first, second.select(["x:m1"]))

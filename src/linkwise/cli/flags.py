@@ -11,12 +11,13 @@ from linkwise.errors import LinkwiseError, SimulationError
 
 FLAGS = {
     "channels": "--channel NAME=COLUMN",
-    "mapping": "--mapping FILE",
+    "mapping": "--mapping FILE (inspect --write-mapping FILE writes a first one)",
     "header": "--header LINE",
     "rate": "--rate HZ",
     "resample": "--resample HZ",
     "earliest": "--from S",
     "latest": "--to S",
+    "period": "--period S",
     "mark_missing": "--mark-missing clipped,spikes",
     "burn": "--burn S",
     "ambient": "--ambient MASS",

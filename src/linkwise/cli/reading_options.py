@@ -21,6 +21,8 @@ class ReadingOptions:
     """How to read the file of a record: the answers to the options of `READING`."""
 
     channel: tuple[str, ...]
+    by_time: bool
+    then: tuple[Path, ...]
     mapping: Path | None
     header: str | None
     rate: float | None
@@ -28,6 +30,7 @@ class ReadingOptions:
     decimate: int | None
     start: float | None
     stop: float | None
+    period: float | None
     mark_missing: tuple[str, ...]
     offset: tuple[str, ...]
     gain: tuple[str, ...]
@@ -42,21 +45,27 @@ class ReadingOptions:
         """
         whole = self.record_mapping()
         late = {name: each.delay.value for name, each in whole.sensors.items() if each.delay is not None}
+        mappings = self._by_file(whole)
         record, *others = (
             lw.read_record(file or path, known_masses=masses, informative=informative, mapping=mapping)
-            for file, mapping in self._by_file(whole).items()
+            for file, mapping in mappings.items()
         )
+        for part in self.then:
+            going_on = lw.read_record(
+                part, known_masses=masses, informative=informative, mapping=mappings[None]
+            )
+            record = lw.continued(record, going_on)
         for other in others:
-            record = lw.beside(record, other)
+            record = lw.joined_by_time(record, other) if self.by_time else lw.beside(record, other)
         record = lw.mark_missing(record, self.mark_missing)
         record = lw.without_delays(record, {name: delay for name, delay in late.items() if delay})
         if whole.decimate is not None:
             record = record.decimate(whole.decimate)
-        if self.start is None and self.stop is None:
-            return record
-        start = record.start if self.start is None else self.start
-        stop = record.start + record.duration if self.stop is None else self.stop
-        return record.between(start, stop)
+        if self.start is not None or self.stop is not None:
+            start = record.start if self.start is None else self.start
+            stop = record.start + record.duration if self.stop is None else self.stop
+            record = record.between(start, stop)
+        return record if self.period is None else lw.average_periods(record, self.period)
 
     def record_mapping(self) -> lw.RecordMapping:
         """What the options state, and the mapping file beside them."""
@@ -195,6 +204,18 @@ READING = (
         "started with it, as in a:base=ground.csv:AccX. Repeatable.",
     ),
     click.option(
+        "--by-time",
+        is_flag=True,
+        help="Join the files of --channel NAME=FILE:COLUMN by their times, in place of from their first samples on.",
+    ),
+    click.option(
+        "--then",
+        metavar="FILE",
+        type=FILE,
+        multiple=True,
+        help="A file in which the record goes on, read as it is. Repeatable.",
+    ),
+    click.option(
         "--mapping",
         metavar="FILE",
         type=FILE,
@@ -218,6 +239,12 @@ READING = (
     ),
     click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
     click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
+    click.option(
+        "--period",
+        metavar="S",
+        type=POSITIVE,
+        help="Average a periodic test over its periods of this time, with the noise that their scatter shows.",
+    ),
     click.option(
         "--mark-missing",
         metavar="KINDS",

@@ -1,4 +1,4 @@
-"""Records of instruments that were started together, as one."""
+"""Records of several files as one: side by side from the first sample on, side by side by time, or one after the other."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.errors import RecordError
+from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
 
 _SAME_RATE = 1e-6
+_ALIGNED = 1e-3  # of a step: clocks that agree to this need no interpolation
+_OFF_GRID = 0.02  # of a step: how far off the times of a record the next part of it may go on
 
 
 def beside(record: Record, other: Record) -> Record:
@@ -42,13 +45,157 @@ def beside(record: Record, other: Record) -> Record:
     >>> lw.beside(record.select(["x:m1"]), record.select(["x:m2"]))
     Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2
     """
+    _require_same_rate(record, other)
+    _refuse_common(record, other)
+    return _side_by_side(record, other)
+
+
+def joined_by_time(record: Record, other: Record) -> Record:
+    """Add the channels of a record with the same clock, by the times of the samples.
+
+    Of two rates the higher is reduced to the lower by a whole factor, and samples between those of the first record are
+    interpolated as band-limited, which leaves white noise white.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    other : Record
+        Another one, with other channels, over times that overlap with those of the first.
+
+    Returns
+    -------
+    Record
+        The channels of both over the times that both have.
+
+    Raises
+    ------
+    RecordError
+        If both have a channel of the same name, times do not overlap, the one rate is no multiple of the other, or samples are
+        missing where they must be interpolated.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> lw.joined_by_time(record.select(["x:m1"]), record.select(["x:m2"])[100:])
+    Record of 401 samples at 1000 Hz, 0.1 to 0.5 s: x:m1, x:m2
+    """
+    _refuse_common(record, other)
+    record, other = _at_one_rate(record, other)
+    shift = (other.start - record.start) * record.rate
+    part = round(shift) - shift
+    if abs(part) > _ALIGNED:
+        step = part / record.rate
+        moved = without_delays(other, dict.fromkeys(other.channels, step))
+        other = replace(moved, start=moved.start + step, notes=other.notes)
+    first = round((other.start - record.start) * record.rate)
+    last = min(len(record), first + len(other))
+    if last <= max(first, 0):
+        raise RecordError(
+            f"does not overlap in time with the first file: {_span(record)} and {_span(other)}; instruments that were started "
+            "together are joined from their first samples on (beside)",
+            other.source or None,
+        )
+    start = max(first, 0)
+    both = _side_by_side(record[start:last], other[start - first : last - first])
+    return replace(both, notes=(*both.notes, f"{', '.join(other.channels)} were joined by time."))
+
+
+def continued(record: Record, other: Record) -> Record:
+    """Join two parts of one record that were measured one after the other.
+
+    Parameters
+    ----------
+    record, other : Record
+        The parts, with the same channels and the same clock.
+
+    Returns
+    -------
+    Record
+        Both, with missing samples between them where there is a gap.
+
+    Raises
+    ------
+    RecordError
+        If channels or rates differ, the parts overlap, the second does not go on at a time of the first, or the gap is longer
+        than both.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> lw.continued(record[:200], record[210:])
+    Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2; 20 samples missing
+    """
+    if set(record.channels) != set(other.channels):
+        raise RecordError(
+            f"the parts of a record need the same channels: {', '.join(record.channels)} and {', '.join(other.channels)}",
+            other.source or None,
+        )
+    _require_same_rate(record, other)
+    exact = (other.start - record.start) * record.rate - len(record)
+    gap = round(exact)
+    if gap < 0:
+        raise RecordError(f"overlaps in time: {_span(record)} and {_span(other)}", other.source or None)
+    if abs(exact - gap) > _OFF_GRID:
+        raise RecordError(
+            f"goes on {exact / record.rate:.6g} s after {_span(record)}, which is no whole number of steps of "
+            f"{record.step:.6g} s: identify from the two as records of their own",
+            other.source or None,
+        )
+    if gap > len(record) + len(other):
+        raise RecordError(
+            f"begins {gap / record.rate:.6g} s after {_span(record)}, a gap longer than both parts: identify from the two as "
+            "records of their own",
+            other.source or None,
+        )
+    missing = np.full((gap, len(record.channels)), np.nan)
+    told = f"The record goes on in {other.source or 'a second part'}"
+    return replace(
+        record,
+        values=np.vstack([record.values, missing, other.select(record.channels).values]),
+        noise={**other.noise, **record.noise},
+        uncertainty={**other.uncertainty, **record.uncertainty},
+        simulated=None,
+        notes=(
+            *dict.fromkeys((*record.notes, *other.notes)),
+            f"{told}, after a gap of {gap} samples." if gap else f"{told}.",
+        ),
+    )
+
+
+def _span(record: Record) -> str:
+    return f"{record.start:.6g} to {record.start + record.duration:.6g} s"
+
+
+def _refuse_common(record: Record, other: Record) -> None:
+    common = [name for name in other.channels if name in record.channels]
+    if common:
+        raise RecordError("is in both records that are set beside each other", channel=common[0])
+
+
+def _require_same_rate(record: Record, other: Record) -> None:
     if abs(record.rate - other.rate) > _SAME_RATE * record.rate:
         raise RecordError(
             f"records that are set beside each other need one sampling rate, got {record.rate:g} and {other.rate:g} Hz"
         )
-    common = [name for name in other.channels if name in record.channels]
-    if common:
-        raise RecordError("is in both records that are set beside each other", channel=common[0])
+
+
+def _at_one_rate(record: Record, other: Record) -> tuple[Record, Record]:
+    """The records at the lower of their rates; RecordError where the higher is no multiple of it."""
+    factor = round(max(record.rate, other.rate) / min(record.rate, other.rate))
+    if abs(factor * min(record.rate, other.rate) / max(record.rate, other.rate) - 1.0) > _SAME_RATE:
+        raise RecordError(
+            f"records that are joined need rates of which one is a multiple of the other, got {record.rate:g} and "
+            f"{other.rate:g} Hz: resample one of them before"
+        )
+    if record.rate > other.rate:
+        return record.decimate(factor), other
+    return record, other.decimate(factor)
+
+
+def _side_by_side(record: Record, other: Record) -> Record:
     length = min(len(record), len(other))
     return replace(
         record,
