@@ -7,7 +7,7 @@ of blocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -49,11 +49,15 @@ class BlockEquations:
         Its gradient.
     remainder : callable
         What a border (p,) leaves of the gradient of the nodes, (K, m).
+    coupling : callable
+        Of the nodes from a first one up to a last one, not included, the blocks (c, m, m) of the node that follows each (rows)
+        with it (columns).
     """
 
     shape: tuple[int, int]
     blocks: Callable[[int, int], NodeBlocks]
     remainder: Callable[[Floats], Floats]
+    coupling: Callable[[int, int], Floats]
     corner: Floats
     corner_gradient: Floats
 
@@ -61,10 +65,10 @@ class BlockEquations:
         """The Cholesky factor; None where the equations are not positive definite."""
         K, m = self.shape
         middle = K // 2
-        roots, links = np.empty((K, m, m)), np.empty((K, m, m))
+        roots = np.empty((K, m, m))
         halves = (
-            _Elimination(self, roots, links, range(middle)),
-            _Elimination(self, roots, links, range(K - 1, middle, -1)),
+            _Elimination(self, roots, range(middle)),
+            _Elimination(self, roots, range(K - 1, middle, -1)),
         )
         if m < _PARALLEL:
             eliminated = halves[0].run() and halves[1].run()
@@ -75,7 +79,7 @@ class BlockEquations:
         if not eliminated:
             return None
         last = self.blocks(middle, middle + 1)
-        final = _Elimination(self, roots, links, range(middle, middle + 1))
+        final = _Elimination(self, roots, range(middle, middle + 1))
         for half in halves:
             half.carry(last.diagonal[0], last.right[0])
         if not final.eliminate(middle, last.diagonal[0], last.right[0]):
@@ -85,15 +89,15 @@ class BlockEquations:
         schur = self.corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
-        return BlockFactor(self, roots, links, schur, self.corner_gradient - moment[p, :p])
+        return BlockFactor(self, roots, schur, self.corner_gradient - moment[p, :p])
 
 
 class _Elimination:
-    """Nodes eliminated one after the other: `roots` and `links` of each are filled, `moment` (p + 1, p + 1) is summed."""
+    """Nodes eliminated one after the other: `roots` of each are filled, `moment` (p + 1, p + 1) is summed."""
 
-    def __init__(self, equations: BlockEquations, roots: Floats, links: Floats, nodes: range) -> None:
+    def __init__(self, equations: BlockEquations, roots: Floats, nodes: range) -> None:
         size = len(equations.corner) + 1
-        self.equations, self.roots, self.links, self.nodes = equations, roots, links, nodes
+        self.equations, self.roots, self.nodes = equations, roots, nodes
         self.moment = np.zeros((size, size))
         self.link: Floats | None = None  # (m, m) of the node behind with the last one that was eliminated
         self.right: Floats | None = None  # (p + 1, m) of the latter
@@ -115,11 +119,11 @@ class _Elimination:
                 self.carry(blocks.diagonal[own], blocks.right[own])
                 if not self.eliminate(node, blocks.diagonal[own], blocks.right[own]):
                     return False
-                self.links[node] = blocks.coupling[own]
-                _, info = lapack.dtrtrs(self.roots[node].T, self.links[node].T, lower=1, overwrite_b=1)
+                link = np.array(blocks.coupling[own], order="C")
+                _, info = lapack.dtrtrs(self.roots[node].T, link.T, lower=1, overwrite_b=1)
                 if info:
                     return False
-                self.link, self.right = self.links[node], blocks.right[own]
+                self.link, self.right = link, blocks.right[own]
             rows = np.concatenate(list(blocks.right), axis=1)
             self.moment += rows @ rows.T
         return True
@@ -142,13 +146,12 @@ class _Elimination:
 
 @dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """Factor of `equations`: lower triangles of `roots` (K, m, m) transposed, `links` (K, m, m) of each node with the next to
-    be eliminated, and equations of the border, `schur` (p, p) and `reduced` (p,).
+    """Factor of `equations`: lower triangles of `roots` (K, m, m) transposed, and equations of the border, `schur` (p, p) and
+    `reduced` (p,).
     """
 
     equations: BlockEquations
     roots: Floats
-    links: Floats
     schur: Floats
     reduced: Floats
 
@@ -171,18 +174,33 @@ class BlockFactor:
         """The solution (K, c, m) of the equations of the nodes alone; `right` (K, c, m) is overwritten."""
         K = len(right)
         middle = K // 2
-        order = (*range(middle), *range(K - 1, middle, -1))
-        for node in order:
-            self._through(node, right[node])
-            following = node + 1 if node < middle else node - 1
-            right[following] -= right[node] @ self.links[node].T
+        halves = range(middle), range(K - 1, middle, -1)
+        for half in halves:
+            for node, link in self._links(half):
+                self._through(node, right[node])
+                own = right[node].copy()
+                self._through(node, own, transposed=True)
+                right[node + half.step] -= own @ link.T
         self._through(middle, right[middle])
         self._through(middle, right[middle], transposed=True)
-        for node in reversed(order):
-            following = node + 1 if node < middle else node - 1
-            right[node] -= right[following] @ self.links[node]
-            self._through(node, right[node], transposed=True)
+        for half in halves:
+            for node, link in self._links(half[::-1]):
+                carried = right[node + half.step] @ link
+                self._through(node, carried)
+                right[node] -= carried
+                self._through(node, right[node], transposed=True)
         return right
+
+    def _links(self, nodes: range) -> Iterator[tuple[int, Floats]]:
+        """Of each of some nodes the block (m, m) of the one behind it on the way to the middle (rows) with it (columns)."""
+        before = len(nodes) > 0 and max(nodes) > len(self.roots) // 2  # then that is the one before it
+        for begin in range(0, len(nodes), _AT_ONCE):
+            some = nodes[begin : begin + _AT_ONCE]
+            first = min(some) - before
+            blocks = self.equations.coupling(first, max(some) + 1 - before)
+            for node in some:
+                block = blocks[node - before - first]
+                yield node, block.T if before else block
 
     def _through(self, node: int, right: Floats, *, transposed: bool = False) -> None:
         lapack.dtrtrs(self.roots[node].T, right.T, lower=1, trans=int(transposed), overwrite_b=1)

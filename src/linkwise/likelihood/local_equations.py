@@ -173,6 +173,7 @@ class LocalSystem:
             self.linear.missed.shape,
             lambda first, last: self.blocks(first, last, damping),
             self.remainder,
+            self.coupling,
             corner[np.ix_(border, border)],
             self.corner_gradient[border],
         )
@@ -203,7 +204,6 @@ class LocalSystem:
         some, m, p = slice(first, last), linear.missed.shape[1], len(order.border)
         diagonal = np.zeros((last - first, m, m))
         right = np.zeros((last - first, p + 1, m))
-        coupling = np.zeros((last - first, m, m))
         for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
             one, other = order.of_states[pair.first], order.of_states[pair.second]
             upper = _weighted_sum(data.upper[some], defects.upper[some], weight, 2)
@@ -218,7 +218,6 @@ class LocalSystem:
         for number, group in enumerate(linear.groups):
             rows, own = order.places[group.rows], order.of_states[number]
             a = own.stop - own.start
-            coupling[:, rows, own] = linear.ends[number][some, :, :a].astype(float) * -weight
             columns = np.arange(p)[order.of_border[number]][: group.moving - a]
             if len(columns):
                 ends = linear.ends[number][before, :, a:].astype(float).transpose(0, 2, 1) * weight
@@ -230,7 +229,16 @@ class LocalSystem:
         on_diagonal[later] += weight * linear.joined[before, None]
         if damping is not None:
             on_diagonal += damping.nodes[some]
-        return NodeBlocks(diagonal, right, coupling)
+        return NodeBlocks(diagonal, right, self.coupling(first, last))
+
+    def coupling(self, first: int, last: int) -> Floats:
+        """(c, m, m) blocks of the node that follows each of some nodes (rows) with it (columns)."""
+        size = len(self.order.states)
+        blocks = np.zeros((last - first, size, size))
+        for ends, group, own in zip(self.linear.ends, self.linear.groups, self.order.of_states, strict=True):
+            states = ends[first:last, :, : len(group.states)].astype(float)
+            blocks[:, self.order.places[group.rows], own] = states * -self.weight
+        return blocks
 
     def remainder(self, border: Floats) -> Floats:
         """What a border (p,), in the order of the blocks, leaves of the gradient of the nodes, (K, m)."""

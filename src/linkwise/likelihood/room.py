@@ -25,7 +25,7 @@ def fit_bytes(segments: int, masses: int, states: int, border: int) -> int:
     """
     if masses < MANY:
         return 8 * _BLOCKS * segments * states * (states + border)
-    return segments * states * (2 * 8 * states + _LOCAL)
+    return segments * states * (8 * states + _LOCAL)
 
 
 def require_room(segments: int, masses: int, states: int, border: int, *, free: int | None = None) -> None:
