@@ -8,8 +8,10 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pyarrow
 import pytest
 from problems import chain_record
+from pyarrow import parquet
 
 import linkwise as lw
 from linkwise.cli import run
@@ -229,3 +231,27 @@ def test_a_periodic_test_is_averaged(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (told["samples"], told["noise"]) == (400, expected.noise["x:m1"])
     assert run(["inspect", str(path), "--period", "2.001"]) == 2
     assert "not a whole number: check it, or resample" in capsys.readouterr().err
+
+
+def test_other_masses_of_a_mapping_are_told(
+    files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mapping = tmp_path / "other.toml"
+    mapping.write_text(SENSORS.replace("m1 = 1.0", "m1 = 1.5"), encoding="utf-8")
+    arguments = (str(files / "logger.csv"), "--mapping", str(mapping), str(files / "chain.toml"))
+    run(["validate", *arguments])
+    told = "note: m1 weighs 1.5 kg in the mapping file and 1.0 kg in the structure, which counts."
+    assert told in capsys.readouterr().err
+
+
+def test_metadata_of_parquet_columns_are_read(files: Path, tmp_path: Path) -> None:
+    record, path = read(files), tmp_path / "run.parquet"
+    fields = [
+        pyarrow.field("time", pyarrow.float64()),
+        pyarrow.field("x:m1", pyarrow.float64(), metadata={"calibration": "2 %", "offset": "about zero"}),
+    ]
+    columns = [pyarrow.array(record.time), pyarrow.array(record.channel("x:m1"))]
+    parquet.write_table(pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(fields)), path)
+    found = lw.read_record(path)
+    assert found.uncertainty == {"x:m1": lw.SensorUncertainty(gain=0.02)}
+    assert any("The attribute offset of x:m1, 'about zero', was not used" in note for note in found.notes)

@@ -7,6 +7,7 @@ from random import Random
 
 from fuzz.case import Case
 from fuzz.laws import law_case
+from fuzz.mapping_files import mapping_case
 from fuzz.options import option_case
 from fuzz.record_files import record_case
 from fuzz.structures import structure_case
@@ -15,7 +16,8 @@ from fuzz.study_files import study_case
 _SHARES: dict[Callable[[int, Random], Case], float] = {
     law_case: 0.25,
     structure_case: 0.25,
-    record_case: 0.30,
+    record_case: 0.25,
+    mapping_case: 0.05,
     study_case: 0.10,
     option_case: 0.10,
 }

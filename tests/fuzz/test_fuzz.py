@@ -34,6 +34,7 @@ def test_an_input_depends_on_its_seed_alone() -> None:
         "law",
         "structure",
         "record",
+        "mapping",
         "study",
         "option",
     }

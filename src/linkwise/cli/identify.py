@@ -147,6 +147,8 @@ def identify(
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
         memory_support.refuse_memory(true.links, "the comparison with a truth")
+    for remark in source.masses_beside(subject):
+        tell(f"note: {remark}")
     with progress("reading") as step:
         records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
         step(lw.ProgressReport(0.0, "identifying"))

@@ -81,6 +81,16 @@ class ReadingOptions:
         )
         return own if self.mapping is None else own.over(lw.read_mapping(self.mapping))
 
+    def masses_beside(self, structure: lw.Structure) -> tuple[str, ...]:
+        """Sentences on masses that the mapping file states and the structure has otherwise; that of the structure counts."""
+        stated = self.record_mapping().masses
+        return tuple(
+            f"{mass.name} weighs {stated[mass.name]} kg in the mapping file and {mass.mass.value} kg in the structure, which "
+            "counts."
+            for mass in structure.masses
+            if stated.get(mass.name, mass.mass.value) not in (mass.mass.value, "unknown") and mass.mass.known
+        )
+
     @property
     def errors_to_find(self) -> tuple[str, ...]:
         """The options that state an error of a sensor that is not known exactly, as typed."""

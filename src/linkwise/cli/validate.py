@@ -56,6 +56,8 @@ def validate(
     source.refuse_unknown_errors()
     process = drawing_beside(output, "linkwise.report.validation_folder:VALIDATION_FOLDER", VALIDATION)
     subject = answers.ValidatedAnswer.of(answer)
+    for remark in source.masses_beside(subject.structure):
+        tell(f"note: {remark}")
     with progress("reading") as step:
         record = source.read(tuple(dict.fromkeys((*subject.structure.places, *subject.structure.mass_names))))
         for note in record.notes:
