@@ -291,6 +291,13 @@ def test_what_was_summed_up_is_not_trusted_even_where_it_is_right(sensor: str) -
     assert not any(term.certain for term in some(found.terms))
 
 
+def test_states_that_accelerations_put_on_a_wrong_branch_are_computed_again() -> None:
+    """The first fit of this record leaves a part of the motion in the other well, and later ones start from its states."""
+    chain = lw.bnes_chain(2)
+    record = chain_record(2, sensors=("a",)).with_noise(30.0, seed=1002)
+    assert terms(lw.discover(record, masses(chain)).structure) == terms(chain)
+
+
 def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
     """The second of two chains is never hit; its sensors show noise."""
     true = apart()

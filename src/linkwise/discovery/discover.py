@@ -184,6 +184,7 @@ def _found(
         start=partial(starting_values, records, weak=partial(_weak_values, screened)),
         progress=part(progress, _SCREENED, 1.0),
         sensors=sensors,
+        restarts=screened.integrated,
     )
     selection = select_structure(search, screened.first)
     selection = select_coloured(search, selection) or selection

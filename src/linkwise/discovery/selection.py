@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part
@@ -51,7 +52,7 @@ class Selection:
     @property
     def converged(self) -> bool:
         """Whether the fit converged at a q for which the local quadratic model is exact."""
-        return self.fit.status is AnnealingStatus.CONVERGED and self.fit.optimum.q <= _TIGHT
+        return _converged(self.fit)
 
     @property
     def is_exact(self) -> bool:
@@ -74,6 +75,10 @@ class Selection:
         return cost + self.penalty.total(list(range(len(self.structure.parameters))))
 
 
+def _converged(fit: LikelihoodFit) -> bool:
+    return fit.status is AnnealingStatus.CONVERGED and fit.optimum.q <= _TIGHT
+
+
 _SINGULAR = (
     "the fit of the terms that the search starts from ({}) does not converge: its equations became singular. Sample faster, "
     "record for longer or with less noise, or state links that are known in a structure file"
@@ -84,7 +89,8 @@ _SINGULAR = (
 class TermSearch:
     """What all rounds share: the records, the candidates, the names of those `tested`, and where a fit starts.
 
-    `sensors` has the errors of sensors that every fit finds beside the terms.
+    `sensors` has the errors of sensors that every fit finds beside the terms. `restarts` says that starting states follow from
+    the laws, so that where a fit fails they are computed again from its values.
     """
 
     records: Sequence[Record]
@@ -93,6 +99,7 @@ class TermSearch:
     start: Start
     progress: Progress
     sensors: LikelihoodOptions
+    restarts: bool = False
 
     def within(self, names: Collection[str]) -> TermSearch:
         """The same search among the candidates `names` only."""
@@ -105,6 +112,18 @@ class TermSearch:
             self.sensors, model_error=False, ceiling=_CEILING, steps=_STEPS, progress=self.progress
         )
         return likelihood_fit(self.records, structure, theta, spread=spread, options=options)
+
+    def fit(
+        self, structure: Structure, theta: Floats, spread: Floats | None, options: LikelihoodOptions
+    ) -> LikelihoodFit:
+        """A fit from `theta`, or one from states that are computed again where that fails and they follow from the laws."""
+        fitted = partial(likelihood_fit, self.records, structure)
+        fit = fitted(theta, spread=spread, options=options)
+        stopped = fit.status is AnnealingStatus.INTERRUPTED
+        if not self.restarts or stopped or (_converged(fit) and not fit.chi_square_off):
+            return fit
+        again = fit_with_restarts(fitted, theta, replace(options, nodes=None))
+        return again if again.chi_square < fit.chi_square else fit
 
     def additions(
         self, structure: Structure, chosen: frozenset[str]
@@ -169,7 +188,7 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
             steps=_STEPS,
         )
         try:
-            fit = likelihood_fit(search.records, structure, theta, spread=spread, options=options)
+            fit = search.fit(structure, theta, spread, options)
             quadratic, penalty = search.local_model(fit, structure, chosen)
             after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
             if after == inside:
