@@ -13,6 +13,7 @@ from present import present
 from problems import chain_record
 
 import linkwise as lw
+from linkwise.discovery.selection import Selection
 
 RUNS_AWAY = "the motion that starts from the states in the record runs to infinity"
 
@@ -40,6 +41,18 @@ def test_laws_that_run_away_in_a_later_round_leave_the_best_of_those_before(
     found = lw.discover(record, masses(lw.bnes_chain(2)), terms="d, v")
     assert not found.trusted
     assert {link.name for link in found.structure.links} >= {"m1-ground", "m2-m1"}
+
+
+def selected(masses: int, *, settled: bool = True) -> Selection:
+    """A selection of the links of the paper's chain, without a fit."""
+    return Selection(frozenset(), lw.bnes_chain(masses), None, None, None, settled, 1)  # type: ignore[arg-type]
+
+
+def test_fewer_links_are_preferred_only_where_the_search_for_them_settled() -> None:
+    """Of structure 15 of the benchmark of wrong offers, five false links stood in for terms that were not offered."""
+    assert selected(2).has_fewer_links(selected(4))
+    assert not selected(4).has_fewer_links(selected(4))
+    assert not selected(2, settled=False).has_fewer_links(selected(4))
 
 
 def test_laws_that_run_away_in_the_first_round_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -194,7 +194,7 @@ def _found(
     if Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and selection.is_exact:
         simpler = select_inexact(search, selection, screened.first)
         reduced = _discovery(records, checks, screened, simpler, simpler.fit.delays)
-        if reduced.trusted:
+        if reduced.trusted or simpler.has_fewer_links(selection):
             selection, discovery = simpler, reduced
     return _Found(checks, screened, selection, discovery)
 

@@ -60,6 +60,10 @@ class Selection:
         done = self.converged and not self.fit.chi_square_off
         return done or self.fit.status is AnnealingStatus.INTERRUPTED
 
+    def has_fewer_links(self, other: Selection) -> bool:
+        """Whether it settled on fewer links than another one, where links may stand in for terms that were not offered."""
+        return self.settled and len(self.structure.links) < len(other.structure.links)
+
     @cached_property
     def neighbours(self) -> tuple[Move, ...]:
         """All moves to other subsets, exchanges among them, the best first."""
