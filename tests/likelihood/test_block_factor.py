@@ -1,0 +1,74 @@
+"""Block tridiagonal equations eliminated from both ends, against the banded factor of the same equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from present import present
+
+from linkwise.likelihood.block_factor import BlockEquations, NodeBlocks
+from linkwise.likelihood.bordered_system import BorderedSystem
+
+
+def system(nodes: int, m: int, p: int) -> BorderedSystem:
+    """Normal equations J'J of a Jacobian whose rows touch two neighbouring nodes and the border."""
+    random = np.random.default_rng(5)
+    diagonal, coupling = np.zeros((nodes, m, m)), np.zeros((nodes - 1, m, m))
+    right, corner = np.zeros((p + 1, nodes, m)), np.zeros((p, p))
+    for k in range(nodes):
+        rows = random.normal(size=(3 * m + p, 2 * m + p))
+        own, later, border = np.split(rows, [m, 2 * m], axis=1)
+        diagonal[k] += own.T @ own
+        right[:p, k] += border.T @ own
+        corner += border.T @ border
+        if k + 1 < nodes:
+            diagonal[k + 1] += later.T @ later
+            coupling[k] = later.T @ own
+            right[:p, k + 1] += border.T @ later
+    right[p] = random.normal(size=(nodes, m))
+    return BorderedSystem(diagonal, coupling, right, corner, random.normal(size=p))
+
+
+def blocks(banded: BorderedSystem) -> BlockEquations:
+    nodes, m, _ = banded.diagonal.shape
+    coupling = np.concatenate([banded.coupling, np.zeros((1, m, m))])
+
+    def some(first: int, last: int) -> NodeBlocks:
+        right = banded.right[:, first:last].transpose(1, 0, 2)
+        own = banded.diagonal[first:last].copy(), right.copy(), coupling[first:last].copy()
+        return NodeBlocks(*own)
+
+    return BlockEquations(
+        (nodes, m),
+        some,
+        lambda border: banded.right[-1] - np.tensordot(border, banded.right[:-1], 1),
+        lambda first, last: coupling[first:last],
+        banded.corner,
+        banded.corner_gradient,
+    )
+
+
+@pytest.mark.parametrize(
+    ("nodes", "m", "p"), [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (6, 128, 3)]
+)
+def test_both_ends_meet(nodes: int, m: int, p: int) -> None:
+    """The same numerics; nodes of 128 states are eliminated by two threads."""
+    banded = system(nodes, m, p)
+    one, other = present(blocks(banded).factor()), present(banded.factor())
+    free, held = np.arange(p) != 1, np.linspace(0.1, 0.2, p)
+    np.testing.assert_allclose(one.schur, other.schur, rtol=1e-8, atol=1e-8 * np.max(np.abs(banded.corner)))
+    for (states, border), (expected, expected_border) in (
+        (present(one.solve(free, given)), present(other.solve(free, given))) for given in (None, held)
+    ):
+        np.testing.assert_allclose(border, expected_border, rtol=1e-8)
+        np.testing.assert_allclose(states, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
+        assert one.excess(border, free) == pytest.approx(other.excess(border, free), rel=1e-8, abs=1e-12)
+    assert one.log_determinant(free) == pytest.approx(other.log_determinant(free), rel=1e-8)
+
+
+@pytest.mark.parametrize(("node", "m"), [(0, 4), (3, 4), (6, 4), (5, 128)])
+def test_equations_that_are_not_positive_definite_have_no_factor(node: int, m: int) -> None:
+    """At either end, or where both meet; found by either thread."""
+    banded = system(7, m, 2)
+    banded.diagonal[node] -= 1e4 * np.eye(m)
+    assert blocks(banded).factor() is None
