@@ -62,6 +62,27 @@ def test_a_move_gains_what_it_says(swaps: bool) -> None:
         assert move.gain == pytest.approx(before - criterion(quadratic, penalty, after), rel=1e-8, abs=1e-8)
 
 
+def test_exchanges_of_many_coefficients_are_the_best_of_each() -> None:
+    """45 chosen of 60, tried at once, against every exchange by itself; a stated pair, and one that nothing may replace."""
+    random = np.random.default_rng(4)
+    columns = random.normal(size=(300, 60)) @ (np.eye(60) + 0.1 * random.normal(size=(60, 60)))
+    quadratic = Regression(columns, columns @ random.normal(size=60) + random.normal(size=300)).quadratic
+    pair = np.concatenate([[-1], np.arange(59) // 3])
+    penalty = Penalty(term=6.0, link=7.0, pair=pair, stated=frozenset({2}))
+    chosen = sorted([0, *random.permutation(np.arange(1, 60))[:44].tolist()])
+    swaps = [
+        move for move in ranked_moves(quadratic, penalty, chosen, swaps=True) if move.kind is MoveKind.SWAP
+    ]
+    assert len(swaps) == len(chosen) - 1
+    before = criterion(quadratic, penalty, chosen)
+    outside = sorted(set(range(60)) - set(chosen))
+    for move in some(swaps):
+        kept = sorted(set(chosen) - {move.dropped})
+        gains = [before - criterion(quadratic, penalty, sorted([*kept, other])) for other in outside]
+        assert move.gain == pytest.approx(max(gains), rel=SAME, abs=SAME * abs(before))
+        assert move.added == outside[int(np.argmax(gains))]
+
+
 @pytest.mark.parametrize("search", [local_search, best_subset])
 @pytest.mark.parametrize("start", [[], list(range(SIZE)), [1, 6]], ids=str)
 def test_a_search_ends_where_no_single_move_gains_and_never_above_its_start(

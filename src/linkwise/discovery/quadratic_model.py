@@ -94,6 +94,25 @@ class QuadraticModel:
             independent=residual / np.where(square > 0.0, square, 1.0),
         )
 
+    def exchanges(self, chosen: Sequence[int] | Indices) -> tuple[Indices, Floats]:
+        """The numbers (r,) of all coefficients that are not `chosen`, and the z scores (s, r) that each would have where it
+        takes the place of each of the s chosen ones.
+
+        That of one place differs from `additions` by one rank. For models without `scatter`, whose z scores are gains.
+        """
+        assert self.scatter is None
+        inside = np.asarray(chosen, dtype=np.intp)
+        others = np.setdiff1d(np.arange(len(self.g)), inside)
+        cross = self.h[np.ix_(inside, others)]
+        inverse = inverse_of(self.h[np.ix_(inside, inside)])
+        projection, values = inverse @ cross, inverse @ self.g[inside]
+        own = inverse.diagonal()[:, None]
+        gradient = self.g[others] - cross.T @ values + projection * (values[:, None] / own)
+        square = self.h[others, others]
+        residual = square - np.einsum("ij,ij->j", cross, projection) + projection**2 / own
+        determined = residual > _DEPENDENT * square
+        return others, np.where(determined, gradient / np.sqrt(np.where(determined, residual, 1.0)), 0.0)
+
 
 def inverse_of(matrix: Floats) -> Floats:
     """The inverse of a positive definite matrix, which is scaled to unit diagonal first."""

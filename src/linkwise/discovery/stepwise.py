@@ -11,11 +11,13 @@ from enum import Enum
 
 import numpy as np
 
+from linkwise.arrays import Indices
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 
 _MOST_MOVES = 400  # far more than any search takes; a search that reaches it is in a cycle
 _LEAST_GAIN = 1e-6  # of the criterion: less is rounding
+_MANY = 40  # coefficients from which all exchanges are tried at once, by one inverse
 _ELIMINATED = 3  # one in so many of the weak coefficients is eliminated in a round
 
 
@@ -44,12 +46,18 @@ def ranked_moves(
     inside = np.asarray(chosen, dtype=np.intp)
     z = quadratic.solve(inside).z
     moves = _additions(quadratic, penalty, list(chosen), None, 0.0)
-    for place in np.flatnonzero(penalty.pair[inside] >= 0):
+    places = np.flatnonzero(penalty.pair[inside] >= 0)
+    many = swaps and quadratic.scatter is None and len(inside) >= _MANY
+    exchanged = _best_exchanges(quadratic, penalty, inside) if many else {}
+    for place in places.tolist():
         remaining = np.delete(inside, place).tolist()
         saved = penalty.total(list(chosen)) - penalty.total(remaining) - float(z[place] ** 2)
         dropped = int(inside[place])
         moves.append(Move(MoveKind.DROP, dropped, None, saved))
-        if swaps:
+        if place in exchanged:
+            added, gain = exchanged[place]
+            moves.append(Move(MoveKind.SWAP, dropped, added, saved + gain))
+        elif swaps:
             additions = _additions(quadratic, penalty, remaining, dropped, saved)
             others = [move for move in additions if move.added != dropped]
             moves += sorted(others, key=lambda move: -move.gain)[:1]
@@ -70,6 +78,26 @@ def _additions(
         for number, gain, pair in zip(numbers, gains, pairs, strict=True)
         if pair >= 0
     ]
+
+
+def _best_exchanges(
+    quadratic: QuadraticModel, penalty: Penalty, inside: Indices
+) -> dict[int, tuple[int, float]]:
+    """For each place among the chosen the best coefficient for it, and the gain of that with the place empty."""
+    numbers, z = quadratic.exchanges(inside)
+    offered = penalty.pair[numbers] >= 0
+    if not offered.any():
+        return {}
+    numbers, z = numbers[offered], z[:, offered]
+    pairs, own = penalty.pair[numbers], penalty.pair[inside]
+    stated = np.isin(pairs, list(penalty.stated))
+    best = {}
+    for place in np.flatnonzero(own >= 0).tolist():
+        linked = stated | np.isin(pairs, np.delete(own, place))
+        gains = z[place] ** 2 - penalty.term - np.where(linked, 0.0, penalty.link)
+        first = int(np.argmax(gains))
+        best[place] = int(numbers[first]), float(gains[first])
+    return best
 
 
 def local_search(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
