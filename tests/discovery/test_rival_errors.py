@@ -8,6 +8,7 @@ from functools import cache
 import pytest
 
 import linkwise as lw
+from linkwise.discovery.rival_errors import RivalError
 
 number = lw.Coefficient.number
 
@@ -65,3 +66,32 @@ def test_a_stiffness_that_is_stated_wrong_is_named() -> None:
     found = lw.discover(noisy, lw.PartialStructure(FRAME.masses, (wrong,)))
     assert not found.trusted
     assert any("If m2-m1.k were 1.9 % less than stated" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("rival", "said"),
+    [
+        (
+            RivalError("mass", "m2", 0.012, (0, 1), -25.0),
+            "If the mass of m2 were 1.2 % more than stated, a.k and b.c would not be needed and the criterion would be 25 "
+            "lower: check the value, or let it be unknown.",
+        ),
+        (
+            RivalError("force gain", "force:m1", -0.03, (1,), -25.0),
+            "If force:m1 were 3 % less than recorded, b.c would not be needed and the criterion would be 25 lower: check its "
+            "calibration.",
+        ),
+        (
+            RivalError("coefficient", "l.k", 0.02, (0,), 4.0),
+            "This record hardly distinguishes a.k from an error of what is stated: if l.k were 2 % more than stated, the "
+            "criterion would be only 4.0 higher without it.",
+        ),
+        (
+            RivalError("mass", "m2", -0.01, (0, 1), -2.5),
+            "This record hardly distinguishes a.k and b.c from an error of what is stated: if the mass of m2 were 1 % less "
+            "than stated, the criterion would be 2.5 lower without them.",
+        ),
+    ],
+)
+def test_a_rival_is_told_with_what_to_do(rival: RivalError, said: str) -> None:
+    assert rival.remark(("a.k", "b.c")) == said

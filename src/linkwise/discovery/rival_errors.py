@@ -24,6 +24,8 @@ _LARGEST = 0.05  # relative: scales, load cells and data sheets are better than 
 _STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raftery 1995)
 _STATED = {"mass": "the mass of {} were {} than stated", "coefficient": "{} were {} than stated"}
 _WHAT = {**_STATED, "force gain": "{} were {} than recorded"}
+_CHECK = "check the value, or let it be unknown"
+_ADVICE = {"mass": _CHECK, "coefficient": _CHECK, "force gain": "check its calibration"}
 _NAMED = 3
 
 
@@ -52,12 +54,13 @@ class RivalError:
         terms = " and ".join(names[number] for number in self.terms)
         if self.is_preferred:
             return (
-                f"If {error}, {terms} would not be needed and the criterion would be {-self.excess:.3g} lower: check the "
-                "value, or let it be unknown."
+                f"If {error}, {terms} would not be needed and the criterion would be {-self.excess:.3g} lower: "
+                f"{_ADVICE[self.kind]}."
             )
+        change = f"only {self.excess:.1f} higher" if self.excess >= 0.0 else f"{-self.excess:.1f} lower"
         return (
             f"This record hardly distinguishes {terms} from an error of what is stated: if {error}, the criterion would be "
-            f"only {max(self.excess, 0.0):.1f} higher without {'it' if len(self.terms) == 1 else 'them'}."
+            f"{change} without {'it' if len(self.terms) == 1 else 'them'}."
         )
 
 
