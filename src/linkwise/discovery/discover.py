@@ -27,9 +27,9 @@ from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.stated_errors import errors_to_find
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure

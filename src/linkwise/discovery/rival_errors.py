@@ -17,7 +17,7 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import local_search
-from linkwise.likelihood.force_errors import stated_errors
+from linkwise.likelihood.force_errors import errors_of_stated_values
 from linkwise.model.structure import Structure
 
 _LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
@@ -71,7 +71,7 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalErro
     """
     structure = selection.structure
     try:
-        hypotheses, local = stated_errors(selection.fit.optimum, structure, identified)
+        hypotheses, local = errors_of_stated_values(selection.fit.optimum, structure, identified)
     except np.linalg.LinAlgError:
         return ()
     p = len(structure.parameters)

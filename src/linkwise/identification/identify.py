@@ -14,7 +14,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.identification.methods import METHODS
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
-from linkwise.likelihood.stated_errors import uncounted
+from linkwise.likelihood.sensor_priors import uncounted
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import of_links

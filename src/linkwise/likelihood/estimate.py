@@ -30,13 +30,13 @@ from linkwise.likelihood.random_forces import (
 )
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.segmentation import require_units_of_states
+from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.shape_parameters import held_where_unseen
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.stated_errors import errors_to_find
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress

@@ -55,7 +55,7 @@ def force_errors(
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-def stated_errors(
+def errors_of_stated_values(
     optimum: Optimum, structure: Structure, identified: Structure
 ) -> tuple[list[Hypothesis], LocalQuadratic]:
     """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
