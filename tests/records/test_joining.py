@@ -128,3 +128,7 @@ def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
         lw.RecordError, match="parts of a record need the same channels: x:m1, a:base and x:m1"
     ):
         lw.continued(first, second.select(["x:m1"]))
+    with pytest.raises(
+        lw.RecordError, match="the parts of a record need one sampling rate, got 200 and 250 Hz"
+    ):
+        lw.continued(first, replace(second, rate=250.0))

@@ -45,7 +45,7 @@ def beside(record: Record, other: Record) -> Record:
     >>> lw.beside(record.select(["x:m1"]), record.select(["x:m2"]))
     Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2
     """
-    _require_same_rate(record, other)
+    _require_same_rate(record, other, "records that are set beside each other")
     _refuse_common(record, other)
     return _side_by_side(record, other)
 
@@ -133,7 +133,7 @@ def continued(record: Record, other: Record) -> Record:
             f"the parts of a record need the same channels: {', '.join(record.channels)} and {', '.join(other.channels)}",
             other.source or None,
         )
-    _require_same_rate(record, other)
+    _require_same_rate(record, other, "the parts of a record")
     exact = (other.start - record.start) * record.rate - len(record)
     gap = round(exact)
     if gap < 0:
@@ -172,14 +172,12 @@ def _span(record: Record) -> str:
 def _refuse_common(record: Record, other: Record) -> None:
     common = [name for name in other.channels if name in record.channels]
     if common:
-        raise RecordError("is in both records that are set beside each other", channel=common[0])
+        raise RecordError("is in both records that are joined", channel=common[0])
 
 
-def _require_same_rate(record: Record, other: Record) -> None:
+def _require_same_rate(record: Record, other: Record, what: str) -> None:
     if abs(record.rate - other.rate) > _SAME_RATE * record.rate:
-        raise RecordError(
-            f"records that are set beside each other need one sampling rate, got {record.rate:g} and {other.rate:g} Hz"
-        )
+        raise RecordError(f"{what} need one sampling rate, got {record.rate:g} and {other.rate:g} Hz")
 
 
 def _at_one_rate(record: Record, other: Record) -> tuple[Record, Record]:
