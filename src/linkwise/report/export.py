@@ -20,10 +20,6 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.registry import Registry
 
-NORMAL_95 = (
-    1.959963984540054  # standard deviations to either side that 95 % of a normal distribution are within
-)
-
 
 @dataclass(frozen=True)
 class ExportedCoefficient:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from linkwise.errors import OutputError
-from linkwise.report.export import NORMAL_95, ExportedAnswer
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.report.export import ExportedAnswer
 from linkwise.text import csv_cell
 
 _HEADER = ("of", "coefficient", "value", "unit", "standard error", "lower", "upper", "law")
