@@ -20,7 +20,7 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.loss import Gaussian, Loss
-from linkwise.likelihood.low_signal import held_as_closely_as_smooth, is_loosened
+from linkwise.likelihood.low_signal import is_loosened, tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.random_forces import (
@@ -194,7 +194,7 @@ class MaximumLikelihood(Estimator):
         search = partial(likelihood_fit, records, structure)
         fit = search(theta, spread=spread, options=options)
         fit = lower_of_two(fit, lambda values: search(values, options=options))
-        return held_as_closely_as_smooth(
+        return tightest_smooth_fit(
             fit, lambda values, nodes, q: search(values, options=_held(options, nodes, q))
         )
 

@@ -68,9 +68,9 @@ class LocalRows:
         mechanics = segments.system.at(misfit.point.theta)
         step = segments.step[part] * segments.flow_steps_per_tangent
         orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
-        pushes = None if self.candidates is None else self.candidates.part(part)
+        candidates = None if self.candidates is None else self.candidates.part(part)
         unit = self.scales.theta[: segments.system.parameters.size]
-        forces = tangent_forces(mechanics, orbit, step, unit, pushes)
+        forces = tangent_forces(mechanics, orbit, step, unit, candidates)
         rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
         return rows, (root * residuals).transpose(2, 0, 1)
 

@@ -50,7 +50,7 @@ class Refit(Protocol):
     def __call__(self, values: Floats, nodes: Floats, relaxation: float) -> LikelihoodFit: ...
 
 
-def held_as_closely_as_smooth(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
+def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     """`fit`, or where its likelihood has other optima the closest fit to exact laws whose likelihood is quadratic.
 
     Looked at are fits with white noise and without a model error, at a low signal, of many steps, or not converged.
@@ -69,22 +69,22 @@ def held_as_closely_as_smooth(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit
     """
     if not _may_be_wrong(fit):
         return fit
-    rungs = list(_descent(fit))
-    if not rungs or rungs[-1].fit.status is AnnealingStatus.INTERRUPTED:
+    relaxed = list(_relaxed_fits(fit))
+    if not relaxed or relaxed[-1].fit.status is AnnealingStatus.INTERRUPTED:
         return fit
-    tightest = rungs[-1].fit
+    tightest = relaxed[-1].fit
     same = (
         tightest.q <= fit.optimum.q
         and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
     )
     if same and fit.status is AnnealingStatus.CONVERGED and _is_smooth(fit):
         return fit
-    least = min(rung.evidence for rung in rungs)
-    for rung in reversed(rungs):
-        if rung.evidence > least + _WORSE and rung.fit.q < _SINGLE:
+    least = min(each.evidence for each in relaxed)
+    for candidate in reversed(relaxed):
+        if candidate.evidence > least + _WORSE and candidate.fit.q < _SINGLE:
             continue
         try:
-            other = refit(rung.fit.point.theta, rung.fit.point.nodes, rung.fit.q)
+            other = refit(candidate.fit.point.theta, candidate.fit.point.nodes, candidate.fit.q)
         except IdentificationError:  # the motion runs away
             continue
         if other.status is AnnealingStatus.INTERRUPTED:
@@ -112,14 +112,14 @@ def is_loosened(fit: LikelihoodFit) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rung:
+class _RelaxedFit:
     """A fit at one relaxation, and -2 log of its marginal likelihood."""
 
     fit: AnnealingFit
     evidence: float
 
 
-def _descent(fit: LikelihoodFit) -> Iterator[_Rung]:
+def _relaxed_fits(fit: LikelihoodFit) -> Iterator[_RelaxedFit]:
     """Fits at ever smaller relaxations, each from the one before, as long as they converge."""
     optimum, point = fit.optimum, fit.optimum.point
     for q in _LADDER:
@@ -127,7 +127,7 @@ def _descent(fit: LikelihoodFit) -> Iterator[_Rung]:
         found = anneal(optimum.segments, point, optimum.scales, schedule, loss=optimum.loss)
         if found.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
             return
-        yield _Rung(found, evidence(optimum.segments, found, q, optimum.loss)[1])
+        yield _RelaxedFit(found, evidence(optimum.segments, found, q, optimum.loss)[1])
         if found.status is AnnealingStatus.INTERRUPTED:
             return
         point = found.point
