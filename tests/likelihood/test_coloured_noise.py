@@ -11,9 +11,11 @@ import scipy
 from problems import chain_record, truth
 
 import linkwise as lw
+from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.coloured_noise import ColouredNoise, in_time
 from linkwise.likelihood.eliminated_states import EliminatedRows
 from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.progress import silent
@@ -72,7 +74,7 @@ def test_intervals_allow_for_coloured_noise(noise: str) -> None:
     assert low < np.mean(np.square(z)) < high
 
 
-def test_a_search_that_the_colour_kept_from_converging_is_taken_up() -> None:
+def test_intervals_of_a_chaotic_chain_allow_for_coloured_noise() -> None:
     """Four masses: the channel's floor at high frequencies says a quarter of its noise where the chaotic motion is."""
     chain = lw.bnes_chain(4)
     clean = chain_record(4, duration=4.0)
@@ -84,6 +86,28 @@ def test_a_search_that_the_colour_kept_from_converging_is_taken_up() -> None:
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and "in x:m1; all" in fit.message
     z = (fit.values - truth(chain, asked)) / np.sqrt(fit.covariance.diagonal())
     assert np.max(np.abs(z)) < 4.0  # standard errors: of 10 by chance once in 1600
+
+
+def test_a_search_that_did_not_converge_is_taken_up_with_coloured_noise() -> None:
+    """Three steps are too few for white noise; from where they end the coloured noise is found, and its optimum."""
+    record, asked = noisy("AR(1) of 0.9", 3), lw.bnes_chain(2).unknown("nes")
+    theta, spread = starting_values([record], asked)
+    short = LikelihoodOptions(steps=3)
+    white = likelihood_fit(
+        [record],
+        asked,
+        theta,
+        spread=spread,
+        options=replace(short, coloured_noise=False, model_error=False),
+    )
+    assert white.status is AnnealingStatus.EXHAUSTED
+    fit = likelihood_fit([record], asked, theta, spread=spread, options=short)
+    assert fit.status is AnnealingStatus.CONVERGED and fit.optimum.coloured is not None
+    assert fit.model_error == 0.0
+    whole = likelihood_fit([record], asked, theta, spread=spread)
+    errors = np.sqrt(whole.covariance.diagonal())
+    # each search ends where the cost would fall by no more than its tolerance
+    assert np.max(np.abs(fit.values - whole.values) / errors) < 2.0 * np.sqrt(AnnealingSchedule.tolerance)
 
 
 def test_a_profile_counts_the_colour() -> None:
