@@ -83,7 +83,8 @@ def test_an_offset_beyond_its_prior_takes_trust_away() -> None:
 def test_records_that_state_different_errors_are_refused() -> None:
     other = chain_record(2, duration=2.0).with_noise(30.0, seed=2)
     with pytest.raises(
-        lw.IdentificationError, match="state different errors of x:m2: x:m2: its offset is known"
+        lw.IdentificationError,
+        match=r"state different errors of x:m2: its offset is known to 0\.0001 m, and its offset is known to 0\.001 m; state",
     ):
         lw.identify([stating(noisy(), offset=1e-4), stating(other, offset=1e-3)], UNKNOWN)
 

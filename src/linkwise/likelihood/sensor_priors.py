@@ -83,9 +83,12 @@ def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
             if name != COMMON and name not in record.responses:
                 continue
             if stated.setdefault(name, known) != known:
+                first, other = (
+                    each.described(name).rstrip(".").partition(": ")[2] for each in (stated[name], known)
+                )
                 raise IdentificationError(
-                    f"records that are taken together state different errors of {name}: {stated[name].described(name)} "
-                    f"against {known.described(name)} State the same of all, for instance in a mapping file"
+                    f"records that are taken together state different errors of {name}: {first}, and {other}; state the same "
+                    "of all, for instance in a mapping file"
                 )
     return stated
 
