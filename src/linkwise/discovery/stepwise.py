@@ -47,6 +47,8 @@ def ranked_moves(
     z = quadratic.solve(inside).z
     moves = _additions(quadratic, penalty, list(chosen), None, 0.0)
     places = np.flatnonzero(penalty.pair[inside] >= 0)
+    offered = np.delete(penalty.pair, inside) >= 0
+    swaps = swaps and bool(offered.any())
     many = swaps and quadratic.scatter is None and len(inside) >= _MANY
     exchanged = _best_exchanges(quadratic, penalty, inside) if many else {}
     for place in places.tolist():
@@ -57,7 +59,7 @@ def ranked_moves(
         if place in exchanged:
             added, gain = exchanged[place]
             moves.append(Move(MoveKind.SWAP, dropped, added, saved + gain))
-        elif swaps:
+        elif swaps and not many:
             additions = _additions(quadratic, penalty, remaining, dropped, saved)
             others = [move for move in additions if move.added != dropped]
             moves += sorted(others, key=lambda move: -move.gain)[:1]
