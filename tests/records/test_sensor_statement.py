@@ -78,6 +78,15 @@ def test_a_record_refuses_what_is_stated_of_other_channels() -> None:
         lw.SensorUncertainty(delay=-1.0)
 
 
+@pytest.mark.parametrize("stated", [{"gain": "1.02"}, {"offset": 1.0}, {"delay": "1 ms"}, {"noise": 1e-3}])
+def test_a_known_error_of_all_sensors_is_not_dropped_in_silence(stated: dict[str, object]) -> None:
+    record = lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None])
+    with pytest.raises(lw.RecordError, match=r"channel common: .* only its standard deviation can be stated"):
+        with_statements(record, {"common": statement("common", **stated)})
+    known = with_statements(record, {"common": statement("common", gain="+- 1 %")})
+    assert known.uncertainty == {"common": lw.SensorUncertainty(gain=0.01)}
+
+
 def test_channels_keep_what_is_known_of_them() -> None:
     known = {"x:m1": lw.SensorUncertainty(offset=1e-4), "common": lw.SensorUncertainty(gain=0.01)}
     both = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, MOTION**2], axis=1), uncertainty=known)

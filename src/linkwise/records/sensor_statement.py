@@ -210,7 +210,7 @@ def _stated(key: str, given: object, dimension: str) -> StatedError:
 def with_statements(record: Record, stated: Mapping[str, SensorStatement], file: str | None = None) -> Record:
     """The record without the known errors of its sensors, with what is known of the others and of their noise.
 
-    Raises RecordError for a channel that is not in the record.
+    Raises RecordError for a channel that is not in the record, and for a known error that all sensors share.
     """
     if not stated:
         return record
@@ -219,6 +219,8 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
     uncertainty = dict(record.uncertainty)
     late: dict[str, float] = {}
     for name, each in stated.items():
+        if name == COMMON:
+            _require_gain_around_one(each, file)
         known = each.uncertainty
         uncertainty.pop(name, None)
         if known:
@@ -256,6 +258,18 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
         notes=(*record.notes, *notes),
     )
     return without_delays(changed, late)
+
+
+def _require_gain_around_one(common: SensorStatement, file: str | None) -> None:
+    """Raise RecordError where anything else is stated of all sensors together."""
+    gain = common.gain or StatedError(1.0)
+    if common != SensorStatement(gain=common.gain) or gain.value != 1.0:
+        raise RecordError(
+            "of a gain that all sensors share only its standard deviation can be stated, as in '+- 1 %'; state known "
+            "errors and noise by channel",
+            file,
+            channel=COMMON,
+        )
 
 
 def _taken_out(name: str, gain: float, offset: float) -> str:
