@@ -132,3 +132,17 @@ def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
         lw.RecordError, match="the parts of a record need one sampling rate, got 200 and 250 Hz"
     ):
         lw.continued(first, replace(second, rate=250.0))
+
+
+def test_parts_that_state_different_noise_are_refused(record: lw.Record) -> None:
+    first, second = (replace(part, noise={"x:m1": 1e-4}) for part in (record[:100], record[100:]))
+    assert lw.continued(first, second).noise == {"x:m1": 1e-4}
+    assert lw.continued(first, replace(second, noise={})).noise == {"x:m1": 1e-4}
+    with pytest.raises(
+        lw.RecordError, match="channel x:m1: states another noise of its sensor than the first"
+    ):
+        lw.continued(first, replace(second, noise={"x:m1": 2e-4}))
+    known = (replace(first, uncertainty={"x:m1": lw.SensorUncertainty(gain=size)}) for size in (0.01, 0.02))
+    one, other = known
+    with pytest.raises(lw.RecordError, match="channel x:m1: states another uncertainty of its sensor"):
+        lw.continued(one, replace(second, uncertainty=other.uncertainty))

@@ -118,8 +118,8 @@ def continued(record: Record, other: Record) -> Record:
     Raises
     ------
     RecordError
-        If channels or rates differ, the parts overlap, the second does not go on at a time of the first, or the gap is longer
-        than both.
+        If channels, rates, or what both state of a channel differ, the parts overlap, the second does not go on at a time of
+        the first, or the gap is longer than both.
 
     Examples
     --------
@@ -134,6 +134,7 @@ def continued(record: Record, other: Record) -> Record:
             other.source or None,
         )
     _require_same_rate(record, other, "the parts of a record")
+    _refuse_other_statements(record, other)
     exact = (other.start - record.start) * record.rate - len(record)
     gap = round(exact)
     if gap < 0:
@@ -173,6 +174,20 @@ def _refuse_common(record: Record, other: Record) -> None:
     common = [name for name in other.channels if name in record.channels]
     if common:
         raise RecordError("is in both records that are joined", channel=common[0])
+
+
+def _refuse_other_statements(record: Record, other: Record) -> None:
+    """Raise RecordError where a part of a record states another noise, uncertainty or interpolation of a channel."""
+    for kind in ("noise", "uncertainty", "interpolation"):
+        first, second = getattr(record, kind), getattr(other, kind)
+        for name in first:
+            if name in second and first[name] != second[name]:
+                raise RecordError(
+                    f"states another {kind} of its sensor than the first part of the record; state the same of both, "
+                    "for instance in a mapping file",
+                    other.source or None,
+                    channel=name,
+                )
 
 
 def _require_same_rate(record: Record, other: Record, what: str) -> None:
