@@ -23,7 +23,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.damped_step import bounds, damped_step, freedom
-from linkwise.likelihood.linear_model import Factor, LinearModel, linear_model
+from linkwise.likelihood.linear_model import Factor, GaussNewtonModel, linear_model
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.segments import Iterate, Scales, Segments
@@ -328,7 +328,7 @@ def anneal(
 
 def _fit(
     segments: Segments,
-    linear: LinearModel,
+    linear: GaussNewtonModel,
     misfit: Misfit,
     scales: Scales,
     loss: Loss,

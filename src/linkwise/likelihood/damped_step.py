@@ -6,14 +6,14 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.late_sensors import LARGEST
-from linkwise.likelihood.linear_model import LinearModel
+from linkwise.likelihood.linear_model import GaussNewtonModel
 from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.segments import Iterate, Scales, Segments
 
 
 def damped_step(
     segments: Segments,
-    linear: LinearModel,
+    linear: GaussNewtonModel,
     misfit: Misfit,
     scales: Scales,
     q: float,
@@ -26,7 +26,7 @@ def damped_step(
     ----------
     segments : Segments
         The records in segments.
-    linear : LinearModel
+    linear : GaussNewtonModel
         Linearization at the present point.
     misfit : Misfit
         Misfit there.

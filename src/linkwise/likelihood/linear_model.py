@@ -20,7 +20,7 @@ from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.tangent_forces import CandidateForces
 from linkwise.runtime import processors
 
-LinearModel = Linearization | LocalLinearization
+GaussNewtonModel = Linearization | LocalLinearization
 Factor = BorderedFactor | LocalFactor
 
 _WORTHWHILE = 0.7  # of the sensitivities of the whole: what groups may have of them
@@ -34,7 +34,7 @@ def linear_model(
     executor: Executor | None = None,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
-) -> LinearModel:
+) -> GaussNewtonModel:
     """Gauss-Newton blocks at a point.
 
     Parameters
