@@ -1,4 +1,4 @@
-"""Searches at a low signal: other valleys, and laws that the motion is held to as closely as the likelihood is smooth."""
+"""Searches at a low signal: other optima, and laws that the motion is held to as closely as the likelihood is smooth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from problems import chain_record, truth
 import linkwise as lw
 
 CHAIN = lw.bnes_chain(2)
-FAR = 5.0  # standard errors
+FAR = 5.0  # standard errors: of five coefficients by chance 3e-6
 
 
 def identified(seed: int) -> lw.Estimate:
@@ -21,7 +21,7 @@ def errors(fit: lw.Estimate) -> np.ndarray:
     return np.asarray((fit.values - truth(CHAIN, fit.given_structure)) / np.sqrt(fit.covariance.diagonal()))
 
 
-def test_a_search_that_ended_in_a_wrong_valley_finds_the_right_one() -> None:
+def test_a_search_that_ended_in_a_local_optimum_finds_the_highest() -> None:
     """At 5 dB; the first search of this record does not converge, and is 17 standard errors off."""
     fit = identified(1014)
     assert fit.trusted
