@@ -26,6 +26,9 @@ _LOOSENED = 1e3  # times the last q: annealing starts from here once parameters 
 _LOOSEST = 1e-2
 _IRREGULAR = 4.0  # factor on the rise of the cost beyond which it is not quadratic
 _IRREGULAR_UNCONVERGED = 100.0  # the same where annealing did not converge: the rise is then an upper bound
+_WEAKEST = 2  # directions that the record tells least
+_FAR = 3.0  # standard errors that the parameters are moved in these
+_TOO_LITTLE = 0.5  # of the rise expected there: the valley bends, or another one is near
 _SEED = 20261122
 
 
@@ -77,7 +80,8 @@ def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) 
 def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
     """Whether the cost around the optimum rises as the covariance predicts; tested only after many steps.
 
-    The parameters are moved by two standard errors in random directions and held, and the orbit is fitted again.
+    The parameters are moved by two standard errors in random directions, and by three in the directions that the record tells
+    least, and held, and the orbit is fitted again. A narrow valley that bends leaves the latter only.
     A search that converged only after it had run out of steps crossed a likelihood too uneven for its curvature to say much.
 
     Parameters
@@ -96,7 +100,7 @@ def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
         return True
     if len(fit.path) > _EXHAUSTED:
         return False
-    return is_quadratic(fit, faint)
+    return is_quadratic(fit, faint) and rises_in_weak_directions(fit, faint)
 
 
 def is_quadratic(
@@ -124,14 +128,10 @@ def is_quadratic(
     bool
         Whether it does.
     """
-    free = np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
-    of_white = fit.optimum.of_white  # as which the cost takes the noise
-    covariance = (fit.covariance if of_white is None else of_white)[np.ix_(free, free)]
-    if not len(free) or not np.isfinite(covariance).all():
+    free = _tested(fit, faint)
+    root = _root_of_covariance(fit, free)
+    if root is None:
         return True
-    size = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(free)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     return all(
@@ -141,16 +141,100 @@ def is_quadratic(
     )
 
 
+def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
+    """Whether the cost rises by enough where the parameters are moved in the directions that the record tells least.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    faint : sequence of str, optional
+        Parameters that stay where they are.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    free = _tested(fit, faint)
+    root = _root_of_covariance(fit, free)
+    if root is None:
+        return True
+    return all(
+        _rise(fit, free, side * _FAR * weak, _FAR)[0] > _TOO_LITTLE
+        for weak in root.T[-_WEAKEST:]
+        for side in (1.0, -1.0)
+    )
+
+
+def profiles_rise(fit: LikelihoodFit) -> bool:
+    """Whether -2 log likelihood rises by enough along the profile of each parameter.
+
+    A valley that bends, or another one that crosses it, may be seen in profiles alone, which follow it.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    optimum, errors = fit.optimum, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    for parameter in np.flatnonzero(fit.free).tolist():
+        if not (np.isfinite(errors[parameter]) and errors[parameter] > 0.0):
+            return False
+        held = np.zeros(len(fit.values), dtype=bool)
+        held[parameter] = True
+        for distance in (_FAR, -_FAR):
+            step = distance * fit.covariance[:, parameter] / errors[parameter]
+            moved = fitted_with(optimum, fit.values + step, held)
+            rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
+            if not rise > _TOO_LITTLE * distance**2:
+                return False
+    return True
+
+
+def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
+    """The parameters that are free and not `faint`."""
+    return np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
+
+
+def _root_of_covariance(fit: LikelihoodFit, free: Indices) -> Floats | None:
+    """(f, f) root of the covariance of the free parameters, as the cost has it, its columns in the order of their variance.
+
+    That is of correlations. None where there is none.
+    """
+    of_white = fit.optimum.of_white  # as which the cost takes the noise
+    covariance = (fit.covariance if of_white is None else of_white)[np.ix_(free, free)]
+    if not len(free) or not np.isfinite(covariance).all():
+        return None
+    size = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats, factor: float) -> bool:
     """Whether the cost rises quadratically, within a factor, when the free parameters are moved by `step` and held."""
+    rise, converged = _rise(fit, free, step, _DISTANCE)
+    if converged:
+        return bool(1.0 / factor < rise < factor)
+    return bool(rise < _IRREGULAR_UNCONVERGED)
+
+
+def _rise(fit: LikelihoodFit, free: Indices, step: Floats, distance: float) -> tuple[float, bool]:
+    """The rise of the cost over that expected at a `distance` in standard errors, and whether the orbit was found there.
+
+    An upper bound of it where it was not.
+    """
     optimum = fit.optimum
     theta = optimum.point.theta.copy()
     theta[free] += step
     moved = fitted_with(optimum, theta, np.ones(len(theta), dtype=bool))
-    rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2 / _DISTANCE**2
-    if moved.status is AnnealingStatus.CONVERGED:
-        return bool(1.0 / factor < rise < factor)
-    return bool(rise < _IRREGULAR_UNCONVERGED)
+    rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2 / distance**2
+    return float(rise), moved.status is AnnealingStatus.CONVERGED
 
 
 def fitted_with(optimum: Optimum, theta: Floats, held: Bools) -> AnnealingFit:

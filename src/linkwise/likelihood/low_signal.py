@@ -26,7 +26,12 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.local_optima import is_quadratic, went_straight
+from linkwise.likelihood.local_optima import (
+    is_quadratic,
+    profiles_rise,
+    rises_in_weak_directions,
+    went_straight,
+)
 from linkwise.likelihood.model_error import evidence
 
 _LOW = (
@@ -80,6 +85,7 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     if same and fit.status is AnnealingStatus.CONVERGED and _is_smooth(fit):
         return fit
     least = min(each.evidence for each in relaxed)
+    uneven = fit.status is not AnnealingStatus.CONVERGED or len(fit.path) > AnnealingSchedule.max_steps
     for candidate in reversed(relaxed):
         if candidate.evidence > least + _WORSE and candidate.fit.q < _SINGLE:
             continue
@@ -89,7 +95,8 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
             continue
         if other.status is AnnealingStatus.INTERRUPTED:
             return fit
-        if other.status is AnnealingStatus.CONVERGED and not other.chi_square_off and _is_smooth(other):
+        converged = other.status is AnnealingStatus.CONVERGED and not other.chi_square_off
+        if converged and _is_smooth(other) and (not uneven or profiles_rise(other)):
             return other
     return fit
 
@@ -147,7 +154,7 @@ def _may_be_wrong(fit: LikelihoodFit) -> bool:
 
 
 def _is_smooth(fit: LikelihoodFit) -> bool:
-    return is_quadratic(fit, factor=_FACTOR, sides=_BOTH)
+    return is_quadratic(fit, factor=_FACTOR, sides=_BOTH) and rises_in_weak_directions(fit)
 
 
 def _is_low(fit: LikelihoodFit) -> bool:
