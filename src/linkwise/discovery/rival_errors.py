@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.arrays import Bools
+from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
 from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import local_search
@@ -27,6 +28,7 @@ _WHAT = {**_STATED, "force gain": "{} were {} than recorded"}
 _CHECK = "check the value, or let it be unknown"
 _ADVICE = {"mass": _CHECK, "coefficient": _CHECK, "force gain": "check its calibration"}
 _NAMED = 3
+_DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 
 
 @dataclass(frozen=True)
@@ -78,11 +80,16 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalErro
     names = (*selection.quadratic.names[:p], *(each.where for each in hypotheses))
     model = QuadraticModel(names, local.curvature, local.slope, local.scatter)
     unknown = {mass.name for mass in structure.masses if not mass.mass.known}
+    try:
+        screened = _may_be_replaced(selection, model)
+    except np.linalg.LinAlgError:
+        return ()
     rivals = [
         RivalError(hypothesis.kind, hypothesis.where, size, terms, excess)
-        for number, hypothesis in enumerate(hypotheses, start=p)
+        for number, hypothesis in enumerate(hypotheses)
         if hypothesis.kind in _WHAT and hypothesis.where not in unknown
-        for size, terms, excess in _without_terms(selection, model, number)
+        for term in np.flatnonzero(screened[:, number]).tolist()
+        for size, terms, excess in _without_term(selection, model, p + number, term)
     ]
     best: dict[tuple[int, ...], RivalError] = {}
     for rival in sorted(rivals, key=lambda rival: rival.excess):
@@ -95,27 +102,48 @@ def rival_remarks(rivals: tuple[RivalError, ...], names: tuple[str, ...]) -> tup
     return tuple(rival.remark(names) for rival in rivals[:_NAMED])
 
 
-def _without_terms(
-    selection: Selection, model: QuadraticModel, error: int
+def _may_be_replaced(selection: Selection, model: QuadraticModel) -> Bools:
+    """(p, e) whether a term, dropped beside an error, leaves a small error and a criterion that more drops may lower.
+
+    By the inverse of the curvature of all terms, bordered by each error. Raises numpy.linalg.LinAlgError if the columns of the
+    terms are linearly dependent.
+    """
+    penalty, p = selection.penalty, len(selection.structure.parameters)
+    pair = penalty.pair[:p]
+    alone = np.array([np.sum(pair == each) == 1 and each not in penalty.stated for each in pair.tolist()])
+    saved = penalty.term + np.where(alone, penalty.link, 0.0)
+    inverse = inverse_of(model.h[:p, :p])
+    values, cross = inverse @ model.g[:p], model.h[:p, p:]
+    along = inverse @ cross  # (p, e)
+    left = model.h.diagonal()[p:] - np.einsum("pe,pe->e", cross, along)
+    left = np.where(left > 0.0, left, np.inf)
+    errors = (model.g[p:] - cross.T @ values) / left
+    variance = inverse.diagonal()[:, None] + along**2 / left
+    beside = values[:, None] - along * errors  # the terms beside each error
+    sizes = errors + along / left / variance * beside  # of the error, once the term is dropped
+    excess = beside**2 / variance - left * errors**2 + penalty.term - saved[:, None]
+    more = _DROPPED_BESIDE * (penalty.term + penalty.link)
+    return np.asarray((pair >= 0)[:, None] & (np.abs(sizes) < _LARGEST) & (excess < CERTAIN + more))
+
+
+def _without_term(
+    selection: Selection, model: QuadraticModel, error: int, term: int
 ) -> Iterator[tuple[float, tuple[int, ...], float]]:
-    """For each term that an error, by its number in `model`, may replace: its size, the terms replaced, and the excess."""
+    """Where an error, by its number in `model`, may replace a term: its size, all terms replaced, and the excess."""
     penalty, p = selection.penalty, len(selection.structure.parameters)
     chosen = list(range(p))
     selected = model.cost(chosen) + penalty.total(chosen)
-    for term in np.flatnonzero(penalty.pair[:p] >= 0).tolist():
-        inside = np.array([*(number for number in chosen if number != term), error])
-        block = np.ix_(inside, inside)
-        scatter = None if model.scatter is None else model.scatter[block]
-        part = QuadraticModel(tuple(model.names[k] for k in inside), model.h[block], model.g[inside], scatter)
-        of_part = replace(penalty, pair=np.append(penalty.pair[inside[:-1]], -1))  # the error is not selected
-        try:
-            if not abs(part.solve(range(p)).values[-1]) < _LARGEST:
-                continue
-            kept = local_search(part, of_part, range(p))
-            size = float(part.solve(kept).values[-1])
-            excess = part.cost(kept) + of_part.total(kept) + penalty.term - selected
-        except np.linalg.LinAlgError:
-            continue
-        if abs(size) < _LARGEST and excess < CERTAIN:
-            replaced = sorted(set(chosen) - set(inside[kept].tolist()))
-            yield size, tuple(replaced), float(excess)
+    inside = np.array([*(number for number in chosen if number != term), error])
+    block = np.ix_(inside, inside)
+    scatter = None if model.scatter is None else model.scatter[block]
+    part = QuadraticModel(tuple(model.names[k] for k in inside), model.h[block], model.g[inside], scatter)
+    of_part = replace(penalty, pair=np.append(penalty.pair[inside[:-1]], -1))  # the error is not selected
+    try:
+        kept = local_search(part, of_part, range(p))
+        size = float(part.solve(kept).values[-1])
+        excess = part.cost(kept) + of_part.total(kept) + penalty.term - selected
+    except np.linalg.LinAlgError:
+        return
+    if abs(size) < _LARGEST and excess < CERTAIN:
+        replaced = sorted(set(chosen) - set(inside[kept].tolist()))
+        yield size, tuple(replaced), float(excess)
