@@ -85,7 +85,6 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     if same and fit.status is AnnealingStatus.CONVERGED and _is_smooth(fit):
         return fit
     least = min(each.evidence for each in relaxed)
-    uneven = fit.status is not AnnealingStatus.CONVERGED or len(fit.path) > AnnealingSchedule.max_steps
     for candidate in reversed(relaxed):
         if candidate.evidence > least + _WORSE and candidate.fit.q < _SINGLE:
             continue
@@ -96,7 +95,7 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
         if other.status is AnnealingStatus.INTERRUPTED:
             return fit
         converged = other.status is AnnealingStatus.CONVERGED and not other.chi_square_off
-        if converged and _is_smooth(other) and (not uneven or profiles_rise(other)):
+        if converged and _is_smooth(other) and profiles_rise(other):
             return other
     return fit
 
