@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -225,6 +226,10 @@ def test_a_slice_carries_its_truth(record: Record) -> None:
         (
             lambda r: r.decimate(50),
             "400 samples are too few to decimate by 50: its anti-alias filter spans 2501",
+        ),
+        (
+            lambda r: replace(r, interpolation={"force:m1": "held"}).decimate(4),
+            "is stated as held between its samples, which samples at a lower rate cannot show",
         ),
         (lambda r: r.with_noise(np.inf, seed=0), "decibel must be within 1000 of zero, got inf"),
     ],

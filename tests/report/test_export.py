@@ -31,6 +31,7 @@ LAWS = {
     "x'); system('rm')": ("k*d", {"k": 2.0}),
     "+1+1": ("k*d", {"k": 3.0}),
     "κ 1": ("κ*d", {"κ": 4.0}),
+    "names": ("float*d + values*v + print*d**3", {"float": 5.0, "values": 6.0, "print": 7.0}),
 }
 STATES = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
 MEMORY = {"k": 400.0, "c": 1.5, "F": 12.0, "s": 0.7, "x0": 0.02}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
+from linkwise.records.interpolation import BAND_LIMITED
 
 ATTENUATION = 80.0  # dB, from STOPBAND on
 PASSBAND = 0.8  # of the new Nyquist frequency; there the gain is 1 within 10^(-ATTENUATION / 20)
@@ -98,6 +99,17 @@ def _between_the_bands(channels: Sequence[str], values: Floats, rate: float, fac
         f"{names}: the motion between {PASSBAND * nyquist:.4g} and {STOPBAND * nyquist:.4g} Hz is neither kept nor removed by "
         "the filter, and folds; decimate by less.",
     )
+
+
+def check_interpolation(interpolation: Mapping[str, str]) -> None:
+    """Refuse channels that are not band-limited between their samples: a filter of the samples is none of the signal."""
+    for name, kind in interpolation.items():
+        if kind != BAND_LIMITED:
+            raise RecordError(
+                f"is stated as {kind} between its samples, which samples at a lower rate cannot show; keep the rate of the "
+                "record, or record the force or motion itself and not its set value",
+                channel=name,
+            )
 
 
 def check_factor(factor: float) -> None:

@@ -16,7 +16,7 @@ from linkwise.errors import RecordError
 from linkwise.html import NotebookView
 from linkwise.records.channel import Channel
 from linkwise.records.checks import check_names, check_values
-from linkwise.records.decimation import check_complete, check_factor, lowpass_for
+from linkwise.records.decimation import check_complete, check_factor, check_interpolation, lowpass_for
 from linkwise.records.immutable import read_only
 from linkwise.records.measured import sampled_columns
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, check_uncertainty
@@ -342,12 +342,14 @@ class Record(NotebookView):
         Raises
         ------
         RecordError
-            If `factor` is not a positive integer, samples are missing, or the record is shorter than the filter.
+            If `factor` is not a positive integer, samples are missing, a channel is held or linear between its samples, or the
+            record is shorter than the filter.
         """
         check_factor(factor)
         if factor == 1:
             return self
         check_complete(self.channels, self.missing)
+        check_interpolation(self.interpolation)
         antialias = lowpass_for(int(factor), len(self))
         kept = slice(antialias.half, len(self) - antialias.half, int(factor))
         return replace(
@@ -357,7 +359,6 @@ class Record(NotebookView):
             values=antialias.apply(self.values),
             noise={name: sigma * antialias.noise_gain for name, sigma in self.noise.items()},
             simulated=self.simulated and self.simulated.rows(kept),
-            interpolation={},  # what was held or linear between samples is filtered now
             notes=(*self.notes, *antialias.notes(self.channels, self.values, self.rate)),
         )
 

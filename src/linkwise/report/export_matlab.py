@@ -19,7 +19,7 @@ _KEYWORDS = (
     "break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global", "if", "otherwise",
     "parfor", "persistent", "return", "spmd", "switch", "try", "while", "pi", "i", "j", "Inf", "NaN", "eps", "ans",
 )  # fmt: skip
-_OWN = ("d", "v", "states", "link", "force", "rates", "real_or_nan", "answer", "nargin", "error")
+_OWN = ("d", "v", "states", "link", "force", "rates", "real_or_nan", "answer", "values", "nargin", "error")
 _HEAD = """function [force, rates] = {name}(link, d, v, states)
 %{title}  Forces of the links of a structure, identified by linkwise {version}.
 %   force = {name}(link, d, v) is the force in N of the link of that name at the elongation d = x_first - x_second in m and

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import keyword
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from linkwise.model.link import Link
 from linkwise.report.export import ExportedAnswer
 from linkwise.report.export_names import identifiers
 
-_TAKEN = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist)
+_TAKEN = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist, *dir(builtins))
 _HEAD = '''"""Forces of the links of a structure, identified by linkwise {version}.
 
 force_LINK(d, v) is the force f in N at the elongation d = x_first - x_second in m and its rate v in m/s, numbers or arrays;
