@@ -82,7 +82,7 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
         tightest.q <= fit.optimum.q
         and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
     )
-    if same and fit.status is AnnealingStatus.CONVERGED and _is_smooth(fit):
+    if same and fit.status is AnnealingStatus.CONVERGED and _is_smooth(fit) and rises_in_weak_directions(fit):
         return fit
     least = min(each.evidence for each in relaxed)
     for candidate in reversed(relaxed):
@@ -153,7 +153,7 @@ def _may_be_wrong(fit: LikelihoodFit) -> bool:
 
 
 def _is_smooth(fit: LikelihoodFit) -> bool:
-    return is_quadratic(fit, factor=_FACTOR, sides=_BOTH) and rises_in_weak_directions(fit)
+    return is_quadratic(fit, factor=_FACTOR, sides=_BOTH)
 
 
 def _is_low(fit: LikelihoodFit) -> bool:
