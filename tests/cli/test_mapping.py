@@ -219,6 +219,8 @@ def test_parts_of_a_record_and_files_of_one_clock_are_joined(
     assert (channels["x:m2"]["samples"], channels["x:m2"]["missing"]) == (1701, 0)
     assert run(["inspect", one, "--then", one]) == 2
     assert "overlaps in time" in capsys.readouterr().err
+    assert run(["inspect", one, "--by-time"]) == 2
+    assert "--by-time joins the files of --channel" in capsys.readouterr().err
 
 
 def test_a_periodic_test_is_averaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -237,11 +239,13 @@ def test_other_masses_of_a_mapping_are_told(
     files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mapping = tmp_path / "other.toml"
-    mapping.write_text(SENSORS.replace("m1 = 1.0", "m1 = 1.5"), encoding="utf-8")
+    mapping.write_text(SENSORS.replace("m1 = 1.0", "m1 = 1.5\nm9 = 2.0"), encoding="utf-8")
     arguments = (str(files / "logger.csv"), "--mapping", str(mapping), str(files / "chain.toml"))
     run(["validate", *arguments])
     told = "note: m1 weighs 1.5 kg in the mapping file and 1.0 kg in the structure, which counts."
-    assert told in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert told in err
+    assert "states a mass m9, which the structure does not have" in err
 
 
 def test_metadata_of_parquet_columns_are_read(files: Path, tmp_path: Path) -> None:

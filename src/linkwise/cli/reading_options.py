@@ -50,6 +50,10 @@ class ReadingOptions:
             lw.read_record(file or path, known_masses=masses, informative=informative, mapping=mapping)
             for file, mapping in mappings.items()
         )
+        if self.by_time and not others:
+            raise click.UsageError(
+                "--by-time joins the files of --channel NAME=FILE:COLUMN, and none is named."
+            )
         for part in self.then:
             going_on = lw.read_record(
                 part, known_masses=masses, informative=informative, mapping=mappings[None]
@@ -82,9 +86,14 @@ class ReadingOptions:
         return own if self.mapping is None else own.over(lw.read_mapping(self.mapping))
 
     def masses_beside(self, structure: lw.Structure) -> tuple[str, ...]:
-        """Sentences on masses that the mapping file states and the structure has otherwise; that of the structure counts."""
+        """Sentences on masses that the mapping file states and the structure has otherwise or not; the structure counts."""
         stated = self.record_mapping().masses
-        return tuple(
+        foreign = tuple(
+            f"The mapping file states a mass {name}, which the structure does not have; it is not used."
+            for name in stated
+            if name not in structure.mass_names
+        )
+        return foreign + tuple(
             f"{mass.name} weighs {stated[mass.name]} kg in the mapping file and {mass.mass.value} kg in the structure, which "
             "counts."
             for mass in structure.masses

@@ -50,7 +50,7 @@ def _exact(why: str) -> str:
 def _numbers(structure: Structure, file: str | Path = "") -> Structure:
     for parameter in structure.parameters:
         raise StructureError(
-            f"{parameter.name} is unknown, and a prediction needs every number: identify it first, or give one",
+            f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one",
             str(file),
         )
     return structure
