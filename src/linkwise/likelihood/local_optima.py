@@ -191,8 +191,7 @@ def profiles_rise(fit: LikelihoodFit) -> bool:
         for distance in (_FAR, -_FAR):
             step = distance * fit.covariance[:, parameter] / errors[parameter]
             moved = fitted_with(optimum, fit.values + step, held)
-            rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
-            if not rise > _TOO_LITTLE * distance**2:
+            if not _relative_rise(fit, moved, distance) > _TOO_LITTLE:
                 return False
     return True
 
@@ -233,8 +232,14 @@ def _rise(fit: LikelihoodFit, free: Indices, step: Floats, distance: float) -> t
     theta = optimum.point.theta.copy()
     theta[free] += step
     moved = fitted_with(optimum, theta, np.ones(len(theta), dtype=bool))
-    rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2 / distance**2
-    return float(rise), moved.status is AnnealingStatus.CONVERGED
+    return _relative_rise(fit, moved, distance), moved.status is AnnealingStatus.CONVERGED
+
+
+def _relative_rise(fit: LikelihoodFit, moved: AnnealingFit, distance: float) -> float:
+    """By how much -2 log likelihood is higher after a move of a `distance` in standard errors, over what is expected."""
+    optimum = fit.optimum
+    rise = moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)
+    return float(rise / optimum.noise**2 / distance**2)
 
 
 def fitted_with(optimum: Optimum, theta: Floats, held: Bools) -> AnnealingFit:

@@ -5,8 +5,8 @@ motions part, noise then leaves the likelihood with many narrow optima. A search
 quickly ends in one that is not the highest, and the curvature there says nothing of the distance to the others. With looser
 links the motion forgets before that happens, and the likelihood has one optimum. From there the links are tightened slowly,
 with -2 log of the marginal likelihood at each relaxation: it falls towards exact laws in the right valley and rises in a wrong
-one. Where the tightest links leave no quadratic likelihood, the tightest that do are kept; their covariance takes the loosened
-links for noise, and is on the safe side.
+one. Where the tightest links leave no quadratic likelihood, the tightest that do are kept, if the likelihood also falls by
+enough along the profile of each parameter; their covariance takes the loosened links for noise, and is on the safe side.
 
 References
 ----------
