@@ -140,6 +140,9 @@ def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(tmp_path: Pat
     np.testing.assert_allclose(present(found.for_dropped_terms), present(true.for_dropped_terms), rtol=1e-9)
     own, whole = np.diag(found.beside_terms_kept), np.diag(found.covariance)
     assert (own > 0.0).all() and (own < whole).all()
+    unsettled = replace(discovery, verdicts=(*discovery.verdicts, lw.Verdict.SEARCH_UNSETTLED))
+    lw.write_discovery(unsettled, tmp_path / "unsettled")
+    assert not (tmp_path / "unsettled" / "covariance.csv").exists()
     (tmp_path / "covariance.csv").write_text("first,second,covariance\nnes1.alpha,nes1.alpha,1,2,3\n")
     (tmp_path / "structure.toml").write_bytes((tmp_path / "found" / "structure.toml").read_bytes())
     with pytest.raises(lw.RecordError, match=r"line 2: .* is not two coefficients and a number"):

@@ -52,6 +52,7 @@ def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float
     assert not [term.name for term in found.terms if term.certain and term.name in false]
     assert not found.trusted
     assert lw.Verdict.MEASUREMENT_ERROR in found.verdicts
+    assert all(each.standard_error is None for each in found.estimate.links[0].coefficients)
     named = [
         remark for remark in found.remarks if f"If the mass of {mass} were 1 % {told} than stated" in remark
     ]

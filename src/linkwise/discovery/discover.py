@@ -53,6 +53,10 @@ _INEXACT = (
     "No selection of the terms that were offered leaves only noise, so those found may stand in for others: offer more terms, "
     "and check the units and the zeros of the channels, and the masses."
 )
+_STATED_WRONG = (
+    "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
+    "interval is given. Check the stated value that the findings name, or let it be unknown."
+)
 _UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
 
 
@@ -339,9 +343,9 @@ def _discovery(
         profile=None,
     )
     rivals = rival_errors(selection, estimate.structure) if estimate.trusted and selection.settled else ()
-    preferred = any(rival.is_preferred for rival in rivals)
+    if any(rival.is_preferred for rival in rivals):
+        estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
     search = [
-        (preferred, Verdict.MEASUREMENT_ERROR, ""),
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
         (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
@@ -363,7 +367,7 @@ def _discovery(
         path=selection_path(selection),
         runners_up=runners_up(selection),
         remarks=(
-            *(remark for applies, _, remark in search if applies and remark),
+            *(remark for applies, _, remark in search if applies),
             *rival_remarks(rivals, selection.quadratic.names),
             *checks.remarks,
             *screened.remarks,

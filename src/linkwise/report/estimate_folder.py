@@ -66,12 +66,12 @@ def write_result(
     return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 
 
-def write_numbers(estimate: Estimate, folder: Path) -> None:
-    """Write what was identified into an empty `folder`: the structure, the forces of its links and the covariance."""
+def write_numbers(estimate: Estimate, folder: Path, *, trusted: bool) -> None:
+    """Write structure, forces of links and, of an answer to be trusted, the covariance into an empty `folder`."""
     write_structure(estimate.structure, folder / "structure.toml")
     for found in estimate.links:
         _write_force(estimate, found.link.name, folder / f"force_{found.link.name}.csv")
-    if estimate.trusted and estimate.intervals:
+    if trusted and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
 
 
@@ -84,7 +84,7 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
 
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
     document=result_of,
-    data=lambda reported, folder: write_numbers(reported.result, folder),
+    data=lambda reported, folder: write_numbers(reported.result, folder, trusted=reported.result.trusted),
     figures=estimate_figures,
     page=estimate_page,
 )
