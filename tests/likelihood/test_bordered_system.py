@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.anneal import covariance
 from linkwise.likelihood.bordered_system import BorderedSystem, Damping
+from linkwise.likelihood.linear_model import covariance
 from linkwise.likelihood.segments import Scales
 
 M, P = 4, 3

@@ -9,9 +9,9 @@ import pytest
 from problems import chain_record, truth
 
 import linkwise as lw
-from linkwise.likelihood.anneal import AnnealingSchedule
+from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.local_optima import is_regular, lower_of_two
+from linkwise.likelihood.local_optima import is_regular, lower_of_two, rises_by
 from linkwise.likelihood.starts.values import starting_values
 
 
@@ -51,6 +51,29 @@ def test_the_lower_of_two_optima_is_looked_at_as_the_longer_search_was(fit: Like
     chosen = lower_of_two(lengthened(fit, 40), lambda values: lower)
     assert chosen.chi_square == lower.chi_square
     assert len(chosen.path) == 40
+
+
+@pytest.mark.parametrize("parameter", [0, 3])
+def test_a_look_that_ends_early_has_seen_a_lower_bound_of_the_rise(
+    fit: LikelihoodFit, parameter: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Looks to the end bracket the expected rise within a tenth."""
+    held = np.arange(len(fit.values)) == parameter
+    deviation = float(np.sqrt(fit.covariance[parameter, parameter]))
+    moved = fit.values + 3.0 * fit.covariance[parameter] / deviation
+    statuses: list[AnnealingStatus] = []
+
+    def watched(*args: object, **options: object) -> AnnealingFit:
+        found = anneal(*args, **options)  # type: ignore[arg-type]
+        statuses.append(found.status)
+        return found
+
+    monkeypatch.setattr("linkwise.likelihood.local_optima.anneal", watched)
+    assert rises_by(0.1, fit, moved, held, 3.0)
+    assert rises_by(0.9, fit, moved, held, 3.0)
+    assert not rises_by(1.1, fit, moved, held, 3.0)
+    assert statuses[0] is AnnealingStatus.COSTLY
+    assert statuses[2] is AnnealingStatus.CONVERGED
 
 
 @pytest.mark.parametrize("seed", [1, 2, 6])

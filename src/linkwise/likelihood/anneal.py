@@ -23,7 +23,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.damped_step import bounds, damped_step, freedom
-from linkwise.likelihood.linear_model import Factor, GaussNewtonModel, linear_model
+from linkwise.likelihood.linear_model import GaussNewtonModel, covariance, linear_model
 from linkwise.likelihood.loss import Loss
 from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.segments import Iterate, Scales, Segments
@@ -31,6 +31,7 @@ from linkwise.progress import Progress, ProgressReport, silent
 
 _MAX_DAMPING = 1e8  # at which steps are too short to matter
 _LOWEST_GAIN = -10.0  # gain ratio below which the parabola through a step is meaningless
+_MARGIN = 10.0  # times the reduction of the cost that is estimated to be left, which is not exact
 _ROUNDING = 1e-7  # of the cost: error of reductions predicted by sensitivities in single precision
 
 
@@ -41,6 +42,7 @@ class AnnealingStatus(Enum):
     EXHAUSTED = "not converged: the number of steps ran out"
     STUCK = "not converged: no step lowers the cost"
     INTERRUPTED = "not converged: interrupted"
+    COSTLY = "ended: the cost is higher than was asked"
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,8 @@ class AnnealingSchedule:
         Largest number of steps.
     cost_ceiling : float, optional
         Cost per sample above which the laws are wrong and q is not lowered further.
+    sufficient_cost : float, optional
+        Cost above which the search ends. The lowest cost at a larger q is a lower bound of that at a smaller one.
     """
 
     initial_q: float = 1.0
@@ -74,12 +78,17 @@ class AnnealingSchedule:
     tolerance: float = 0.02
     max_steps: int = 100
     cost_ceiling: float = np.inf
+    sufficient_cost: float = np.inf
 
     def held(self, taken: AnnealingStep, misfit: Misfit, samples: int) -> AnnealingSchedule:
         """The schedule after the step `taken`: it ends at the present q if the cost will remain above the ceiling there."""
         if misfit.cost(taken.q) - taken.remaining > self.cost_ceiling * samples:
             return replace(self, final_q=max(self.final_q, taken.q))
         return self
+
+    def exceeded(self, taken: AnnealingStep) -> bool:
+        """Whether the lowest cost at the q of a step is surely above the sufficient one."""
+        return taken.cost - taken.reduction - _MARGIN * taken.remaining > self.sufficient_cost
 
     def factor(self, left: float) -> float:
         """Factor on q after a step whose quadratic model was wrong by `left` per sample."""
@@ -312,6 +321,9 @@ def anneal(
             if taken.reduction > 0.0:
                 misfit = trial
                 schedule = schedule.held(taken, misfit, samples)
+                if schedule.exceeded(taken):
+                    status = AnnealingStatus.COSTLY
+                    break
             if (
                 control.q <= schedule.final_q
                 and taken.remaining < schedule.tolerance + _ROUNDING * taken.cost
@@ -352,22 +364,6 @@ def _fit(
         status,
         path,
     )
-
-
-def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:
-    """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
-    size = len(scales.theta)
-    unknown = np.full((size, size), np.inf)
-    if factor is None:
-        return unknown
-    chosen = np.ix_(free, free)
-    try:
-        inverse = np.linalg.inv(factor.schur[chosen])
-    except np.linalg.LinAlgError:
-        return unknown
-    out = np.zeros((size, size))
-    out[chosen] = inverse * np.outer(scales.theta[free], scales.theta[free])
-    return out
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.local_optima import fitted_with
+from linkwise.likelihood.local_optima import rises_by
 from linkwise.likelihood.segments import A, F, S, V, X
 
 _FAINT = 100.0  # energy over the noise: one peak of 1000 is mistaken for another with probability 1000 exp(-100 / 4) = 1e-8
@@ -108,10 +108,8 @@ def _rises(fit: LikelihoodFit, column: int) -> bool:
         if not limits.lower[column] < theta[column] < limits.upper[column]:
             continue
         try:
-            moved = fitted_with(optimum, theta, held)
+            if not rises_by(_LOW, fit, theta, held, _DISTANCE):
+                return False
         except IdentificationError:  # the motion runs to infinity
             continue
-        rise = (moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
-        if not rise > _LOW * _DISTANCE**2:
-            return False
     return True

@@ -6,7 +6,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 
 import numpy as np
 
-from linkwise.arrays import Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.bordered_system import BorderedFactor
 from linkwise.likelihood.local_equations import LocalFactor, LocalLinearization
 from linkwise.likelihood.local_products import local_linearization
@@ -113,3 +113,19 @@ def column_origins(
     for offset in range(sensors.offsets):
         masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
     return [np.array(sorted(each), dtype=int) for each in masses]
+
+
+def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:
+    """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
+    size = len(scales.theta)
+    unknown = np.full((size, size), np.inf)
+    if factor is None:
+        return unknown
+    chosen = np.ix_(free, free)
+    try:
+        inverse = np.linalg.inv(factor.schur[chosen])
+    except np.linalg.LinAlgError:
+        return unknown
+    out = np.zeros((size, size))
+    out[chosen] = inverse * np.outer(scales.theta[free], scales.theta[free])
+    return out

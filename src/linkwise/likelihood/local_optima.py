@@ -161,7 +161,7 @@ def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> b
     if root is None:
         return True
     return all(
-        _rise(fit, free, side * _FAR * weak, _FAR)[0] > _TOO_LITTLE
+        _rise(fit, free, side * _FAR * weak, _FAR, enough=_TOO_LITTLE)[0] > _TOO_LITTLE
         for weak in root.T[-_WEAKEST:]
         for side in (1.0, -1.0)
     )
@@ -182,7 +182,7 @@ def profiles_rise(fit: LikelihoodFit) -> bool:
     bool
         Whether it does.
     """
-    optimum, errors = fit.optimum, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     for parameter in np.flatnonzero(fit.free).tolist():
         if not (np.isfinite(errors[parameter]) and errors[parameter] > 0.0):
             return False
@@ -190,10 +190,34 @@ def profiles_rise(fit: LikelihoodFit) -> bool:
         held[parameter] = True
         for distance in (_FAR, -_FAR):
             step = distance * fit.covariance[:, parameter] / errors[parameter]
-            moved = fitted_with(optimum, fit.values + step, held)
-            if not _relative_rise(fit, moved, distance) > _TOO_LITTLE:
+            if not rises_by(_TOO_LITTLE, fit, fit.values + step, held, distance):
                 return False
     return True
+
+
+def rises_by(least: float, fit: LikelihoodFit, theta: Floats, held: Bools, distance: float) -> bool:
+    """Whether -2 log likelihood is higher by enough where some parameters are moved and held.
+
+    Parameters
+    ----------
+    least : float
+        Of the rise that is expected.
+    fit : LikelihoodFit
+        The fit.
+    theta : array of shape (p,)
+        Parameters after the move.
+    held : array of bool, shape (p,)
+        Those that keep these values; the others are fitted again.
+    distance : float
+        Of the move in standard errors.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
+    moved = _fitted_with(fit.optimum, theta, held, sufficient_cost=_raised_cost(fit, distance, least))
+    return _relative_rise(fit, moved, distance) > least
 
 
 def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
@@ -223,27 +247,42 @@ def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats, factor: 
     return bool(rise < _IRREGULAR_UNCONVERGED)
 
 
-def _rise(fit: LikelihoodFit, free: Indices, step: Floats, distance: float) -> tuple[float, bool]:
+def _rise(
+    fit: LikelihoodFit, free: Indices, step: Floats, distance: float, *, enough: float = np.inf
+) -> tuple[float, bool]:
     """The rise of the cost over that expected at a `distance` in standard errors, and whether the orbit was found there.
 
-    An upper bound of it where it was not.
+    An upper bound of it where it was not; a lower one where it is surely more than `enough`.
     """
     optimum = fit.optimum
     theta = optimum.point.theta.copy()
     theta[free] += step
-    moved = fitted_with(optimum, theta, np.ones(len(theta), dtype=bool))
+    everything = np.ones(len(theta), dtype=bool)
+    moved = _fitted_with(optimum, theta, everything, sufficient_cost=_raised_cost(fit, distance, enough))
     return _relative_rise(fit, moved, distance), moved.status is AnnealingStatus.CONVERGED
 
 
 def _relative_rise(fit: LikelihoodFit, moved: AnnealingFit, distance: float) -> float:
     """By how much -2 log likelihood is higher after a move of a `distance` in standard errors, over what is expected."""
     optimum = fit.optimum
-    rise = moved.misfit.cost(optimum.q) - fit.misfit.cost(optimum.q)
+    q = moved.q if moved.status is AnnealingStatus.COSTLY else optimum.q
+    rise = moved.misfit.cost(q) - fit.misfit.cost(optimum.q)
     return float(rise / optimum.noise**2 / distance**2)
 
 
-def fitted_with(optimum: Optimum, theta: Floats, held: Bools) -> AnnealingFit:
-    """The orbit fitted again from parameters `theta` (p,), those that are `held` (p,) kept."""
+def _raised_cost(fit: LikelihoodFit, distance: float, relative_rise: float) -> float:
+    """The cost that is higher than at the optimum by a multiple of what is expected at a `distance`."""
+    optimum = fit.optimum
+    return float(fit.misfit.cost(optimum.q) + relative_rise * (distance * optimum.noise) ** 2)
+
+
+def _fitted_with(
+    optimum: Optimum, theta: Floats, held: Bools, *, sufficient_cost: float = np.inf
+) -> AnnealingFit:
+    """The orbit fitted again from parameters `theta` (p,), those that are `held` (p,) kept.
+
+    The search ends early where the cost is surely above `sufficient_cost`.
+    """
     system = optimum.segments.system
     lower = np.where(held, theta, system.parameters.lower)
     upper = np.where(held, theta, system.parameters.upper)
@@ -256,6 +295,7 @@ def fitted_with(optimum: Optimum, theta: Floats, held: Bools) -> AnnealingFit:
             initial_q=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)),
             final_q=optimum.q,
             max_steps=_STEPS,
+            sufficient_cost=sufficient_cost,
         ),
         loss=optimum.loss,
     )
