@@ -73,11 +73,11 @@ if TYPE_CHECKING:
     from linkwise.inspection.inspect import inspect
     from linkwise.inspection.mark_missing import mark_missing
     from linkwise.inspection.result import ChannelSummary, Inspection
-    from linkwise.likelihood.anneal import AnnealingStep
     from linkwise.likelihood.estimate import MaximumLikelihood
     from linkwise.likelihood.fisher_information import Precision
-    from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
     from linkwise.likelihood.profile import profile_interval
+    from linkwise.likelihood.shooting.anneal import AnnealingStep
+    from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
     from linkwise.model.chains import bnes_chain
     from linkwise.model.excitation import Excitation, Impulse
     from linkwise.model.host import Host, HostMode

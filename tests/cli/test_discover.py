@@ -18,7 +18,7 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.discovery.terms import FAMILIES
-from linkwise.likelihood import anneal, damped_step
+from linkwise.likelihood.shooting import anneal, damped_step
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

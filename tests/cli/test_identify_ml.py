@@ -19,7 +19,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.likelihood import anneal, damped_step
+from linkwise.likelihood.shooting import anneal, damped_step
 
 command = import_module("linkwise.cli.identify")  # the package holds the command under that name
 OFFSET = 5e-4

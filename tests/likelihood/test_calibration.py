@@ -11,12 +11,12 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.normal_equations import linearise
-from linkwise.likelihood.residuals import evaluate
-from linkwise.likelihood.segmentation import cut_segments
-from linkwise.likelihood.segments import Iterate, Scales
-from linkwise.likelihood.system import System
+from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.segmentation import cut_segments
+from linkwise.likelihood.shooting.segments import Iterate, Scales
+from linkwise.likelihood.shooting.system import System
 
 
 @pytest.fixture(scope="module")

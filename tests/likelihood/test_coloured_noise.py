@@ -11,12 +11,12 @@ import scipy
 from problems import chain_record, truth
 
 import linkwise as lw
-from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.coloured_noise import ColouredNoise, in_time
-from linkwise.likelihood.eliminated_states import EliminatedRows
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
+from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.eliminated_states import EliminatedRows
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.progress import silent
 

@@ -12,12 +12,12 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.flow import Trajectories
-from linkwise.likelihood.late_sensors import late_motion
-from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.residuals import evaluate
+from linkwise.likelihood.shooting.flow import Trajectories
+from linkwise.likelihood.shooting.late_sensors import late_motion
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import evaluate
 
 CHAIN = lw.bnes_chain(2)
 ASKED = CHAIN.unknown("all")

@@ -11,7 +11,7 @@ from present import present, some
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.likelihood.loss import Huber, Student
+from linkwise.likelihood.shooting.loss import Huber, Student
 
 PENDULUM = """
 [[mass]]

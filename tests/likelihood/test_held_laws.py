@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.likelihood.anneal import Annealer
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
-from linkwise.likelihood.loss import Gaussian
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
-from linkwise.likelihood.residuals import evaluate
 from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.shooting.anneal import Annealer
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.progress import silent
 
 PER_PERIOD = 5.5

@@ -11,13 +11,13 @@ import pytest
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.judgement import assess
-from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.normal_equations import whitened_jacobian
-from linkwise.likelihood.residuals import Misfit, evaluate
-from linkwise.likelihood.segmentation import cut_segments
-from linkwise.likelihood.segments import Iterate, Scales
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.segmentation import cut_segments
+from linkwise.likelihood.shooting.segments import Iterate, Scales
+from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.system import System
 
 number = lw.Coefficient.number
 FREQUENCIES = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever

@@ -9,9 +9,9 @@ import pytest
 from problems import chain_record, truth
 
 import linkwise as lw
-from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.local_optima import is_regular, lower_of_two, rises_by
+from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.starts.values import starting_values
 
 

@@ -13,20 +13,20 @@ from present import present
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import sensor_model
-from linkwise.likelihood.linear_model import column_origins, linear_model
-from linkwise.likelihood.local_equations import LocalLinearization
-from linkwise.likelihood.local_products import local_linearization
-from linkwise.likelihood.local_rows import LocalRows
-from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.neighbourhoods import TOLERANCE, clusters, neighbourhoods, reach
-from linkwise.likelihood.normal_equations import Linearization, linearise
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
-from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.room import fit_bytes, require_room
 from linkwise.likelihood.score_test import CandidateForce, candidates_along
-from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.linear_model import column_origins, linear_model
+from linkwise.likelihood.shooting.local_equations import LocalLinearization
+from linkwise.likelihood.shooting.local_products import local_linearization
+from linkwise.likelihood.shooting.local_rows import LocalRows
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.neighbourhoods import TOLERANCE, clusters, neighbourhoods, reach
+from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.model.law import Law
 from linkwise.signals.base_frame import framed
 

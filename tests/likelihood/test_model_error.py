@@ -8,9 +8,9 @@ from problems import chain_record, truth
 
 import linkwise as lw
 from linkwise.likelihood import model_error
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.progress import ProgressReport
 
 

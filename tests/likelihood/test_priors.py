@@ -12,11 +12,11 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.prior import Prior
-from linkwise.likelihood.residuals import evaluate
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.prior import Prior
+from linkwise.likelihood.shooting.residuals import evaluate
 
 CHAIN = lw.bnes_chain(2)
 TRUTH = {p.name: present(CHAIN.coefficient(p.name).value) for p in CHAIN.unknown("all").parameters}

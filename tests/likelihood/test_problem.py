@@ -9,11 +9,11 @@ import pytest
 
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.problem import shooting_problem
-from linkwise.likelihood.residuals import evaluate
 from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.starts.values import starting_values
 
 COARSE, FINE = 5.5, 40.0  # samples a period of the highest mode

@@ -14,11 +14,11 @@ from problems import THREE, bent_chain, chain_record
 import linkwise as lw
 from linkwise.likelihood import score_test as module
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.flow import Inputs, Trajectories
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
 from linkwise.likelihood.sensors import SensorModel
-from linkwise.likelihood.system import System
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories
+from linkwise.likelihood.shooting.system import System
 from linkwise.model.law import Law
 
 #: Of sqrt(H_ii H_jj): tangents are in single precision, and forces that are not there pass through the middles of the steps

@@ -13,8 +13,8 @@ import numpy as np
 from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
 from linkwise.discovery.stepwise import local_search
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.whiteness import is_coloured
 
 _ROUNDS = 6

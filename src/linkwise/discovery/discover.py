@@ -24,11 +24,11 @@ from linkwise.discovery.rival_errors import rival_errors, rival_remarks
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.discovery.spanning_tree import most_significant_tree
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure

@@ -20,9 +20,9 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
 from linkwise.discovery.stepwise import best_subset
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.overdispersion import overdispersion
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.model.structure import Structure
 from linkwise.progress import ProgressReport
 

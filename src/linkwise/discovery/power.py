@@ -7,8 +7,8 @@ import numpy as np
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.selection import Selection
 from linkwise.likelihood.diagnosis import link_forces
-from linkwise.likelihood.residuals import evaluate
 from linkwise.likelihood.score_test import CandidateForce, candidate_forces
+from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.runtime import one_blas_thread
 
 

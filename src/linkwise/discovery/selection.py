@@ -14,11 +14,11 @@ from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.stepwise import Move, best_subset, local_search, ranked_moves
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part
 from linkwise.records.record import Record

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host_support import refuse_hosts

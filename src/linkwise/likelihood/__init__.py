@@ -1,1 +1,1 @@
-"""Maximum likelihood on the raw record: annealed multiple shooting (METHODS section 5)."""
+"""Maximum likelihood on the raw record: fits by multiple shooting, their judgement, and the answer."""

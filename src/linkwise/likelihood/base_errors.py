@@ -8,8 +8,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.flow import at_ends_and_middles
-from linkwise.likelihood.residuals import Misfit
+from linkwise.likelihood.shooting.flow import at_ends_and_middles
+from linkwise.likelihood.shooting.residuals import Misfit
 
 BASE_ERRORS = ("gain", "delay")
 

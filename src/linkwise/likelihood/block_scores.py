@@ -15,11 +15,11 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.eliminated_states import eliminated_rows
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import Scales, Segments
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import Scales, Segments
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 
 BLOCKS = (
     20,

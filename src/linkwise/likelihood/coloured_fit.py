@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.coloured_noise import ColouredNoise, in_time
-from linkwise.likelihood.eliminated_states import eliminated_rows
-from linkwise.likelihood.loss import Gaussian
 from linkwise.likelihood.model_error import degrees_of_freedom, evidence
-from linkwise.likelihood.segments import Segments
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.segments import Segments
 
 _REWEIGHTED = AnnealingSchedule(initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0)
 

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.eliminated_states import EliminatedRows
+from linkwise.likelihood.shooting.eliminated_states import EliminatedRows
 from linkwise.likelihood.whiteness import is_white
 
 _HIGHEST_ORDER = 24  # that is tried: differenced noise needs as many to be white to 3 % of its power

@@ -20,12 +20,12 @@ from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms
 from linkwise.likelihood.marginal_terms import determinant_slopes
-from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
-from linkwise.likelihood.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shape_errors import ShapeErrors
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filter, relative_to_gain
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.single_tests import SingleTests, single_tests
-from linkwise.likelihood.tangent_forces import CandidateForces
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.law import Law
 from linkwise.model.link import Link

@@ -19,7 +19,6 @@ from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
-from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.low_signal import is_loosened, tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
@@ -29,10 +28,11 @@ from linkwise.likelihood.random_forces import (
     refuse_beside_random_forces,
 )
 from linkwise.likelihood.restarts import fit_with_restarts
-from linkwise.likelihood.segmentation import require_units_of_states
 from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
-from linkwise.likelihood.shape_parameters import held_where_unseen
+from linkwise.likelihood.shooting.loss import Gaussian, Loss
+from linkwise.likelihood.shooting.segmentation import require_units_of_states
+from linkwise.likelihood.shooting.shape_parameters import held_where_unseen
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts

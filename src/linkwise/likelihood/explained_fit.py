@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingStatus
 from linkwise.likelihood.block_scores import error_ratios
 from linkwise.likelihood.coloured_fit import ColouredFit, with_coloured_noise
 from linkwise.likelihood.coloured_noise import ColouredNoise
-from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.model_error import ModelErrorCandidate, lag_one_autocorrelation, with_model_error
 from linkwise.likelihood.noise_level import with_noise_of_residuals
-from linkwise.likelihood.segments import Iterate, Segments
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingStatus
+from linkwise.likelihood.shooting.loss import Gaussian, Loss
+from linkwise.likelihood.shooting.segments import Iterate, Segments
 
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LEAST_ROBUST = 0.5  # of the cost of normal noise; Student's t with 3 degrees of freedom leaves 0.80 to 0.92

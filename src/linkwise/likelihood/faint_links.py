@@ -12,10 +12,10 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import rises_by
-from linkwise.likelihood.segments import A, F, S, V, X
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.segments import A, F, S, V, X
 
 _FAINT = 100.0  # energy over the noise: one peak of 1000 is mistaken for another with probability 1000 exp(-100 / 4) = 1e-8
 _UNSEEN = 25.0  # energy over the noise: a rigid link explains the record to within five standard errors

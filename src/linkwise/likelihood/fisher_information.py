@@ -14,10 +14,10 @@ import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.likelihood.flow import flow
-from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, V, X
-from linkwise.likelihood.shown_tangents import shown_tangents
-from linkwise.likelihood.tangents import tangents
+from linkwise.likelihood.shooting.flow import flow
+from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
+from linkwise.likelihood.shooting.shown_tangents import shown_tangents
+from linkwise.likelihood.shooting.tangents import tangents
 
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
 _SINGULAR = 1e-9  # eigenvalue, relative to the information with known states, that single precision cannot tell from 0

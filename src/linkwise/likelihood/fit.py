@@ -10,28 +10,28 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.estimates.random_force import RandomForceEstimate
-from linkwise.likelihood.anneal import (
+from linkwise.likelihood.coloured_noise import ColouredNoise
+from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, did_not_converge, explained_fit
+from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
+from linkwise.likelihood.marginal import marginal_fit, relaxation
+from linkwise.likelihood.noise_level import with_noise_of_residuals
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.problem import ShootingProblem, shooting_problem
+from linkwise.likelihood.random_forces import force_estimates
+from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.shooting.anneal import (
     Annealer,
     AnnealingFit,
     AnnealingSchedule,
     AnnealingStatus,
     AnnealingStep,
 )
-from linkwise.likelihood.coloured_noise import ColouredNoise
-from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, did_not_converge, explained_fit
-from linkwise.likelihood.gaps import carry_through_gaps, split_at_gaps
-from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.marginal import marginal_fit, relaxation
-from linkwise.likelihood.neighbourhoods import MANY
-from linkwise.likelihood.noise_level import with_noise_of_residuals
-from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.problem import ShootingProblem, shooting_problem
-from linkwise.likelihood.random_forces import force_estimates
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import Iterate, Scales, Segments
-from linkwise.likelihood.sensors import SensorModel
-from linkwise.likelihood.system import System
+from linkwise.likelihood.shooting.gaps import carry_through_gaps, split_at_gaps
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors

@@ -9,9 +9,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.flow import at_ends_and_middles
 from linkwise.likelihood.hypotheses import UNITS, Hypothesis
-from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.score_test import (
     CandidateForce,
     LocalQuadratic,
@@ -19,7 +17,9 @@ from linkwise.likelihood.score_test import (
     candidate_forces,
     in_their_units,
 )
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.flow import at_ends_and_middles
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.model.structure import Structure

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Bools
-from linkwise.likelihood.anneal import Annealer, AnnealingSchedule
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.residuals import Misfit, evaluate
-from linkwise.likelihood.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingSchedule
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _ROUGH = 3.0  # cost per sample at q = 1 beyond which states are no motion: their noise leaves 1 or 2
 _SCHEDULE = AnnealingSchedule(initial_q=10.0, final_q=0.1, max_steps=30)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.model_error import lag_one_autocorrelation
+from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.neighbourhoods import MANY
+from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.shooting.neighbourhoods import MANY
 
 _STRAIGHT = 10  # steps of annealing up to which there is no sign of another optimum
 _DOUBLED = 5.0  # more of them for twice the masses, of which the slowest to converge decides

@@ -24,7 +24,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import (
     is_quadratic,
@@ -33,6 +32,7 @@ from linkwise.likelihood.local_optima import (
     went_straight,
 )
 from linkwise.likelihood.model_error import evidence
+from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 
 _LOW = (
     10.0**1.5

@@ -29,10 +29,10 @@ from functools import partial
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.normal_equations import linearise
-from linkwise.likelihood.residuals import evaluate
-from linkwise.likelihood.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
 _STEP = 0.5  # standard errors: for the differences of log det by an unknown

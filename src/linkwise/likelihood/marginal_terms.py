@@ -10,11 +10,11 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.marginal import parts_of
-from linkwise.likelihood.normal_equations import linearise
 from linkwise.likelihood.random_forces import with_random_forces
-from linkwise.likelihood.residuals import evaluate
 from linkwise.likelihood.score_test import CandidateForce
-from linkwise.likelihood.system import System
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.system import System
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.linear_model import linear_model
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.linear_model import linear_model
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _RATIO = 3.0  # of neighbouring relaxations on the grid
 _COUNT = 19  # relaxations on the grid, from q = 1e-5 to 4e3

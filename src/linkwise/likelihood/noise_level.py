@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Bools
-from linkwise.likelihood.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.damped_step import freedom
-from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.segments import Segments
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.damped_step import freedom
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.segments import Segments
 
 _CHANCE = 2.0  # standard deviations of chi-square
 _LEAST = 0.08  # by which chi-square is below 1: what the estimate of the noise scatters by in long records

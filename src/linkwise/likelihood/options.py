@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.anneal import AnnealingSchedule
-from linkwise.likelihood.loss import Gaussian, Loss
 from linkwise.likelihood.random_forces import RandomForce
+from linkwise.likelihood.shooting.anneal import AnnealingSchedule
+from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.progress import Progress, silent
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from linkwise.likelihood.block_scores import BLOCKS, FEWEST, block_scores
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.residuals import evaluate
 from linkwise.likelihood.score_test import CandidateForce, candidate_forces
+from linkwise.likelihood.shooting.residuals import evaluate
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere

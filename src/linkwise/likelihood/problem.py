@@ -9,17 +9,17 @@ from functools import cache, partial
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.loss import Gaussian
-from linkwise.likelihood.neighbourhoods import MANY
 from linkwise.likelihood.random_forces import first_deviations, with_random_forces
-from linkwise.likelihood.random_states import RandomStates
-from linkwise.likelihood.residuals import Misfit, evaluate
 from linkwise.likelihood.room import require_room
-from linkwise.likelihood.segments import Iterate, Scales, Segments
 from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.random_states import RandomStates
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
-from linkwise.likelihood.system import System
-from linkwise.likelihood.tangents import tangents
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 

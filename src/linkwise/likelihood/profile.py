@@ -15,9 +15,9 @@ from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.likelihood.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.segments import Iterate
+from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.shooting.segments import Iterate
 from linkwise.progress import Progress, ProgressReport, silent
 
 _LOOSENED = 1e3  # times the last q: annealing starts from here once a parameter was moved

@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import Protocol
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 
 _ATTEMPTS = 3
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.neighbourhoods import MANY
+from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.runtime import available_memory
 
 _BLOCKS = 4  # of a node with itself, or with the border, that are kept at the same time

@@ -14,15 +14,15 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.expression import Program
-from linkwise.likelihood.eliminated_states import eliminated_rows
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.linear_model import linear_model
-from linkwise.likelihood.normal_equations import add_prior_curvature
-from linkwise.likelihood.residuals import Misfit, evaluate
-from linkwise.likelihood.segments import Segments
-from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
+from linkwise.likelihood.shooting.linear_model import linear_model
+from linkwise.likelihood.shooting.normal_equations import add_prior_curvature
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.runtime import one_blas_thread

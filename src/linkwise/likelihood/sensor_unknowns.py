@@ -12,8 +12,8 @@ import numpy as np
 
 from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON

@@ -9,11 +9,11 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.prior import Prior
 from linkwise.likelihood.random_forces import RandomForce
-from linkwise.likelihood.segmentation import cut_segments, in_moving_coordinates
-from linkwise.likelihood.segments import Segments
-from linkwise.likelihood.system import System
+from linkwise.likelihood.shooting.prior import Prior
+from linkwise.likelihood.shooting.segmentation import cut_segments, in_moving_coordinates
+from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.system import System
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel

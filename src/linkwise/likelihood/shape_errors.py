@@ -10,11 +10,11 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.flow import at_ends_and_middles
-from linkwise.likelihood.residuals import Misfit
 from linkwise.likelihood.score_test import states_at_ends_and_middles
-from linkwise.likelihood.sensor_errors import SensorErrors, motion_of
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.flow import at_ends_and_middles
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors, motion_of
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.model.parameters import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel

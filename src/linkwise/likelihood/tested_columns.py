@@ -10,9 +10,9 @@ from scipy.linalg import block_diag
 from linkwise.arrays import Floats
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.score_test import AugmentedQuadratic
-from linkwise.likelihood.sensor_errors import SensorErrors
 from linkwise.likelihood.shape_errors import ShapeErrors
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.anneal import AnnealingStatus
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.memory import Valley
 
 _MOST = 3  # fits

@@ -12,9 +12,9 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.identification.limit.result import Limit
 from linkwise.likelihood.fisher_information import fisher_information
-from linkwise.likelihood.segmentation import cut_segments
-from linkwise.likelihood.segments import Iterate, Scales
-from linkwise.likelihood.system import System
+from linkwise.likelihood.shooting.segmentation import cut_segments
+from linkwise.likelihood.shooting.segments import Iterate, Scales
+from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure

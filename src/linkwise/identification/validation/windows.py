@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.flow import Inputs, Trajectories, flow
-from linkwise.likelihood.segmentation import forces_at_points, sensor_arrays
-from linkwise.likelihood.segments import A, Sensors, V, X
-from linkwise.likelihood.shown_tangents import shown_tangents
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
+from linkwise.likelihood.shooting.segmentation import forces_at_points, sensor_arrays
+from linkwise.likelihood.shooting.segments import A, Sensors, V, X
+from linkwise.likelihood.shooting.shown_tangents import shown_tangents
+from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.tableau import POINTS
+from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import start_states
-from linkwise.likelihood.system import System
-from linkwise.likelihood.tableau import POINTS
-from linkwise.likelihood.tangents import tangents
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record

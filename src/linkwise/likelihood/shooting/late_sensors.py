@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.flow import Trajectories
+from linkwise.likelihood.shooting.flow import Trajectories
 
 LARGEST = 1.5
 """Delay in samples up to which the polynomials hold; the records are shifted by whole samples for more."""

@@ -13,13 +13,13 @@ import numpy as np
 from scipy.linalg import lapack
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.bordered_system import BorderedFactor
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.normal_equations import chunks, linearise, whitened_jacobian
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import Scales, Segments
-from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.normal_equations import chunks, linearise, whitened_jacobian
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import Scales, Segments
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 
 
 @dataclass(frozen=True, eq=False)

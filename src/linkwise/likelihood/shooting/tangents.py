@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.system import NumericSystem
-from linkwise.likelihood.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
-from linkwise.likelihood.tangent_forces import CandidateForces, Single, TangentForces
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
+from linkwise.likelihood.shooting.system import NumericSystem
+from linkwise.likelihood.shooting.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single, TangentForces
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.system import NumericSystem
+from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.model.topology import FIRST_POINT
 
 Single = NDArray[np.float32]

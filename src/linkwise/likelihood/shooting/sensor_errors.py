@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.residuals import Misfit, forces_at_samples
-from linkwise.likelihood.segments import A, F, S, Segments, V, X
+from linkwise.likelihood.shooting.residuals import Misfit, forces_at_samples
+from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X
 
 KINDS = ("gain", "offset", "drift", "delay", "crosstalk")
 _COUPLED = 8  # channels up to which crosstalk between every two of them is tested

@@ -10,11 +10,11 @@ from present import present
 from problems import THREE, truth
 
 import linkwise as lw
-from linkwise.likelihood.flow import Inputs, flow
-from linkwise.likelihood.segmentation import cut_segments, flow_inputs
-from linkwise.likelihood.system import System
-from linkwise.likelihood.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
-from linkwise.likelihood.tangents import tangents
+from linkwise.likelihood.shooting.flow import Inputs, flow
+from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
+from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
+from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.model.input_signal import TimeFunction
 
 RATE = 1000.0

@@ -9,10 +9,10 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.flow import Inputs
-from linkwise.likelihood.segments import A, F, S, Segments, Sensors, V, X
-from linkwise.likelihood.system import System
-from linkwise.likelihood.tableau import POINTS
+from linkwise.likelihood.shooting.flow import Inputs
+from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
+from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Indices
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import A, F, S, Scales, Segments
-from linkwise.likelihood.system import System
-from linkwise.likelihood.tangents import Transfer, march, tangent_forces, units_of_states
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments
+from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.tangents import Transfer, march, tangent_forces, units_of_states
 
 TOLERANCE = 1e-3
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""

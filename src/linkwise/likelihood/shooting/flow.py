@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.system import NumericSystem
-from linkwise.likelihood.tableau import (
+from linkwise.likelihood.shooting.system import NumericSystem
+from linkwise.likelihood.shooting.tableau import (
     CLOSING,
     MIDDLE,
     STAGE_POINT,

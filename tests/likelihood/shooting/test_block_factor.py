@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.block_factor import BlockEquations, NodeBlocks
-from linkwise.likelihood.bordered_system import BorderedSystem
+from linkwise.likelihood.shooting.block_factor import BlockEquations, NodeBlocks
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem
 
 
 def system(nodes: int, m: int, p: int) -> BorderedSystem:

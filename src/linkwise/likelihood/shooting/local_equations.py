@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.block_factor import BlockEquations, BlockFactor, NodeBlocks
-from linkwise.likelihood.bordered_system import Damping
-from linkwise.likelihood.neighbourhoods import Neighbourhood
-from linkwise.likelihood.normal_equations import NEGLIGIBLE
+from linkwise.likelihood.shooting.block_factor import BlockEquations, BlockFactor, NodeBlocks
+from linkwise.likelihood.shooting.bordered_system import Damping
+from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
+from linkwise.likelihood.shooting.normal_equations import NEGLIGIBLE
 
 
 @dataclass(frozen=True, eq=False)

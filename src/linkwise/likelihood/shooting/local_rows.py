@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.neighbourhoods import Neighbourhood
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import A, F, S, Scales, Segments, V, X
-from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.system import NumericSystem
-from linkwise.likelihood.tangent_forces import CandidateForces, Single, TangentForces
-from linkwise.likelihood.tangents import Transfer, march, tangent_forces
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.system import NumericSystem
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single, TangentForces
+from linkwise.likelihood.shooting.tangents import Transfer, march, tangent_forces
 
 
 @dataclass(frozen=True, eq=False)

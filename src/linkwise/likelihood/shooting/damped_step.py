@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.late_sensors import LARGEST
-from linkwise.likelihood.linear_model import GaussNewtonModel
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.late_sensors import LARGEST
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 
 def damped_step(

@@ -7,17 +7,17 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.bordered_system import BorderedFactor
-from linkwise.likelihood.local_equations import LocalFactor, LocalLinearization
-from linkwise.likelihood.local_products import local_linearization
-from linkwise.likelihood.local_rows import LocalRows
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.neighbourhoods import MANY, clusters, neighbourhoods, reach
-from linkwise.likelihood.normal_equations import Linearization, linearise
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import F, S, Scales, Segments
-from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.local_equations import LocalFactor, LocalLinearization
+from linkwise.likelihood.shooting.local_products import local_linearization
+from linkwise.likelihood.shooting.local_rows import LocalRows
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.neighbourhoods import MANY, clusters, neighbourhoods, reach
+from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import F, S, Scales, Segments
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.runtime import processors
 
 GaussNewtonModel = Linearization | LocalLinearization

@@ -22,11 +22,11 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.damped_step import bounds, damped_step, freedom
-from linkwise.likelihood.linear_model import GaussNewtonModel, covariance, linear_model
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.residuals import Misfit, evaluate
-from linkwise.likelihood.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.damped_step import bounds, damped_step, freedom
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, covariance, linear_model
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.progress import Progress, ProgressReport, silent
 
 _MAX_DAMPING = 1e8  # at which steps are too short to matter

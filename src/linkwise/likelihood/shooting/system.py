@@ -14,9 +14,9 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.expression import Operation
-from linkwise.likelihood.law_group import LawGroup
-from linkwise.likelihood.rate_partials import MemorySlopes, RatePartials
-from linkwise.likelihood.shape_parameters import ShapeParameters
+from linkwise.likelihood.shooting.law_group import LawGroup
+from linkwise.likelihood.shooting.rate_partials import MemorySlopes, RatePartials
+from linkwise.likelihood.shooting.shape_parameters import ShapeParameters
 from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 

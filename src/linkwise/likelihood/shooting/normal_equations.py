@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.late_sensors import late_motion
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.prior import Prior
-from linkwise.likelihood.random_states import RandomStates
-from linkwise.likelihood.residuals import Misfit
-from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, Sensors, V, X
-from linkwise.likelihood.sensor_errors import SensorErrors
-from linkwise.likelihood.shown_tangents import shown_tangents
-from linkwise.likelihood.tangent_forces import CandidateForces, Single
-from linkwise.likelihood.tangents import tangents
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
+from linkwise.likelihood.shooting.late_sensors import late_motion
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.prior import Prior
+from linkwise.likelihood.shooting.random_states import RandomStates
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, Sensors, V, X
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.shown_tangents import shown_tangents
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
+from linkwise.likelihood.shooting.tangents import tangents
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000

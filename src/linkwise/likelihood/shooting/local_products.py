@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.local_equations import (
+from linkwise.likelihood.shooting.local_equations import (
     LocalLinearization,
     LocalQuadraticForm,
     MeetingGroups,
     Order,
     PairBlocks,
 )
-from linkwise.likelihood.local_rows import LocalRows
-from linkwise.likelihood.neighbourhoods import Neighbourhood
-from linkwise.likelihood.normal_equations import add_prior
+from linkwise.likelihood.shooting.local_rows import LocalRows
+from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
+from linkwise.likelihood.shooting.normal_equations import add_prior
 
 _AT_ONCE = 500_000  # numbers in the sensitivities of a chunk
 

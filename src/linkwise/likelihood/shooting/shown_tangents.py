@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.flow import Trajectories
-from linkwise.likelihood.segments import Sensors
-from linkwise.likelihood.system import NumericSystem
-from linkwise.likelihood.tangent_forces import Single
-from linkwise.likelihood.tangents import TangentStep
+from linkwise.likelihood.shooting.flow import Trajectories
+from linkwise.likelihood.shooting.segments import Sensors
+from linkwise.likelihood.shooting.system import NumericSystem
+from linkwise.likelihood.shooting.tangent_forces import Single
+from linkwise.likelihood.shooting.tangents import TangentStep
 
 
 def shown_tangents(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.law_group import LawGroup
+from linkwise.likelihood.shooting.law_group import LawGroup
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.flow import Inputs, Trajectories
-from linkwise.likelihood.prior import Prior
-from linkwise.likelihood.random_states import RandomStates
-from linkwise.likelihood.system import NumericSystem, System
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories
+from linkwise.likelihood.shooting.prior import Prior
+from linkwise.likelihood.shooting.random_states import RandomStates
+from linkwise.likelihood.shooting.system import NumericSystem, System
 
 X, V, A, F, S = 0, 1, 2, 3, 4
 """Kinds of sensors: displacement, velocity and acceleration of a mass, force in a link, state of a link."""

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Bools
-from linkwise.likelihood.flow import flow
-from linkwise.likelihood.segments import Iterate, Segments
+from linkwise.likelihood.shooting.flow import flow
+from linkwise.likelihood.shooting.segments import Iterate, Segments
 
 _BRIDGED = 2  # segments without a sample of a mass that a rough start may bridge
 

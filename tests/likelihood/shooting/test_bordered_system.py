@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.bordered_system import BorderedSystem, Damping
-from linkwise.likelihood.linear_model import covariance
-from linkwise.likelihood.segments import Scales
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem, Damping
+from linkwise.likelihood.shooting.linear_model import covariance
+from linkwise.likelihood.shooting.segments import Scales
 
 M, P = 4, 3
 

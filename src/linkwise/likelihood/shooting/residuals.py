@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.flow import Trajectories, flow
-from linkwise.likelihood.late_sensors import late_motion
-from linkwise.likelihood.loss import Loss
-from linkwise.likelihood.segments import A, F, Iterate, S, Scales, Segments, V, X
-from linkwise.likelihood.system import NumericSystem
+from linkwise.likelihood.shooting.flow import Trajectories, flow
+from linkwise.likelihood.shooting.late_sensors import late_motion
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
+from linkwise.likelihood.shooting.system import NumericSystem
 
 
 @dataclass(frozen=True, eq=False)

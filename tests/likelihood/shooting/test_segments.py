@@ -11,15 +11,15 @@ from present import present, some
 from problems import THREE, chain_record, truth
 
 import linkwise as lw
-from linkwise.likelihood import normal_equations as module
-from linkwise.likelihood.bordered_system import BorderedSystem
-from linkwise.likelihood.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.normal_equations import linearise
-from linkwise.likelihood.residuals import Misfit, evaluate
-from linkwise.likelihood.segmentation import cut_segments
-from linkwise.likelihood.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting import normal_equations as module
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem
+from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.segmentation import cut_segments
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.starts.states import segment_nodes, start_states
-from linkwise.likelihood.system import System
 
 CHANNELS = ("x:m1", "v:m2", "a:m3", "x:m3", "a:m1", "force:m2", "x:base")
 OFFSETS = ("v:m2", "a:m1")
