@@ -27,6 +27,8 @@ FREQUENCY_SIGMA, SHAPE_SIGMA = 0.01, 0.02  # of a frequency, and of the largest 
 POINTS = {"tip": 2 * ELEMENTS - 1, "mid": ELEMENTS - 1}
 HITS = "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 1.05)/0.002)**2)"
 SENSORS = ["a:beam.tip", "a:beam.mid", "a:sink"]
+JOINT = {"k": 3000.0, "k3": 2e9, "F": 1.5}  # between two beams: cubic, and friction that saturates at 20 mm/s
+JOINT_SNR = 30.0
 
 
 def _beam(elements: int) -> tuple[scipy.sparse.csc_array, scipy.sparse.csc_array]:
@@ -132,6 +134,54 @@ def test_coverage_of_the_sink(capsys: pytest.CaptureFixture[str]) -> None:
         print(f"\n{SEEDS} records: {len(scores)} trusted, refused: {refused}; coverage {100 * np.mean(z < 1.96):.1f} %, "
               f"worst {z.max(initial=0.0):.2f} standard errors; {np.median(seconds):.1f} s in the median")  # fmt: skip
     assert z.max(initial=0.0) < 5.0
+
+
+def _two_beams(ends: tuple[str, str]) -> lw.Structure:
+    """Two cantilevers of 1 m and 0.8 m with four points each, and a joint between two of these."""
+    points = {f"p{quarter}": quarter * ELEMENTS // 2 - 1 for quarter in (1, 2, 3, 4)}
+    hosts = []
+    for name, length in (("left", 1.0), ("right", 0.8)):
+        mass, stiffness = _beam(ELEMENTS)  # of 1 m, with displacements and slopes
+        scale = scipy.sparse.diags_array(np.tile([1.0, length], ELEMENTS))
+        mass, stiffness = (
+            scale @ matrix @ scale * factor for matrix, factor in ((mass, length), (stiffness, length**-3))
+        )
+        reduced = lw.reduce_host(name, mass, stiffness, points, keep=4, modal_damping=DAMPING, residual=False)
+        hosts.append(reduced.host)
+    law = lw.Law.parse("k*d + k3*d**3 + F*tanh(v/0.02)")
+    link = lw.Link("joint", ends, law, {name: lw.Coefficient.number(value) for name, value in JOINT.items()})
+    return lw.Structure("two beams", (), (link,), tuple(hosts))
+
+
+def test_discovery_of_a_joint(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where two beams are joined, among the 36 pairs of points and ground; the joint and the hit are drawn at random."""
+    right, trusted, false, seconds = [], 0, [], []
+    for seed in range(FIRST_SEED, FIRST_SEED + SEEDS):
+        i, j, hit = np.random.default_rng(seed).integers(1, 5, 3)
+        ends = (f"left.p{i}", f"right.p{j}")
+        structure = _two_beams(ends)
+        record = lw.simulate(
+            structure,
+            forces={f"left.p{hit}": "80*exp(-((t - 0.02)/0.002)**2) + 60*exp(-((t - 0.27)/0.002)**2)"},
+            duration=0.5,
+            rate=RATE,
+            sensors=[f"a:{point}" for point in structure.points],
+        ).with_noise(JOINT_SNR, seed=seed)
+        began = time.perf_counter()
+        found = lw.discover(
+            record, lw.PartialStructure((), (), structure.hosts), terms="cubic, friction(0.02)"
+        )
+        seconds.append(time.perf_counter() - began)
+        score = lw.term_score(found.structure, structure)
+        right.append(score.exact)
+        trusted += found.trusted
+        certain = {term.name for term in found.kept if term.certain}
+        false += [f"{seed}: {name}" for name in score.extra if name in certain]
+    with capsys.disabled():
+        print(f"\n{SEEDS} joints: {sum(right)} with exactly the right terms, {trusted} trusted, false certain terms: "
+              f"{false}; {np.median(seconds):.1f} s in the median")  # fmt: skip
+    assert not false
+    assert np.mean(right) >= 0.9
 
 
 def _membrane(side: int) -> tuple[scipy.sparse.csc_array, scipy.sparse.csc_array]:

@@ -114,3 +114,34 @@ def test_a_record_may_show_the_coordinate_of_a_mode(folder: Path, capsys: pytest
     assert run(["simulate", "true.toml", *drive, *recorded]) == 0
     assert run(["identify", "modal.csv", "asked.toml"]) == 0
     assert "x:wing.mode1" in capsys.readouterr().out
+
+
+def test_where_a_payload_hangs_is_discovered(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "wing.toml"]) == 0
+    (folder / "true.toml").write_text(
+        (folder / "wing.toml").read_text() + LINK.replace("wing.tip", "wing.joint")
+    )
+    (folder / "known.toml").write_text((folder / "wing.toml").read_text() + LINK.partition("[[link]]")[0])
+    drive = [
+        "--force",
+        "wing.tip=5*sin(33*t)",
+        "--release",
+        "v:wing.mode1=0.3",
+        "--sensors",
+        "a:wing.tip,a:store",
+    ]
+    recorded = ["--duration", "1", "--rate", "400", "--noise", "30", "--seed", "2", "-o", "wing.csv"]
+    assert run(["simulate", "true.toml", *drive, *recorded]) == 0
+    given = ["--structure", "known.toml", "--terms", "v, d, d**3", "--truth", "true.toml", "-o", "found"]
+    assert run(["discover", "wing.csv", *given]) == 0
+    out = capsys.readouterr().out
+    assert "store-wing.joint, hardening: k*d + k3*d**3 + c*v" in out
+    assert "against the truth: 3 terms right" in out
+    result = json.loads((folder / "found" / "result.json").read_text())
+    assert result["trusted"]
+    assert list(result["nmse_percent"]) == ["store-wing.joint"]
+    assert (folder / "found" / "graph.png").exists()
+    assert lw.read_structure(folder / "found" / "structure.toml").hosts[0].points == (
+        "wing.tip",
+        "wing.joint",
+    )

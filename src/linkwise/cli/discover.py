@@ -134,8 +134,8 @@ def discover(
 ) -> int:
     """Discover who is linked to whom, and by which law, from RECORD and the masses alone.
 
-    Every mass needs a sensor. Candidates are all pairs of masses, every mass with the ground and, where x:base is recorded,
-    with the base, each with all --terms. Families that --terms knows beside functions of d and v:
+    Every mass needs a sensor, unless hosts are there. Candidates are all pairs of masses, every mass with the ground and,
+    where x:base is recorded, with the base, each with all --terms. Families that --terms knows beside functions of d and v:
 
     \b
       linear             v, d
@@ -151,7 +151,8 @@ def discover(
     The term 1 is a constant force on each mass.
 
     With --structure, links in the file stay with their terms, others may join them; a link whose law is "0" is known not to be
-    there, and a coefficient of 0 says that of a term. What the record will not tell is said on standard error before time is
+    there, and a coefficient of 0 says that of a term. With hosts in the file, links may end at their points as at masses, and
+    accelerometers at some of them are enough. What the record will not tell is said on standard error before time is
     spent. Exit code 3 means that the search did not settle or the fit is not to be trusted; Ctrl-C ends with the best so far.
 
     \b
@@ -159,13 +160,14 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
       linkwise discover run.csv --structure known.toml --with run2.csv --json
+      linkwise discover hits.csv --structure two_beams.toml --terms "cubic, friction(0.02)" -o joint
       linkwise discover run.csv --mapping sensors.toml
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --calibration all=1%
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
     """
     masses, options = prior.masses(source.record_mapping()), prior.options(sensors)
     process = drawing_beside(output, "linkwise.report.discovery_folder:DISCOVERY_FOLDER")
-    names = tuple(masses) if isinstance(masses, dict) else tuple(mass.name for mass in masses.masses)
+    names = tuple(masses) if isinstance(masses, dict) else masses.places
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
@@ -216,7 +218,8 @@ def _true(path: Path, names: tuple[str, ...]) -> lw.Structure:
         )
     try:
         for name in names:
-            structure.mass(name)
+            if name not in structure.places:
+                structure.mass(name)  # says which there are
     except lw.StructureError as error:
         raise lw.StructureError(error.message, str(path)) from error
     return structure

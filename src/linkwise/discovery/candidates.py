@@ -12,6 +12,7 @@ from linkwise.discovery.terms import Term, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.expression import Number
 from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host, HostMode
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.memory_support import refuse_memory
@@ -49,15 +50,24 @@ class CandidateTerm:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All candidate terms between `masses`: every one of `terms` on every one of `pairs`, except the `inactive` ones.
+    """All candidate terms between `masses` and points of `hosts`: every one of `terms` on every one of `pairs`.
 
-    Stated links are part of every structure; `inactive` holds names of candidates.
+    Stated links are part of every structure; `inactive` holds names of candidates that are left out.
     """
 
     masses: tuple[Mass, ...]
     pairs: tuple[Pair, ...]
     terms: tuple[Term, ...]
     inactive: frozenset[str] = frozenset()
+    hosts: tuple[Host, ...] = ()
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The points of hosts, and the masses."""
+        return (
+            *(point for host in self.hosts for point in host.points),
+            *(mass.name for mass in self.masses),
+        )
 
     @cached_property
     def entries(self) -> tuple[CandidateTerm, ...]:
@@ -99,7 +109,7 @@ class Candidates:
                 "strongly, record for longer or offer more terms; a link that is known to be there can be stated in a "
                 "structure file"
             )
-        return Structure(name, self.masses, tuple(links))
+        return Structure(name, self.masses, tuple(links), self.hosts)
 
     def without_masses(self, masses: Collection[str]) -> Candidates:
         """The candidates without some masses; masses at the end of a stated link stay."""
@@ -126,21 +136,25 @@ def all_candidates(
     stated: Sequence[Link] = (),
     base: bool = False,
     ground: bool = True,
+    hosts: Sequence[Host] = (),
 ) -> Candidates:
     """The candidates between every pair of `masses`, with `ground` every mass and the ground, with `base` and the base.
 
-    Links of `stated` are known to be there with their laws; other terms may join them, except terms whose coefficient is a
-    number there (0 excludes a term). A link whose law is 0 is known not to be there. Raises StructureError for a stated
-    link to something that is not a mass, and for a mass that is listed twice.
+    Points of `hosts` are ends as masses are, where some mode moves them. Links of `stated` are known to be there with their
+    laws; other terms may join them, except terms whose coefficient is a number there (0 excludes a term). A link whose law is
+    0 is known not to be there. Raises StructureError for a stated link to something that is not a mass, and for a mass that
+    is listed twice.
     """
     _require_single_names(masses)
-    names = {mass.name for mass in masses}
+    ends = (*_moving_points(hosts), *(mass.name for mass in masses))
+    names = {*ends, *(point for host in hosts for point in host.points)}
     known: dict[frozenset[str], list[Link]] = {}
     for link in stated:
         strange = [end for end in link.between if end not in names and end not in (GROUND, BASE)]
         if strange:
             raise StructureError(
-                f'"{strange[0]}" is not a mass; choose from "ground", "base" and the masses {", ".join(sorted(names))}',
+                f'"{strange[0]}" is not a {"mass or point" if hosts else "mass"}; choose from "ground", "base" and the '
+                f"{'masses and points' if hosts else 'masses'} {', '.join(sorted(names))}",
                 f'link "{link.name}"',
             )
         known.setdefault(frozenset(link.between), []).append(link)
@@ -148,20 +162,34 @@ def all_candidates(
     supports = (*((BASE,) if based else ()), *((GROUND,) if ground else ()))
     taken = {link.name for links in known.values() for link in links}
     pairs = []
-    for number, mass in enumerate(masses):
-        for other in (*supports, *(earlier.name for earlier in masses[:number])):
-            links = tuple(known.get(frozenset((mass.name, other)), ()))
+    for number, end in enumerate(ends):
+        for other in (*supports, *ends[:number]):
+            links = tuple(known.get(frozenset((end, other)), ()))
             if any(link.law.expression == Number(0.0) for link in links):
+                continue
+            if not links and _move_alike(hosts, end, other):
                 continue
             if links:
                 pairs.append(Pair(links[0].name, links[0].between, links))
             else:
-                name = f"{mass.name}-{other}"
+                name = f"{end}-{other}"
                 while name in taken:  # masses "a-b" and "c" beside "a" and "b-c"
                     name += "_"
                 taken.add(name)
-                pairs.append(Pair(name, (mass.name, other)))
-    return Candidates(tuple(masses), tuple(pairs), tuple(terms))
+                pairs.append(Pair(name, (end, other)))
+    return Candidates(tuple(masses), tuple(pairs), tuple(terms), hosts=tuple(hosts))
+
+
+def _moving_points(hosts: Sequence[Host]) -> tuple[str, ...]:
+    """The points that some mode moves."""
+    return tuple(point for host in hosts for point in host.points if any(host.shape(point).values()))
+
+
+def _move_alike(hosts: Sequence[Host], first: str, second: str) -> bool:
+    """Whether two ends are points of a host that move alike in every mode, so that nothing stretches a link between them."""
+    return any(
+        {first, second} <= set(host.points) and host.shape(first) == host.shape(second) for host in hosts
+    )
 
 
 def _require_single_names(masses: Sequence[Mass]) -> None:
@@ -216,21 +244,46 @@ def candidates_for(
         raise IdentificationError("discovery needs at least one record, got none")
     check_distinct(records)
     check_stated_noise(records)
-    if isinstance(masses, Structure | PartialStructure):
-        given, stated = masses.masses, masses.links
+    hosts: tuple[Host, ...] = ()
+    if isinstance(masses, Structure):
+        given, stated, hosts = _parts(masses)
+    elif isinstance(masses, PartialStructure):
+        given, stated, hosts = masses.masses, masses.links, masses.hosts
     else:
         given = tuple(Mass(name, _mass(name, value)) for name, value in masses.items())
         stated = ()
-    if not given:
+    if not given and not hosts:
         raise IdentificationError(
             'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
         )
     refuse_memory(stated, "discovery")
     _require_no_priors(given, stated)
-    _require_scale(given, records)
+    if not hosts:  # whose modes have masses
+        _require_scale(given, records)
     base = {name for record in records for name in record.channels if Channel.parse(name).mass == BASE}
     grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
-    return all_candidates(given, parse_terms(terms), stated=stated, base=bool(base), ground=grounded)
+    if hosts and base:
+        raise IdentificationError("a moving base beside a host is not supported in discovery")
+    return all_candidates(
+        given, parse_terms(terms), stated=stated, base=bool(base), ground=grounded, hosts=hosts
+    )
+
+
+def _parts(structure: Structure) -> tuple[tuple[Mass, ...], tuple[Link, ...], tuple[Host, ...]]:
+    """The masses and links of a structure that are no modes, and its hosts with the frequencies and damping of their modes."""
+    masses = tuple(mass for mass in structure.masses if mass.name not in structure.modes)
+    links = tuple(link for link in structure.links if link.name not in structure.modes)
+    hosts = tuple(
+        replace(
+            host,
+            modes=tuple(
+                HostMode(**structure.link(name).coefficients, shape=mode.shape, shape_sigma=mode.shape_sigma)
+                for name, mode in zip(host.coordinates, host.modes, strict=True)
+            ),
+        )
+        for host in structure.hosts
+    )
+    return masses, links, hosts
 
 
 def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:

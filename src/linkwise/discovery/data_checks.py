@@ -32,6 +32,10 @@ _LEAST_ACTIVE = (
     8  # samples in which a term is not zero: noise alone gives a few beyond the range of the motion
 )
 _NAMED = 6  # terms that a remark names
+_NO_MOTION = (
+    "there is no motion above the noise in any channel, so no structure can be found; excite the structure more strongly, or "
+    "check the range and the units of the sensors"
+)
 
 
 @dataclass(frozen=True)
@@ -54,16 +58,15 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     Raises IdentificationError if nothing can be discovered: a mass without a sensor, no motion above the noise, fewer samples
     than a regression on all candidates needs.
     """
+    if candidates.hosts:  # whose motion follows from fewer sensors than places
+        return _check_hosted(records, candidates)
     names = [mass.name for mass in candidates.masses]
     _require_sensors(records, names)
     _require_base_motion(records, candidates)
     ratios = np.max([_signal_to_noise(record, names) for record in records], axis=0)
     at_rest = [name for name, ratio in zip(names, ratios, strict=True) if ratio < _AT_REST]
     if len(at_rest) == len(names):
-        raise IdentificationError(
-            "there is no motion above the noise in any channel, so no structure can be found; excite the structure more "
-            "strongly, or check the range and the units of the sensors"
-        )
+        raise IdentificationError(_NO_MOTION)
     remarks = []
     if at_rest:
         pronoun = _pronoun(at_rest)
@@ -97,6 +100,33 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     collinear = dict.fromkeys(name for group, _ in (*together, *in_proportion) for name in group)
     proportional = dict.fromkeys(name for group, _ in in_proportion for name in group)
     return DataChecks(tuple(remarks), tuple(at_rest), tuple(collinear), tuple(proportional))
+
+
+def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChecks:
+    """What records cannot show of candidates between points of hosts; which of them are alike, the fit says."""
+    seen = [name for name in candidates.places if any(_shows(record, name) for record in records)]
+    if not seen:
+        raise IdentificationError(
+            f"no channel measures the motion of a mass or point, which are {_enumerate(candidates.places)}; add a channel "
+            f"a:{candidates.places[0]}",
+            arguments=("channels",),
+        )
+    ratios = [_signal_to_noise(record, [name for name in seen if _shows(record, name)]) for record in records]
+    if all(ratio < _AT_REST for each in ratios for ratio in each):
+        raise IdentificationError(_NO_MOTION)
+    remarks = []
+    missed = [name for name in candidates.places if name not in seen]
+    if missed:
+        remarks.append(
+            f"No channel measures the motion of {_enumerate(missed)}: it follows from the modes and the other channels, and "
+            "links there are told less well."
+        )
+    return DataChecks(tuple(remarks), (), (), ())
+
+
+def _shows(record: Record, place: str) -> bool:
+    """Whether a channel measures the motion of a place."""
+    return any(f"{kind}:{place}" in record.channels for kind in "xva")
 
 
 def _level(ratio: float) -> str:

@@ -13,24 +13,23 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.coloured_noise import select_coloured
-from linkwise.discovery.data_checks import DataChecks, check_data, inactive_remark, inactive_terms
+from linkwise.discovery.data_checks import DataChecks, check_data
 from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark
 from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
 from linkwise.discovery.inexact_laws import select_inexact
+from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rival_errors import rival_errors, rival_remarks
-from linkwise.discovery.screen import ScreenResult, screen, weak_start
+from linkwise.discovery.screened_records import ScreenedRecords, weak_values
 from linkwise.discovery.selection import Selection, TermSearch, select_structure
-from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -40,9 +39,6 @@ from linkwise.records.repetition import joined_notes
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.verdict import Verdict, is_trusted
-from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
-from linkwise.weak.estimate import weak_search
-from linkwise.weak.integrated_displacements import with_displacements
 
 _SCREENED = 0.1  # of the progress, when the screen is done
 _INTEGRATED = (
@@ -72,13 +68,15 @@ def discover(
     """Discover which masses are linked, and by which law, from records and the masses alone.
 
     All terms are candidates on the links between every pair of masses, every mass and the ground, and every mass and a
-    recorded base. A weak form screens them, maximum likelihood and an extended BIC select (METHODS section 9).
+    recorded base; points of hosts are ends of links as masses are. A weak form screens them, or beside hosts a Kalman filter,
+    and maximum likelihood and an extended BIC select (METHODS section 9).
 
     Parameters
     ----------
     record : Record or sequence of Record
         One or several records of the structure. Every mass needs a channel of its displacement (m), velocity (m/s) or
-        acceleration (m/s2); only measured displacements give an answer to be trusted.
+        acceleration (m/s2); only measured displacements give an answer to be trusted. Beside hosts accelerations at some
+        points and masses are enough.
     masses : mapping of str to float or str, Structure or PartialStructure
         The masses by name, in kg or with a unit ("10 g"). A structure also states links: those links and terms
         are part of the answer, except links whose law is 0 and terms whose coefficient is 0, which are known to be absent.
@@ -128,7 +126,7 @@ def discover(
     candidates = candidates_for(records, masses, chosen.terms)
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
-    records = [_channels_of(record, candidates.masses) for record in records]
+    records = [_channels_of(record, candidates.places) for record in records]
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     sensors = LikelihoodOptions(
         **errors_to_find(
@@ -152,7 +150,7 @@ class _Found:
     """What a search found, and what it was found from."""
 
     checks: DataChecks
-    screened: _Screened
+    screened: ScreenedRecords
     selection: Selection
     discovery: Discovery
 
@@ -180,15 +178,15 @@ def _found(
 ) -> _Found:
     """Screen the candidates, and select among them with the errors of `sensors`."""
     with one_blas_thread():
-        screened = _Screened.of(framed_records(records, candidates.full_structure), candidates)
+        screened = ScreenedRecords.of(framed_records(records, candidates.full_structure), candidates)
     search = TermSearch(
         records,
         screened.candidates,
         screened.result.tested,
-        start=partial(starting_values, records, weak=partial(_weak_values, screened)),
+        start=partial(starting_values, records, weak=partial(weak_values, screened)),
         progress=part(progress, _SCREENED, 1.0),
         sensors=sensors,
-        restarts=screened.integrated,
+        restarts=screened.integrated or bool(candidates.hosts),
     )
     selection = select_structure(search, screened.first)
     selection = select_coloured(search, selection) or selection
@@ -257,77 +255,17 @@ def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     return replace(checks, remarks=(*checks.remarks, remark))
 
 
-def _channels_of(record: Record, masses: Sequence[Mass]) -> Record:
+def _channels_of(record: Record, places: Sequence[str]) -> Record:
     """`record` without the channels of other masses; the same object if it has none."""
-    names = {BASE, *(mass.name for mass in masses)}
+    names = {BASE, *places}
     kept = [channel for channel in record.channels if Channel.parse(channel).mass in names]
     return record if len(kept) == len(record.channels) else record.select(kept)
-
-
-@dataclass(frozen=True, eq=False)
-class _Screened:
-    """The weak screen of some `records`, which have displacements of all masses, and the subset that a search starts from.
-
-    `integrated` says whether some displacement was not measured; `remarks` are sentences on candidates that are not tested by
-    likelihood.
-    """
-
-    records: Sequence[Record]
-    motions: Sequence[MeasuredDisplacements]
-    candidates: Candidates
-    integrated: bool
-    result: ScreenResult
-    first: frozenset[str]
-    remarks: tuple[str, ...]
-
-    @classmethod
-    def of(cls, records: Sequence[Record], candidates: Candidates) -> _Screened:
-        """Screen what the records show of the candidates, less those that were never active."""
-        displaced = [with_displacements(record, candidates.masses) for record in records]
-        motions = [read_displacements(record, candidates.full_structure) for record in displaced]
-        inactive = inactive_terms(motions, [record.rate for record in displaced], candidates)
-        candidates = replace(candidates, inactive=frozenset(inactive))
-        integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
-        result = screen(displaced, motions, candidates)
-        first = result.kept
-        if integrated:
-            first = most_significant_tree(displaced, motions, candidates) or result.kept
-        untested = len(candidates.entries) - len(result.tested)
-        remarks = (*inactive_remark(inactive), *_untested_remark(untested))
-        return cls(displaced, motions, candidates, integrated, result, first, remarks)
-
-
-def _untested_remark(count: int) -> tuple[str, ...]:
-    """A sentence on the candidates that the screen dropped, if there are any."""
-    if not count:
-        return ()
-    return (
-        f"{count} candidates that were significant in the equation of neither of their masses were dropped without a test by "
-        "likelihood.",
-    )
-
-
-def _weak_values(
-    screened: _Screened, structure: Structure, known: Mapping[str, float]
-) -> tuple[Floats, Floats]:
-    """The parameters (p,) of `structure` by the weak form, and their standard deviations (p,).
-
-    By its search, from the `known` values, if a stated law is nonlinear in an unknown.
-    """
-    if not any(set(link.law.nonlinear) & set(_unknowns(link)) for link in structure.links):
-        return weak_start(screened.records, screened.motions, structure)
-    fit = weak_search(screened.records[0], structure, screened.motions[0], known)[1]
-    return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-
-
-def _unknowns(link: Link) -> list[str]:
-    return [name for name, coefficient in link.coefficients.items() if not coefficient.known]
 
 
 def _discovery(
     records: Sequence[Record],
     checks: DataChecks,
-    screened: _Screened,
+    screened: ScreenedRecords,
     selection: Selection,
     delays: Mapping[str, float] | None = None,
 ) -> Discovery:
@@ -342,7 +280,10 @@ def _discovery(
         for_dropped_terms=dropped.covariance,
         profile=None,
     )
-    rivals = rival_errors(selection, estimate.structure) if estimate.trusted and selection.settled else ()
+    firm = estimate.trusted and selection.settled
+    rivals = rival_errors(selection, estimate.structure) if firm else ()
+    moves = estimate.trusted and bool(screened.candidates.hosts)
+    moved = link_exchanges(selection, screened.candidates) if moves else ()
     if any(rival.is_preferred for rival in rivals):
         estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
     search = [
@@ -360,7 +301,10 @@ def _discovery(
             trusted=trusted,
             collinear=checks.collinear,
             in_proportion=checks.in_proportion,
-            replaceable={term for rival in rivals for term in rival.terms},
+            replaceable={
+                *(term for rival in rivals for term in rival.terms),
+                *(term for exchange in moved for term in exchange.terms),
+            },
             shares=unit_shares(selection, screened.candidates) if trusted else {},
             added=dropped.covariance.diagonal(),
         ),
@@ -369,9 +313,10 @@ def _discovery(
         remarks=(
             *(remark for applies, _, remark in search if applies),
             *rival_remarks(rivals, selection.quadratic.names),
+            *link_exchange_remarks(moved),
             *checks.remarks,
             *screened.remarks,
-            *(exchange_remarks(selection) if estimate.trusted and selection.settled else ()),
+            *(exchange_remarks(selection) if firm else ()),
         ),
         verdicts=verdicts,
         rounds=selection.rounds,

@@ -13,20 +13,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.arrays import Bools
+from linkwise.arrays import Bools, Floats
 from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
 from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import local_search
 from linkwise.likelihood.force_errors import errors_of_stated_values
+from linkwise.likelihood.hypotheses import Hypothesis
 from linkwise.model.structure import Structure
 
 _LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
+_LARGEST_DAMPING = 1.0  # of a mode, which changes with temperature and joints
 _STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raftery 1995)
-_STATED = {"mass": "the mass of {} were {} than stated", "coefficient": "{} were {} than stated"}
+_STATED = {
+    "mass": "the mass of {} were {} than stated",
+    "coefficient": "{} were {} than stated",
+    "frequency": "the frequency of {} were {} than stated",
+    "damping": "the damping of {} were {} than stated",
+}
 _WHAT = {**_STATED, "force gain": "{} were {} than recorded"}
 _CHECK = "check the value, or let it be unknown"
-_ADVICE = {"mass": _CHECK, "coefficient": _CHECK, "force gain": "check its calibration"}
+_ADVICE = {**dict.fromkeys(_STATED, _CHECK), "force gain": "check its calibration"}
 _NAMED = 3
 _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 
@@ -81,7 +88,7 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalErro
     model = QuadraticModel(names, local.curvature, local.slope, local.scatter)
     unknown = {mass.name for mass in structure.masses if not mass.mass.known}
     try:
-        screened = _may_be_replaced(selection, model)
+        screened = _may_be_replaced(selection, model, np.array([_largest(each) for each in hypotheses]))
     except np.linalg.LinAlgError:
         return ()
     rivals = [
@@ -90,6 +97,7 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalErro
         if hypothesis.kind in _WHAT and hypothesis.where not in unknown
         for term in np.flatnonzero(screened[:, number]).tolist()
         for size, terms, excess in _without_term(selection, model, p + number, term)
+        if abs(size) < _largest(hypothesis)
     ]
     best: dict[tuple[int, ...], RivalError] = {}
     for rival in sorted(rivals, key=lambda rival: rival.excess):
@@ -102,11 +110,16 @@ def rival_remarks(rivals: tuple[RivalError, ...], names: tuple[str, ...]) -> tup
     return tuple(rival.remark(names) for rival in rivals[:_NAMED])
 
 
-def _may_be_replaced(selection: Selection, model: QuadraticModel) -> Bools:
+def _largest(hypothesis: Hypothesis) -> float:
+    """The largest relative error of a stated value."""
+    return _LARGEST_DAMPING if hypothesis.kind == "damping" else _LARGEST
+
+
+def _may_be_replaced(selection: Selection, model: QuadraticModel, largest: Floats) -> Bools:
     """(p, e) whether a term, dropped beside an error, leaves a small error and a criterion that more drops may lower.
 
-    By the inverse of the curvature of all terms, bordered by each error. Raises numpy.linalg.LinAlgError if the columns of the
-    terms are linearly dependent.
+    Small is below `largest` (e,). By the inverse of the curvature of all terms, bordered by each error. Raises
+    numpy.linalg.LinAlgError if the columns of the terms are linearly dependent.
     """
     penalty, p = selection.penalty, len(selection.structure.parameters)
     pair = penalty.pair[:p]
@@ -123,7 +136,7 @@ def _may_be_replaced(selection: Selection, model: QuadraticModel) -> Bools:
     sizes = errors + along / left / variance * beside  # of the error, once the term is dropped
     excess = beside**2 / variance - left * errors**2 + penalty.term - saved[:, None]
     more = _DROPPED_BESIDE * (penalty.term + penalty.link)
-    return np.asarray((pair >= 0)[:, None] & (np.abs(sizes) < _LARGEST) & (excess < CERTAIN + more))
+    return np.asarray((pair >= 0)[:, None] & (np.abs(sizes) < largest) & (excess < CERTAIN + more))
 
 
 def _without_term(
@@ -144,6 +157,6 @@ def _without_term(
         excess = part.cost(kept) + of_part.total(kept) + penalty.term - selected
     except np.linalg.LinAlgError:
         return
-    if abs(size) < _LARGEST and excess < CERTAIN:
+    if excess < CERTAIN:
         replaced = sorted(set(chosen) - set(inside[kept].tolist()))
         yield size, tuple(replaced), float(excess)

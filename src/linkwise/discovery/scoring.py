@@ -108,7 +108,13 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     _require_masses(discovered, truth)
     orientation = {frozenset(link.between): link.between for link in discovered.links}
     ours, theirs = (
-        [term for link in structure.links for term in _terms(link, orientation) if term.value != 0.0]
+        [
+            term
+            for link in structure.links
+            if link.name not in structure.modes
+            for term in _terms(link, orientation)
+            if term.value != 0.0
+        ]
         for structure in (discovered, truth)
     )
     right = [term for term in ours if any(_factor(term, other) is not None for other in theirs)]
@@ -157,15 +163,24 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     """
     _require_masses(discovered, truth)
     orientation = {frozenset(link.between): link.between for link in discovered.links}
-    theirs = [term for link in truth.links for term in _terms(link, orientation) if term.value != 0.0]
+    theirs = [
+        term
+        for link in truth.links
+        if link.name not in truth.modes
+        for term in _terms(link, orientation)
+        if term.value != 0.0
+    ]
     done: set[frozenset[str]] = set()
     links = []
     for link in discovered.links:
+        if link.name in discovered.modes:
+            links.append(truth.link(link.name))
+            continue
         ends = frozenset(link.between)
         links.append(_true_link(link, [term for term in theirs if term.ends == ends and ends not in done]))
         done.add(ends)
     masses = tuple(truth.mass(name) for name in discovered.mass_names)
-    return Structure(truth.name, masses, tuple(links))
+    return Structure(truth.name, masses, tuple(links), truth.hosts)
 
 
 def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
@@ -231,8 +246,12 @@ def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
 
 
 def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[str, ...]:
-    """The names of the links that are between none of the pairs in `ends`."""
-    return tuple(link.name for link in structure.links if frozenset(link.between) not in ends)
+    """The names of the links that are between none of the pairs in `ends`; modes are none."""
+    return tuple(
+        link.name
+        for link in structure.links
+        if frozenset(link.between) not in ends and link.name not in structure.modes
+    )
 
 
 def _require_masses(discovered: Structure, truth: Structure) -> None:

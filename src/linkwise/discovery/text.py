@@ -28,7 +28,7 @@ def discovery_text(discovery: Discovery) -> str:
     first, *sentences = headline(discovery)
     blocks = ["\n".join([first, *(fill(sentence, _WIDTH) for sentence in sentences)])]
     links = links_by_certainty(discovery)
-    masses = mass_rows(discovery)
+    masses = [*mass_rows(discovery), *_mode_rows(discovery)]
     terms = [row for link in links for row in term_rows(discovery, link)]
     table = iter(align_columns([TERM_HEAD, *masses, *terms]))
     lines = [next(table), *(next(table) for _ in masses)]
@@ -69,9 +69,9 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
     search = "".join(
         f"{verdict.value} " for verdict in discovery.verdicts if verdict not in estimate.verdicts
     )
+    plain = f"{_count(len(estimate.masses), 'mass', 'masses')}, {_count(len(estimate.links), 'link')}"
     return (
-        f"{_count(len(estimate.masses), 'mass', 'masses')}, {_count(len(estimate.links), 'link')} with "
-        f"{_count(terms, 'term')}: {trust}",
+        f"{estimate.structure.contents if estimate.structure.hosts else plain} with {_count(terms, 'term')}: {trust}",
         f"{search}{estimate.explanation} {certainty_sentence(discovery)} ({len(discovery.terms)} candidates tested, "
         f"{estimate.samples} samples{chi_square}, {_count(discovery.rounds, 'round')}, {discovery.seconds:.2g} s)",
     )
@@ -111,6 +111,16 @@ def mass_rows(discovery: Discovery) -> Rows:
         (mass.name.removesuffix(".mass"), *_term_row(mass, None, marked=False)[1:4], "", mass.unit)
         for mass in discovery.estimate.masses
         if not mass.known
+    ]
+
+
+def _mode_rows(discovery: Discovery) -> Rows:
+    """A row for every frequency and damping of a mode that was not known exactly."""
+    return [
+        (each.name, *_term_row(each, None, marked=False)[1:4], "", each.unit)
+        for mode in discovery.estimate.modes
+        for each in mode.coefficients
+        if not each.known
     ]
 
 

@@ -22,11 +22,14 @@ from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
+from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 
 _ROUNDING = 1e-9  # of a force
 _NOTHING = Number(0.0)
+_OF_MODES = (("frequency", "d", 2.0), ("damping", "v", 1.0))
+"""Coefficients of modes, and by how many times a relative error of one changes the stiffness or damping."""
 
 
 def force_errors(
@@ -66,26 +69,42 @@ def errors_of_stated_values(
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
         hypotheses, errors, units = force_errors(optimum, misfit, identified)
-        of_coefficients, forces = _known_terms(structure)
+        of_coefficients, forces, sizes = _known_terms(structure)
         terms, of_terms = candidate_forces(optimum, misfit, forces)
         augmented = augmented_quadratic(optimum, misfit, errors.joined(terms))
-    relative = np.array([structure.coefficient(each.where).value for each in of_coefficients], dtype=float)
-    units = np.concatenate([units, of_terms / relative])
+    units = np.concatenate([units, of_terms / np.array(sizes)])
     return hypotheses + of_coefficients, in_their_units(optimum, augmented, units)
 
 
-def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """The terms of links whose coefficients are known and not 0, by the names of these."""
-    hypotheses, forces = [], []
+def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce], list[float]]:
+    """The terms of links whose coefficients are known and not 0, by the names of these, with the size of a relative error.
+
+    Of modes of hosts these are frequencies and damping.
+    """
+    hypotheses, forces, sizes = [], [], []
     for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True):
         known = {name: Number(each.value or 0.0) for name, each in link.coefficients.items() if each.known}
-        for name in link.law.linear:
+        for name in () if link.name in structure.modes else link.law.linear:
             basis = substitute(link.law.basis[name], {key: known[key] for key in known if key != name})
             if known.get(name, _NOTHING) == _NOTHING or not set(symbols(basis)) <= set(VARIABLES):
                 continue
             hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}", UNITS["coefficient"]))
             forces.append(CandidateForce(first, second, Law.parse(to_text(basis))))
-    return hypotheses, forces
+            sizes.append(known[name].value)
+        for name, variable, weight in _OF_MODES if link.name in structure.modes else ():
+            if (value := _weight(link, variable) * weight) and link.coefficients[name].known:
+                hypotheses.append(Hypothesis(name, link.name, "1"))
+                forces.append(CandidateForce(first, second, Law.parse(variable)))
+                sizes.append(value)
+    return hypotheses, forces, sizes
+
+
+def _weight(link: Link, variable: str) -> float:
+    """The stiffness, of the variable "d", or the damping, of "v", of a mode in SI units."""
+    slopes = link.law.partials(
+        0.0, 0.0, {name: each.value or 0.0 for name, each in link.coefficients.items()}
+    )
+    return float(slopes.by_d if variable == "d" else slopes.by_v)
 
 
 def _inertia_and_inputs(

@@ -67,6 +67,8 @@ class PartialStructure:
         The masses.
     links : tuple of Link
         The links that are known to be there.
+    hosts : tuple of Host
+        The hosts.
 
     See Also
     --------
@@ -82,6 +84,15 @@ class PartialStructure:
 
     masses: tuple[Mass, ...]
     links: tuple[Link, ...]
+    hosts: tuple[Host, ...] = ()
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Names of the points of hosts and of the masses: where links end and sensors sit."""
+        return (
+            *(point for host in self.hosts for point in host.points),
+            *(mass.name for mass in self.masses),
+        )
 
 
 def read_structure(path: str | Path) -> Structure:
@@ -132,7 +143,7 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     Returns
     -------
     PartialStructure
-        Its masses and links.
+        Its masses, links and hosts.
 
     Raises
     ------
@@ -151,13 +162,11 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     0.01
     """
     source = str(path)
-    table = decode(
-        parse_toml(read_toml_text(path, StructureError), source, StructureError),
-        _PartialTable,
-        source,
-        "",
-        StructureError,
-    )
+    tables = parse_toml(read_toml_text(path, StructureError), source, StructureError)
+    if "host" in tables:
+        hosted = decode(tables, _HostedTable, source, "", StructureError)
+        return PartialStructure(*_masses_and_links(hosted, source), _hosts(hosted, source))
+    table = decode(tables, _PartialTable, source, "", StructureError)
     return PartialStructure(*_masses_and_links(table, source))
 
 
@@ -226,7 +235,7 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
     table: _StructureTable | _HostedTable
     if "host" in tables:
         table = decode(tables, _HostedTable, source, "", StructureError)
-        hosts = tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
+        hosts = _hosts(table, source)
     else:
         table = decode(tables, _StructureTable, source, "", StructureError)
     masses, links = _masses_and_links(table, source)
@@ -234,6 +243,10 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
         return Structure(table.name, masses, links, hosts)
     except StructureError as error:
         raise StructureError(error.message, f"{source}, {error.where}" if error.where else source) from None
+
+
+def _hosts(table: _HostedTable, source: str) -> tuple[Host, ...]:
+    return tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
 
 
 def _masses_and_links(

@@ -23,6 +23,7 @@ from linkwise.verdict import Decision
 
 _COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: MEASURED}
 _OTHER = SERIES[5]
+_HOST, _ROD = "#D0D7DE", 7.0  # colour and points of what joins the points of a host
 _WIDTHS = (1.2, 4.2)  # points, of the softest and the stiffest link
 _DASH, _GAP = 7.0, 3.5  # points, of a link in doubt
 _RADIUS = 0.19  # of a mass of mean size, where a link is 1 long
@@ -55,8 +56,13 @@ class Edge:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Edges, and `positions` (V, 2) of the nodes; `fixed` says of each node behind the masses whether it is ground or base."""
+    """Edges, and `positions` (V, 2) of the nodes: `bodies`, which are masses and points of hosts, then ground or base.
 
+    `fixed` says of each node behind the bodies which it is; `rods` are pairs of points of the same host.
+    """
+
+    bodies: Sequence[str]
+    rods: Sequence[tuple[int, int]]
     edges: Sequence[Edge]
     fixed: Sequence[str]
     positions: Floats
@@ -107,12 +113,12 @@ def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) 
         axes.set_ylim(low[1], high[1])
         axes.axis("off")
         _draw_links(axes, drawing, labelled=inch >= _LABELLED)
-        for node, name in enumerate(drawing.fixed, start=len(discovery.structure.masses)):
+        for node, name in enumerate(drawing.fixed, start=len(drawing.bodies)):
             mass = next(edge.first for edge in drawing.edges if edge.second == node)
             _draw_fixed(
                 axes, drawing.positions[mass], drawing.positions[node], "" if name == GROUND else name
             )
-        _draw_masses(axes, discovery, drawing.positions, inch)
+        _draw_bodies(axes, discovery, drawing, inch)
         axes.set_title(wrapped(headline(discovery)[0], axes_inches(axes)[0]))
         if legend:
             axes.legend(handles=_legend_handles(drawing.edges))
@@ -153,14 +159,29 @@ def graph_figure(discovery: Discovery) -> Figure:
 
 
 def _drawing(discovery: Discovery) -> Drawing:
-    edges, fixed = _edges(discovery)
-    nodes = len(discovery.structure.masses) + len(fixed)
-    return Drawing(edges, fixed, node_positions(nodes, [(edge.first, edge.second) for edge in edges]))
+    bodies, rods = _bodies(discovery)
+    edges, fixed = _edges(discovery, bodies)
+    lines = [*((edge.first, edge.second) for edge in edges), *rods]
+    return Drawing(bodies, rods, edges, fixed, node_positions(len(bodies) + len(fixed), lines))
 
 
-def _edges(discovery: Discovery) -> tuple[list[Edge], list[str]]:
-    """Links, then dropped links that are in doubt; and what each node behind the masses is, ground or base."""
-    index = {mass.name: number for number, mass in enumerate(discovery.structure.masses)}
+def _bodies(discovery: Discovery) -> tuple[list[str], list[tuple[int, int]]]:
+    """Masses, and points of hosts that a link ends at, with the pairs of points that a host joins."""
+    structure = discovery.structure
+    ends = {end for link in structure.links for end in link.between}
+    ends |= {end for between in _dropped_in_doubt(discovery) for end in between}
+    names = [mass.name for mass in structure.masses if mass.name not in structure.modes]
+    rods: list[tuple[int, int]] = []
+    for host in structure.hosts:
+        points = [point for point in host.points if point in ends] or list(host.points[:1])
+        rods += [(len(names) + number, len(names) + number + 1) for number in range(len(points) - 1)]
+        names += points
+    return names, rods
+
+
+def _edges(discovery: Discovery, bodies: Sequence[str]) -> tuple[list[Edge], list[str]]:
+    """Links, then dropped links that are in doubt; and what each node behind the bodies is, ground or base."""
+    index = {name: number for number, name in enumerate(bodies)}
     fixed: list[str] = []
 
     def nodes(between: tuple[str, str]) -> tuple[int, int]:
@@ -216,14 +237,19 @@ def _inches(drawing: Drawing) -> float:
     return float(np.clip(min(_WIDEST / span[0], _HIGHEST / span[1]), *_INCH))
 
 
-def _radii(discovery: Discovery) -> Floats:
-    """(n,) radii of the masses in units of a link's length."""
-    masses = discovery.structure.mass_values
-    relative = (masses / np.exp(np.mean(np.log(masses)))) ** _SIXTH
+def _radii(masses: Floats) -> Floats:
+    """(n,) radii of masses in units of a link's length; those of points, whose mass is NaN, are the smallest."""
+    known = masses[np.isfinite(masses)]
+    mean = np.exp(np.mean(np.log(known))) if len(known) else 1.0
+    relative = np.where(np.isfinite(masses), masses / mean, 0.0) ** _SIXTH
     return np.asarray(_RADIUS * np.clip(relative, *_SIZES))
 
 
 def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
+    for rod in drawing.rods:
+        axes.plot(
+            *drawing.positions[list(rod)].T, color=_HOST, linewidth=_ROD, solid_capstyle="round", zorder=0
+        )
     stiffnesses = [edge.stiffness for edge in drawing.edges if edge.stiffness > 0.0]
     pairs = [frozenset((edge.first, edge.second)) for edge in drawing.edges]
     for number, edge in enumerate(drawing.edges):
@@ -288,22 +314,31 @@ def _draw_fixed(axes: Axes, mass: Floats, position: Floats, name: str) -> None:
         axes.text(x, y, literal(name), fontsize=7, ha="center", va="center")
 
 
-def _draw_masses(axes: Axes, discovery: Discovery, positions: Floats, inch: float) -> None:
-    """Circles with names, and kilograms beside them where a link of `inch` inches leaves room."""
-    size = float(np.clip(9.0 * inch, 4.5, 8.5))
-    radii = _radii(discovery)
-    for number, mass in enumerate(discovery.structure.masses):
+def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float) -> None:
+    """Circles with names, and kilograms beside them where a link of `inch` inches leaves room; grey ones for points."""
+    size, positions = float(np.clip(9.0 * inch, 4.5, 8.5)), drawing.positions
+    kilograms = dict(zip(discovery.structure.mass_names, discovery.structure.mass_values, strict=True))
+    masses = np.array([kilograms.get(name, np.nan) for name in drawing.bodies])
+    radii = _radii(masses)
+    for number, name in enumerate(drawing.bodies):
         x, y = positions[number]
-        radius = 72.0 * inch * radii[number]  # points
+        radius, is_mass = 72.0 * inch * radii[number], bool(np.isfinite(masses[number]))  # points
         axes.plot(
-            x, y, "o", ms=2.0 * radius, color="white", markeredgecolor=TRUE, markeredgewidth=1.2, zorder=5
+            x,
+            y,
+            "o",
+            ms=2.0 * radius,
+            color="white" if is_mass else _HOST,
+            markeredgecolor=TRUE,
+            markeredgewidth=1.2,
+            zorder=5,
         )
-        fits = 0.3 * size * len(mass.name) < 0.9 * radius
+        fits = 0.3 * size * len(name) < 0.9 * radius
         if fits:
-            axes.text(x, y, literal(mass.name), fontsize=size, ha="center", va="center", zorder=6)
-        beside = [] if fits else [literal(mass.name)]
-        if inch >= _AMOUNTS:
-            beside.append(_amount(float(discovery.structure.mass_values[number])))
+            axes.text(x, y, literal(name), fontsize=size, ha="center", va="center", zorder=6)
+        beside = [] if fits else [literal(name)]
+        if inch >= _AMOUNTS and is_mass:
+            beside.append(_amount(float(masses[number])))
         angle = _free_direction(number, positions)
         reach, side = radii[number] + 0.13, cos(angle)
         axes.text(

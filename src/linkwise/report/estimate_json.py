@@ -49,7 +49,9 @@ def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, A
 def _errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
     """NMSE in % of each identified force over the motion of the record; None where the record does not determine it."""
     return {
-        link.name: _error(truth.link(link.name), link, estimate.record) for link in estimate.structure.links
+        link.name: _error(truth.link(link.name), link, estimate.record)
+        for link in estimate.structure.links
+        if link.name not in estimate.structure.modes
     }
 
 

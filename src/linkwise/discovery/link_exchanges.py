@@ -1,0 +1,75 @@
+"""Links of structures with hosts that could as well be between other ends: all terms of one exchanged for those of another.
+
+Two points near each other move nearly alike, and so may points of a host whose modes a record does not excite. An exchange of
+one term at a time does not show that, since the terms of a link belong together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.result import CERTAIN
+from linkwise.discovery.selection import Selection
+
+_NAMED = 3
+
+
+@dataclass(frozen=True)
+class LinkExchange:
+    """A `link` found whose `terms`, by number, the `other` link may have in its place, and the `excess` of the criterion."""
+
+    link: str
+    other: str
+    terms: tuple[int, ...]
+    excess: float
+
+    def remark(self) -> str:
+        """A sentence for the user."""
+        change = f"only {self.excess:.1f} higher" if self.excess >= 0.0 else f"{-self.excess:.1f} lower"
+        return (
+            f"This record hardly distinguishes the link {self.link} from {self.other}: with that in its place the criterion "
+            f"is {change}. Excite modes, or measure points, in which both differ."
+        )
+
+
+def link_exchanges(selection: Selection, candidates: Candidates) -> tuple[LinkExchange, ...]:
+    """The exchanges of a whole link that would raise the criterion by less than `CERTAIN`, the least first."""
+    quadratic, penalty = selection.quadratic, selection.penalty
+    count = len(selection.structure.parameters)
+    chosen = list(range(count))
+    pair_of = penalty.pair
+    selected = quadratic.cost(chosen) + penalty.total(chosen)
+    kept = set(pair_of[:count].tolist()) - {-1} - penalty.stated
+    text = {
+        number: candidates.by_name[name].term.text
+        for number, name in enumerate(quadratic.names)
+        if name in candidates.by_name
+    }
+    found = []
+    for pair in sorted(kept):
+        own = np.flatnonzero(pair_of[:count] == pair).tolist()
+        rest = [number for number in chosen if number not in own]
+        for other in sorted(set(pair_of[count:].tolist()) - {-1} - kept):
+            terms = {text[number]: number for number in np.flatnonzero(pair_of == other).tolist()}
+            if not {text[number] for number in own} <= terms.keys():
+                continue
+            model = sorted([*rest, *(terms[text[number]] for number in own)])
+            try:
+                excess = quadratic.cost(model) + penalty.total(model) - selected
+            except np.linalg.LinAlgError:
+                continue
+            if excess < CERTAIN:
+                names = candidates.pairs[pair].name, candidates.pairs[other].name
+                found.append(LinkExchange(*names, tuple(own), float(excess)))
+    return tuple(sorted(found, key=lambda each: each.excess))
+
+
+def link_exchange_remarks(exchanges: Sequence[LinkExchange]) -> tuple[str, ...]:
+    """Sentences on the exchanges, and how many more there are."""
+    more = len(exchanges) - _NAMED
+    told = tuple(each.remark() for each in exchanges[:_NAMED])
+    return told if more <= 0 else (*told, f"{more} more exchanges of a link would cost as little.")

@@ -1,0 +1,85 @@
+"""What a search for a structure starts from: candidates that the records show, displacements, and a first subset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.data_checks import inactive_remark, inactive_terms
+from linkwise.discovery.host_screen import screen_links
+from linkwise.discovery.screen import ScreenResult, screen, weak_start
+from linkwise.discovery.spanning_tree import most_significant_tree
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
+from linkwise.weak.estimate import weak_search
+from linkwise.weak.integrated_displacements import with_displacements
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedRecords:
+    """The screen of some `records`, which have displacements of all masses, and the subset that a search starts from.
+
+    Beside hosts there are no displacements, and the screen is that of `host_screen`. `integrated` says whether some
+    displacement was not measured; `remarks` are sentences on candidates that are not tested by likelihood.
+    """
+
+    records: Sequence[Record]
+    motions: Sequence[MeasuredDisplacements]
+    candidates: Candidates
+    integrated: bool
+    result: ScreenResult
+    first: frozenset[str]
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def of(cls, records: Sequence[Record], candidates: Candidates) -> ScreenedRecords:
+        """Screen what the records show of the candidates, less those that were never active."""
+        if candidates.hosts:
+            first = screen_links(records[0], candidates)
+            result = ScreenResult(first, frozenset(candidates.by_name))
+            return cls(records, (), candidates, False, result, first, ())
+        displaced = [with_displacements(record, candidates.masses) for record in records]
+        motions = [read_displacements(record, candidates.full_structure) for record in displaced]
+        inactive = inactive_terms(motions, [record.rate for record in displaced], candidates)
+        candidates = replace(candidates, inactive=frozenset(inactive))
+        integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
+        result = screen(displaced, motions, candidates)
+        first = result.kept
+        if integrated:
+            first = most_significant_tree(displaced, motions, candidates) or result.kept
+        untested = len(candidates.entries) - len(result.tested)
+        remarks = (*inactive_remark(inactive), *_untested_remark(untested))
+        return cls(displaced, motions, candidates, integrated, result, first, remarks)
+
+
+def _untested_remark(count: int) -> tuple[str, ...]:
+    """A sentence on the candidates that the screen dropped, if there are any."""
+    if not count:
+        return ()
+    return (
+        f"{count} candidates that were significant in the equation of neither of their masses were dropped without a test by "
+        "likelihood.",
+    )
+
+
+def weak_values(
+    screened: ScreenedRecords, structure: Structure, known: Mapping[str, float]
+) -> tuple[Floats, Floats]:
+    """The parameters (p,) of `structure` by the weak form, and their standard deviations (p,).
+
+    By its search, from the `known` values, if a stated law is nonlinear in an unknown.
+    """
+    if not any(set(link.law.nonlinear) & set(_unknowns(link)) for link in structure.links):
+        return weak_start(screened.records, screened.motions, structure)
+    fit = weak_search(screened.records[0], structure, screened.motions[0], known)[1]
+    return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+
+
+def _unknowns(link: Link) -> list[str]:
+    return [name for name, coefficient in link.coefficients.items() if not coefficient.known]

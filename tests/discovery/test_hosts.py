@@ -1,0 +1,128 @@
+"""Discovery with hosts: links between points and masses, from fewer sensors than places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.discovery.candidates import all_candidates
+from linkwise.discovery.host_screen import screen_links
+from linkwise.discovery.terms import parse_terms
+
+number = lw.Coefficient.number
+FREQUENCIES = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever
+SHAPES = {"tip": (3.2, -3.2, 3.2), "mid": (1.1, 2.3, 0.06), "root": (0.3, 1.5, 2.8)}
+NEAR = {"near": tuple(1.002 * part for part in SHAPES["tip"])}  # moves as the tip to within the noise
+LAW = lw.Law.parse("alpha*d + beta*d**3 + c*v")
+TRUE = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
+SINK = lw.Mass("sink", number(0.03))
+
+
+def host(shapes: Mapping[str, tuple[float, ...]], *, second: float = 1.0) -> lw.Host:
+    """A cantilever by three modes, of which the frequency of the second is off by a factor."""
+    return lw.Host(
+        "beam",
+        tuple(
+            lw.HostMode(
+                number(frequency * (second if r == 1 else 1.0)),
+                number(0.01),
+                {point: shape[r] for point, shape in shapes.items()},
+            )
+            for r, frequency in enumerate(FREQUENCIES)
+        ),
+    )
+
+
+@cache
+def record(end: str, sensors: tuple[str, ...]) -> lw.Record:
+    """Two hammer hits on the beam, which has a bistable sink at one of its points."""
+    link = lw.Link("nes", ("sink", f"beam.{end}"), LAW, {name: number(value) for name, value in TRUE.items()})
+    return lw.simulate(
+        lw.Structure("beam", (SINK,), (link,), (host(SHAPES | NEAR),)),
+        forces={"beam.root": "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 0.375)/0.002)**2)"},
+        release={"x:sink": 0.00707},
+        duration=0.4,
+        rate=1000.0,
+        sensors=sensors,
+    ).with_noise(25.0, seed=4)
+
+
+def discovered(end: str, sensors: tuple[str, ...], known: lw.Host) -> lw.Discovery:
+    return lw.discover(record(end, sensors), lw.PartialStructure((SINK,), (), (known,)), terms="v, d, d**3")
+
+
+def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
+    found = discovered("mid", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES))
+    assert found.trusted
+    assert [term.name for term in sorted(found.kept, key=lambda term: term.name)] == [
+        "sink-beam.mid.c",
+        "sink-beam.mid.k",
+        "sink-beam.mid.k3",
+    ]
+    assert found.in_doubt == ()
+    for name, true in (("k", TRUE["alpha"]), ("k3", TRUE["beta"]), ("c", TRUE["c"])):
+        each = found.estimate.coefficient(f"sink-beam.mid.{name}")
+        assert each.standard_error is not None
+        assert abs(each.value - true) < 4.0 * each.standard_error  # one draw of three: beyond 4 once in 5000
+    assert "1 host, 3 modes, 1 mass, 1 link with 3 terms" in str(found)
+    assert any("beam.root" in remark for remark in found.remarks)  # has no sensor
+
+
+def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
+    found = discovered("tip", ("a:beam.mid", "a:sink"), host(SHAPES | NEAR))
+    [link] = found.in_doubt
+    assert link in ("sink-beam.tip", "sink-beam.near")
+    other = {"sink-beam.tip", "sink-beam.near"} - {link}
+    assert any(f"hardly distinguishes the link {link} from {other.pop()}" in text for text in found.remarks)
+
+
+def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
+    found = discovered("tip", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES, second=1.03))
+    assert not found.trusted
+    assert any("the frequency of beam.mode2 were 2.9 % less than stated" in text for text in found.remarks)
+
+
+def test_the_screen_finds_the_link_before_its_law_is_known() -> None:
+    candidates = all_candidates((SINK,), parse_terms("v, d"), hosts=(host(SHAPES),))
+    kept = screen_links(record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")), candidates)
+    assert kept == {"sink-beam.mid.c", "sink-beam.mid.k"}
+
+
+def test_candidates_join_points_that_can_move_apart() -> None:
+    shapes = {"tip": (3.2, -3.2, 3.2), "twin": (3.2, -3.2, 3.2), "clamp": (0.0, 0.0, 0.0)}
+    pairs = all_candidates((SINK,), parse_terms("d"), hosts=(host(shapes),)).pairs
+    assert [pair.name for pair in pairs] == [
+        "beam.tip-ground",
+        "beam.twin-ground",
+        "sink-ground",
+        "sink-beam.tip",
+        "sink-beam.twin",
+    ]
+
+
+def test_a_record_without_sensors_of_the_structure_is_refused() -> None:
+    full = record("mid", ("a:beam.tip", "a:beam.mid", "a:sink"))
+    values = np.random.default_rng(1).standard_normal((len(full), 2))
+    other = lw.Record(0.0, full.rate, ("a:elsewhere", "force:beam.root"), values)
+    with pytest.raises(lw.IdentificationError, match="no channel measures the motion of a mass or point"):
+        lw.check_discovery(other, lw.PartialStructure((SINK,), (), (host(SHAPES),)))
+
+
+def test_the_truth_of_a_host_is_compared_by_its_links() -> None:
+    def structure(end: str) -> lw.Structure:
+        law = {name: number(value) for name, value in TRUE.items()}
+        return lw.Structure(
+            "b", (SINK,), (lw.Link("nes", ("sink", f"beam.{end}"), LAW, law),), (host(SHAPES),)
+        )
+
+    score = lw.term_score(structure("tip"), structure("mid"))
+    assert score.missing_links == ("nes",)
+    assert score.extra == ("nes.alpha", "nes.beta", "nes.c")
+    assert lw.term_score(structure("tip"), structure("tip")).exact
+    aligned = lw.align_truth(structure("tip"), structure("mid"))
+    assert aligned.link("nes").values == dict.fromkeys(TRUE, 0.0)
+    assert aligned.link("beam.mode1").values["frequency"] == FREQUENCIES[0]
