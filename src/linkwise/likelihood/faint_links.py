@@ -3,7 +3,8 @@
 The frequency of a faint vibration is like the peak of a periodogram: its phase, followed through the whole record, makes the
 peak narrow, and other peaks are as high. What the curvature promises at a distance, the likelihood then does not keep: it
 cannot rise by more than twice the energy of the elongation over that of the noise, and by no more than that energy to where
-the link is rigid.
+the link is rigid. Only vibration of its own counts: what the links beside it force upon a link follows them, whatever its
+stiffness, and may stand far above the noise.
 """
 
 from __future__ import annotations
@@ -12,28 +13,36 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
+from linkwise.expression import symbols
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.local_optima import rises_by
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.shooting.segments import A, F, S, V, X
+from linkwise.model.structure import Structure
 
 _FAINT = 100.0  # energy over the noise: one peak of 1000 is mistaken for another with probability 1000 exp(-100 / 4) = 1e-8
 _UNSEEN = 25.0  # energy over the noise: a rigid link explains the record to within five standard errors
+_BY_PHASE = 4.0
+"""Over the energy of the elongation: (value / error)^2 of a stiffness that the phase of a vibration tells better than the size
+of the elongation, to which a force stretches the link in inverse proportion to it."""
 _DISTANCE = 8.0  # standard errors
 _LOW = 0.25  # of the rise of the cost that the curvature promises there
 
 
-def undetermined_far_away(fit: LikelihoodFit) -> tuple[str, ...]:
+def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[str, ...]:
     """Names of the coefficients of faint links that may as well be far away.
 
     Those of a link whose elongation is not above the noise at all, where it has no coefficient that is known; without such a
-    link those that may as well be eight standard errors away, tested one by one. Coefficients that other links share are not
-    among them.
+    link those that may as well be eight standard errors away, tested one by one: all of a link whose elongation is faint, and
+    those of elastic forces where only its own vibration is and tells them. Coefficients that other links share are not among
+    them.
 
     Parameters
     ----------
     fit : LikelihoodFit
         The fit.
+    identified : Structure
+        The structure with the values of the fit.
 
     Returns
     -------
@@ -41,18 +50,38 @@ def undetermined_far_away(fit: LikelihoodFit) -> tuple[str, ...]:
         The names; none for a fit that did not converge.
     """
     system, energy = fit.segments.system, elongation_energy(fit)
-    if fit.status is not AnnealingStatus.CONVERGED or not (energy < _FAINT).any():
+    if fit.status is not AnnealingStatus.CONVERGED:
+        return ()
+    own_energy = np.where(energy < np.inf, own_part(fit), 1.0) * energy
+    if not (own_energy < _FAINT).any():
         return ()
     in_links: dict[int, list[int]] = {}
     for link, column, _ in system.interactions:
         in_links.setdefault(column, []).append(link)
-    own = [column for column, links in sorted(in_links.items()) if (energy[links] < _FAINT).all()]
+    own = [column for column, links in sorted(in_links.items()) if (own_energy[links] < _FAINT).all()]
     free = [column for column in own if fit.free[column]]
+    names, elastic = system.parameters.names, _elastic(identified)
     unseen = (energy < _UNSEEN) & system.wholly_unknown
     undetermined = [column for column in free if unseen[in_links[column]].all()]
     if not undetermined:
-        undetermined = [column for column in free if not _rises(fit, column)]
-    return tuple(system.parameters.names[column] for column in undetermined)
+        told = fit.values**2 / np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny)
+        tested = [
+            column
+            for column in free
+            if (energy[in_links[column]] < _FAINT).all()
+            or (names[column] in elastic and told[column] > _BY_PHASE * energy[in_links[column]].sum())
+        ]
+        undetermined = [column for column in tested if not _rises(fit, column)]
+    return tuple(names[column] for column in undetermined)
+
+
+def _elastic(structure: Structure) -> frozenset[str]:
+    """Names of the coefficients on which the elastic forces of links depend: a frequency tells them, and not the others."""
+    return frozenset(
+        f"{link.name}.{name}"
+        for link in structure.links
+        for name in set(link.coefficients).intersection(symbols(link.law.elastic))
+    )
 
 
 def elongation_energy(fit: LikelihoodFit) -> Floats:
@@ -91,6 +120,28 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
     energy[sensors.mass[sensors.kind == F]] = np.inf
     energy[segments.system.state_links[sensors.mass[sensors.kind == S]]] = np.inf
     return energy
+
+
+def own_part(fit: LikelihoodFit) -> Floats:
+    """(L,) part of the energy of each link's elongation that does not follow those of the other links at one of its ends.
+
+    It is what their elongations, cubes and rates leave of it by least squares, at the end where that is less.
+    """
+    system, steps = fit.segments.system, fit.segments.steps
+    motion = fit.misfit.trajectories.links[slice(None, steps, fit.segments.refine)]
+    d, v = (motion[:, kind].transpose(2, 0, 1).reshape(-1, motion.shape[2]) for kind in (0, 1))
+    d = d - d.mean(axis=0)
+    touches = system.incidence != 0.0
+    parts = np.ones(d.shape[1])
+    for link in range(d.shape[1]):
+        power = max(float(np.vdot(d[:, link], d[:, link])), np.finfo(float).tiny)
+        for mass in np.flatnonzero(touches[:, link]):
+            beside = np.setdiff1d(np.flatnonzero(touches[mass]), link)
+            columns = np.column_stack([np.ones(len(d)), d[:, beside], v[:, beside], d[:, beside] ** 3])
+            columns /= np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+            left = d[:, link] - columns @ np.linalg.lstsq(columns, d[:, link], rcond=None)[0]
+            parts[link] = min(parts[link], float(np.vdot(left, left)) / power)
+    return parts
 
 
 def _rises(fit: LikelihoodFit, column: int) -> bool:

@@ -79,6 +79,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
     verdict, message = _verdict(
         fit,
+        identified,
         share,
         causes,
         coloured=remembering,
@@ -92,6 +93,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
 
 def _verdict(
     fit: LikelihoodFit,
+    identified: Structure,
     share: float,
     causes: Sequence[Cause],
     *,
@@ -133,7 +135,7 @@ def _verdict(
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
     if exact and not coloured and is_coloured(fit.misfit.residuals):
         return Verdict.COLOURED_RESIDUALS, explained + _NOT_WHITE
-    faint = undetermined_far_away(fit)
+    faint = undetermined_far_away(fit, identified)
     if faint:
         return Verdict.SEVERAL_OPTIMA, (
             f"{explained}, but values of {', '.join(faint)} far from the estimates explain it as well: how the link stretches "
