@@ -83,8 +83,8 @@ class Verdict(Enum):
         "The search for terms did not settle: this is the best model so far, and another may be better."
     )
     LINKS_IN_DOUBT = (
-        "No link is certain: other links would explain the record nearly as well. Excite the masses one at a time, record for "
-        "longer or with less noise, or state links that are known."
+        "No link is certain, or the noise of sensors is not white and links are in doubt, so that it may be what a wrong link "
+        "leaves. Excite the masses one at a time, record for longer or with less noise, or state links that are known."
     )
     DISPLACEMENTS_INTEGRATED = (
         "Displacements were integrated from velocities or accelerations: links or terms may be false. Measure the "

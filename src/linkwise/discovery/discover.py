@@ -25,6 +25,7 @@ from linkwise.discovery.rival_errors import rival_errors, rival_remarks
 from linkwise.discovery.screened_records import ScreenedRecords, weak_values
 from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.likelihood.estimate import estimate_of
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
@@ -322,18 +323,19 @@ def _discovery(
         rounds=selection.rounds,
         seconds=estimate.seconds,
     )
-    return _with_doubts(discovery, dropped, alone) if trusted else discovery
+    return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
 
 
-def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats) -> Discovery:
+def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats, fit: LikelihoodFit) -> Discovery:
     """A trusted discovery without intervals of links in doubt; not trusted if no link is certain.
 
-    `alone` (p,) are the standard errors beside the terms kept alone.
+    Nor is it where some are in doubt and the `fit` has coloured noise of a sensor: white noise was refused, and what wrong
+    links leave follows the motion as such noise may. `alone` (p,) are the standard errors beside the terms kept alone.
     """
     estimate = replace(discovery.estimate, links_in_doubt=frozenset(discovery.in_doubt))
     remarks = (*discovery.remarks, *dropped_terms_remark(dropped, estimate, alone))
     told = replace(discovery, estimate=estimate, remarks=remarks)
-    if len(told.in_doubt) < len(told.structure.links):
+    if len(told.in_doubt) < len(told.structure.links) and (fit.optimum.coloured is None or not told.in_doubt):
         return told
     return replace(
         told,
