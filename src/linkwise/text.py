@@ -8,6 +8,7 @@ from functools import singledispatch
 from math import floor, isfinite, log10
 
 _MARKED = ("=", "+", "-", "@", "\t", "\r", "'")  # with which a formula may begin, and the apostrophe itself
+_FAR_FROM_NOISE = 1e4  # chi-square from which its decimals say nothing
 LONGEST = 2000  # characters of a message: what a screen shows beside what was typed
 
 
@@ -64,6 +65,11 @@ def format_error(value: float) -> str:
         return f"{value:.1e}"
     last = floor(log10(value)) - 1
     return f"{value:.{-last}f}" if last < 0 else f"{round(value / 10.0**last) * 10.0**last:.0f}"
+
+
+def format_chi_square(value: float) -> str:
+    """Chi-square per degree of freedom with three decimals, or with three digits where laws leave far more than noise."""
+    return f"{value:.3f}" if value < _FAR_FROM_NOISE else f"{value:.3g}"
 
 
 def align_columns(rows: list[tuple[str, ...]]) -> list[str]:

@@ -72,6 +72,20 @@ def test_states_become_a_motion_of_the_laws(problem: ShootingProblem, size: floa
     assert np.array_equal(better.start.theta, rough.start.theta)
 
 
+def test_a_flow_that_runs_away_behind_the_last_sample_is_seen(problem: ShootingProblem) -> None:
+    """With a spring that lets go much earlier some segments stay near their samples, and end far away from the next one."""
+    theta = problem.start.theta.copy()
+    theta[1] *= 19.4
+    wild = replace(problem, start=replace(problem.start, theta=theta))
+    before, after = wild.start, within_reach(wild.segments, wild.start, wild.scales, Gaussian())
+    ends = [
+        np.sum(evaluate(wild.segments, each, wild.scales, Gaussian()).defects ** 2, axis=0)
+        for each in (before, after)
+    ]
+    largest = np.sum(np.max((after.nodes / wild.scales.state[:, None]) ** 2, axis=1))
+    assert np.nanmax(ends[0]) > 1e20 and np.max(ends[1]) <= 4.0 * largest  # of twice the largest state
+
+
 def test_states_that_are_a_motion_stay(problem: ShootingProblem) -> None:
     good = found(disturbed(problem, 1.3))
     assert np.array_equal(found(good).start.nodes, good.start.nodes)

@@ -7,7 +7,7 @@ from textwrap import fill
 
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
-from linkwise.text import align_columns, as_text, format_error, format_value
+from linkwise.text import align_columns, as_text, format_chi_square, format_error, format_value
 from linkwise.verdict import Decision
 
 Rows = list[tuple[str, ...]]
@@ -63,9 +63,8 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
         trust += (
             f", but for {_count(len(discovery.in_doubt), 'link')} in doubt: {', '.join(discovery.in_doubt)}"
         )
-    chi_square = (
-        "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
-    )
+    told = estimate.chi_square_per_sample
+    chi_square = "" if told is None else f", chi-square {format_chi_square(told)}"
     search = "".join(
         f"{verdict.value} " for verdict in discovery.verdicts if verdict not in estimate.verdicts
     )

@@ -7,7 +7,7 @@ from textwrap import fill
 
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
-from linkwise.text import align_columns, as_text, format_error, format_value
+from linkwise.text import align_columns, as_text, format_chi_square, format_error, format_value
 
 _MANY = 12  # channels or links that are shown
 _SHAPES = 6  # of modes at points, that are shown
@@ -56,9 +56,8 @@ def text_table(estimate: Estimate) -> str:
 
 def _verdict(estimate: Estimate) -> str:
     trust = "can be trusted" if estimate.trusted else "NOT to be trusted"
-    chi = (
-        "" if estimate.chi_square_per_sample is None else f", chi-square {estimate.chi_square_per_sample:.3f}"
-    )
+    told = estimate.chi_square_per_sample
+    chi = "" if told is None else f", chi-square {format_chi_square(told)}"
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
     summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
     return f"{head}\n{fill(summary, _WIDTH)}"

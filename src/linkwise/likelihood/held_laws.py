@@ -87,13 +87,20 @@ def states_by_held_laws(segments: Segments, start: Iterate, scales: Scales, anne
 
 
 def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
-    """(K,) segments whose flow is farther from the samples than any motion of their size could be, or not finite."""
+    """(K,) segments whose flow is farther from the samples than any motion of their size could be, or not finite.
+
+    The flow behind the last sample of a segment is judged by where it ends, against the largest states of the record.
+    """
     sigma = scales.sigma[:, None]
     if segments.relative_noise is not None:
         sigma = sigma * segments.relative_noise
     largest = np.sum((segments.samples / sigma) ** 2 + segments.observed, axis=(0, 1))
     with np.errstate(over="ignore", invalid="ignore"):
         residuals = np.sum(misfit.residuals**2, axis=(0, 1))
+        ends = np.sum(misfit.defects**2, axis=0)
     finite = np.isfinite(misfit.trajectories.states).all(axis=(0, 1, 2))
     finite &= np.isfinite(misfit.trajectories.memory).all(axis=(0, 1))
-    return np.asarray(~(finite & (residuals <= _OPPOSITE * largest)))
+    states = misfit.point.nodes / scales.state.reshape(-1, *[1] * (misfit.point.nodes.ndim - 1))
+    near = residuals <= _OPPOSITE * largest
+    near[:-1] &= ends <= _OPPOSITE * np.sum(np.max(states**2, axis=-1))
+    return np.asarray(~(finite & near))

@@ -38,6 +38,7 @@ _FILTERED = (
     ", as a filter that all sensors share leaves it. Such a filter changes the motion that they show as well, which no "
     "residual tells, so no interval is given. Take the filter out, or record without it."
 )
+_RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
 _FEW_LINKS = 4  # whose missing terms cost little to look for: then wherever chi-square is above 1
 _NO_ERRORS = (
@@ -63,6 +64,11 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     """Assess a fit to a record of these `channels`."""
     if fit.status is not AnnealingStatus.CONVERGED:
         reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
+        if fit.chi_square > _RAN_AWAY:
+            reason = (
+                f"{fit.status.value.capitalize()}. With these values the motion runs away from the record between its "
+                "samples: they are no estimates. Give other starts, or hold some coefficients at known values."
+            )
         return Judgement(Verdict.NOT_CONVERGED, reason)
     if not np.isfinite(fit.covariance.diagonal()[fit.free]).all():
         return Judgement(Verdict.HARDLY_DETERMINED, _NO_ERRORS)

@@ -20,7 +20,7 @@ from linkwise.plot.titles import force_title
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.templates import TEMPLATES
-from linkwise.text import format_error, format_value
+from linkwise.text import format_chi_square, format_error, format_value
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,7 +121,7 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
         ],
         "chi_square": ""
         if estimate.chi_square_per_sample is None
-        else f"{estimate.chi_square_per_sample:.3f}",
+        else format_chi_square(estimate.chi_square_per_sample),
         "sections": sections_of(SECTIONS, reported),
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
