@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -180,6 +181,31 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
     path.write_text("first,second,covariance\nnes7.alpha,nes7.alpha,1\n")
     with pytest.raises(lw.StructureError, match=r'unknown coefficient "nes7.alpha"'):
         lw.read_posterior(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("beta*d**3", "beta*d**5", r"the law of nes1 is not as in result\.json"),
+        ("alpha = -", "alpha = -1", r"nes1\.alpha is not as in result\.json"),
+        ("mass = 1.0", "mass = 1.01", r"the mass of m1 is not as in result\.json"),
+    ],
+)
+def test_errors_of_an_edited_structure_are_refused(
+    folder: Path, tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    copy = tmp_path / "answer"
+    shutil.copytree(folder, copy)
+    assert lw.read_posterior(copy).names
+    text = (copy / "structure.toml").read_text()
+    assert old in text
+    (copy / "structure.toml").write_text(text.replace(old, new, 1))
+    with pytest.raises(lw.RecordError, match=f"edited since it was written: {told}"):
+        lw.read_posterior(copy)
+    out = tmp_path / "forces.py"
+    with pytest.raises(lw.RecordError, match="do not hold; give the structure file"):
+        lw.export_answer(copy, out)
+    assert not out.exists() and lw.export_answer(copy / "structure.toml", out).exists()
 
 
 def test_draws_that_diverge_are_no_answer() -> None:

@@ -21,6 +21,7 @@ from linkwise.text import csv_cell, from_csv_cell
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
 _FOR_DROPPED_TERMS = "for_dropped_terms"
+_NAMED = 3  # edits that a message names
 _TRIES = 200  # draws at most for each that is within the bounds
 
 
@@ -206,7 +207,7 @@ def read_posterior(folder: str | Path) -> Posterior:
     StructureError
         If the structure cannot be read or lacks a coefficient.
     RecordError
-        If there is no covariance, or it is damaged; the message names file and line.
+        If there is no covariance, it is damaged, or the structure was edited since; the message names file and line.
 
     Examples
     --------
@@ -239,8 +240,50 @@ def read_posterior(folder: str | Path) -> Posterior:
         parts[:, index[first], index[second]] = parts[:, index[second], index[first]] = values
     for name in names:
         structure.coefficient(name)
+    _require_unedited(folder, structure)
     dropped = parts[1] if _FOR_DROPPED_TERMS in (lines[0] if lines else ()) else None
     return Posterior(structure, names, parts[0], *_bounds(names), dropped)
+
+
+def _require_unedited(folder: Path, structure: Structure) -> None:
+    """Raise RecordError where the structure is not that of the result beside it, to which the covariance belongs."""
+    try:
+        result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        links = {link["name"]: link for link in result["links"]}
+        found = {name: mass["value"] for name, mass in result["masses"].items()}
+        laws = {name: str(link["law"]) for name, link in links.items()}
+        values = {
+            name: {key: each["value"] for key, each in link["coefficients"].items()}
+            for name, link in links.items()
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return  # a covariance that was written without a result
+    edited = [
+        *(
+            f"the mass of {m.name}"
+            for m in structure.masses
+            if found.get(m.name, m.mass.value) != m.mass.value
+        ),
+        *(
+            f"the law of {link.name}"
+            for link in structure.links
+            if laws.get(link.name, link.law.text) != link.law.text
+        ),
+        *(
+            f"{link.name}.{name}"
+            for link in structure.links
+            for name, value in link.values.items()
+            if values.get(link.name, {}).get(name, value) != value
+        ),
+        *(f"link {name}" for name in links if name not in {link.name for link in structure.links}),
+    ]
+    if edited:
+        raise RecordError(
+            f"was edited since it was written: {', '.join(edited[:_NAMED])} {'is' if len(edited) == 1 else 'are'} not as in "
+            f"{RESULT} beside it, so the errors in {COVARIANCE} do not hold; give the structure file in place of the folder, "
+            "to use it without errors, or identify again",
+            folder / "structure.toml",
+        )
 
 
 def _bounds(names: Sequence[str]) -> tuple[Floats, Floats]:
