@@ -337,6 +337,10 @@ def test_what_cannot_be_read_is_one_clear_error(read: Reader, content: str | byt
             {"resample": 50.0},
             "resampling to 50 Hz would alias content above 25 Hz, since the record has 100 Hz",
         ),
+        (
+            {"resample": 400.0},
+            "the record has 100 Hz and even times: samples at 400 Hz would be interpolated and tell nothing more",
+        ),
         ({"known_masses": ["m2", "n1"]}, "channel x:m1: the structure has no mass 'm1'; did you mean "),
     ],
 )
@@ -379,6 +383,14 @@ def test_an_uneven_time_is_resampled(read: Reader) -> None:
         "Resampled from 400 samples to 2000 Hz by quintic splines; "
         "noise of neighbouring samples is no longer independent.",
     )
+
+
+def test_a_rate_far_above_that_of_uneven_times_is_refused(read: Reader) -> None:
+    rows = [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, uneven())]
+    with pytest.raises(
+        RecordError, match=r"2500 Hz is finer than needed, .* resample to at most 24\d\d\.?\d* Hz"
+    ):
+        read(text("time,x:m1", rows), resample=2500.0)
 
 
 def test_resampling_leaves_gaps_open(read: Reader) -> None:

@@ -13,7 +13,8 @@ from linkwise.errors import RecordError
 from linkwise.records.timeline import MIN_SAMPLES, check_increasing
 
 ORDER = 5
-FINEST = 100.0  # times the mean rate: a finer grid holds nothing new
+FINEST = 2.5  # times the mean rate: a finer grid holds nothing new
+EVEN = 1e-2  # of a step, within which times are even: then no grid finer than theirs has a use
 WIDEST = 3.0  # median steps: across a longer gap a spline would invent motion
 
 
@@ -28,8 +29,8 @@ def resample_evenly(
     """Start time in s, and each column at start + k/`rate` within the span of `time` (N,) in s.
 
     Missing samples are left out of the spline; in gaps of more than `WIDEST` median steps the result is missing. Raises
-    RecordError for times that do not increase, for a rate below the mean sampling rate, which would cause aliasing, and for
-    one above `FINEST` times it.
+    RecordError for times that do not increase, for a rate below the mean sampling rate, which would cause aliasing, for one
+    above `FINEST` times it, and for any above that of even times.
     """
     times = np.asarray(time, dtype=np.float64)
     check_increasing(times, file, lines)
@@ -40,6 +41,14 @@ def resample_evenly(
         raise RecordError(
             f"resampling to {rate:g} Hz would alias content above {rate / 2:g} Hz, since the record has {mean:.6g} Hz "
             "on average; resample to at least that rate, then decimate the record",
+            file,
+            arguments=("resample",),
+        )
+    even = bool(np.all(np.abs(np.diff(times) * mean - 1.0) < EVEN))
+    if even and rate > 1.001 * mean:
+        raise RecordError(
+            f"the record has {mean:.6g} Hz and even times: samples at {rate:g} Hz would be interpolated and tell nothing "
+            "more, and their noise would not be independent, which looks like an error of a sensor; leave it at its rate",
             file,
             arguments=("resample",),
         )
