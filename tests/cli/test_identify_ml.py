@@ -137,6 +137,8 @@ def test_a_delay_is_found_or_taken_out(files: Path) -> None:
         (("--delay", "x:m2", "--method", "weak"), "--delay x:m2 is for --method ml, not for weak"),
         (("--delay", "x:m2=2 kg"), "--delay x:m2=2 kg: '2 kg' is in kg"),
         (("--calibration", "x:m1=often"), "--calibration takes a percentage"),
+        (("--calibration", "all=1"), "such as x:m1=1%, got '1': is it 1% or 100%?"),
+        (("--calibration", "all=1%%"), "--calibration takes a percentage"),
         (("--calibration", "x:m1"), "--calibration"),
         (("--let", "gain", "--method", "weak"), "--let is for --method ml"),
     ],

@@ -19,10 +19,19 @@ def _calibration(
 
 
 def _percentage(text: str) -> float:
+    number, sign, rest = text.strip().partition("%")
     try:
-        return float(text.strip().removesuffix("%"))
+        value = float(number)
     except ValueError:
-        raise click.UsageError(f"--calibration takes a percentage, such as x:m1=1%, got {text!r}.") from None
+        value, rest = 0.0, text
+    if rest:
+        raise click.UsageError(f"--calibration takes a percentage, such as x:m1=1%, got {text!r}.")
+    if not sign:
+        raise click.UsageError(
+            f"--calibration takes a percentage with its sign, such as x:m1=1%, got {text!r}: is it {number}% or "
+            f"{100.0 * value:g}%?"
+        )
+    return value
 
 
 def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:

@@ -17,6 +17,7 @@ from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.text import near_miss
 from linkwise.units import to_si
 
+_NO_CALIBRATION = 0.2  # relative: a number from here on was meant as a percentage
 KEYS = ("calibration", "gain", "offset", "delay", "noise", "interpolation")
 _WITHIN = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
 _EXAMPLES = {"gain": "1.02", "offset": "0.3 {unit}", "delay": "2 ms"}
@@ -185,6 +186,10 @@ def _value(key: str, given: object, unit: str) -> Any:
         sigma = _si(given, "" if key == "calibration" else unit)
         if sigma < 0.0:
             raise LinkwiseError(f"a standard deviation must not be negative, got {given!r}")
+        if key == "calibration" and sigma >= _NO_CALIBRATION and not str(given).strip().endswith("%"):
+            raise LinkwiseError(
+                f"{given} is {100.0 * sigma:g} % of what the sensor shows; write '{given} %' for a percentage"
+            )
         return sigma
     dimension = {"gain": "", "offset": unit, "delay": "s"}[key]
     stated = _stated(key, given, dimension)
