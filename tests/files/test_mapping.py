@@ -99,6 +99,20 @@ def test_the_calibration_of_all_is_of_responses_of_which_nothing_else_is_said(tm
     assert {name: known.gain for name, known in record.uncertainty.items()} == {"x:m1": 0.005, "a:m2": 0.02}
 
 
+def test_a_unit_that_is_not_that_of_the_header_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(
+        "\n".join(["time,x:m1[mm],a:m2[m/s^2]", *(f"{t},{x},{x}" for t, x in zip(T, X, strict=True))])
+    )
+    text = '[channel."x:m1"]\nunit = "um"\n[channel."a:m2"]\nunit = "m/s^2"'
+    mapping = mapping_file(tmp_path, text.replace("unit", 'column = "x:m1"\nunit', 1))
+    record = lw.read_record(path, mapping=mapping)
+    assert record.channel("x:m1") == pytest.approx(1e-6 * X, abs=1e-12)
+    assert record.notes == (
+        "x:m1 is taken to be in um, as its mapping states; the header of its column, x:m1[mm], states mm.",
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -109,6 +123,11 @@ def test_the_calibration_of_all_is_of_responses_of_which_nothing_else_is_said(tm
         ('[channel."x:m1"]\noffset = "about 3 mm"', "write '0.3 m' for a known offset"),
         ('[channel."x:m1"]\ndelay = { start = 1, sgma = 2 }', "a table has the keys start and sigma"),
         ('[channel."x:m1"]\ngain = 0', "a gain of 0 shows no motion"),
+        (
+            '[channel."x:m1"]\ncalibration = 1',
+            "calibration: 1 is 100 % of what the sensor shows; write '1 %'",
+        ),
+        ("calibration = 0.5", "calibration: 0.5 is 50 % of what the sensor shows; write '0.5 %'"),
         ('[channel."x:m1"]\ncalibration = -0.1', "a standard deviation must not be negative"),
         ('[channel."x:m1"]\ncolumn = "Laser 9"', "x:m1 is mapped to column 'Laser 9', which does not exist"),
         ('[channel."v:m7"]\nnoise = 1', "channel v:m7: is not in the record"),

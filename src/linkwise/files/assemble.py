@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
-from linkwise.files.columns import ColumnChoice, choose, ignored, listing
+from linkwise.files.columns import ColumnChoice, choose, ignored, listing, units_over_headers
 from linkwise.files.header import si_factor
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.sensor_attributes import statement_of
@@ -52,7 +52,7 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
     mapping = options.mapping
     chosen = choose(table, file, mapping.channels, options.known_masses)
     columns = {choice.name: _in_si(table, file, choice) for choice in chosen if choice.name != "time"}
-    notes = [*table.notes, *ignored(table, chosen)]
+    notes = [*table.notes, *ignored(table, chosen), *units_over_headers(table, chosen)]
     time_column = next((choice for choice in chosen if choice.name == "time"), None)
     if time_column is not None and mapping.rate is not None:
         notes.append(f"The time column was ignored in favour of the given rate of {mapping.rate:g} Hz.")

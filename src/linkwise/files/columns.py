@@ -62,6 +62,19 @@ def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     return [f"Columns that are not channels were ignored: {_list(unused)}."]
 
 
+def units_over_headers(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
+    """A note for each column whose mapping states another unit than its header does."""
+    notes = []
+    for choice in chosen:
+        header = ColumnHeader.parse(table.headers[choice.column]).unit
+        if choice.unit and header and choice.unit != header:
+            notes.append(
+                f"{choice.name} is taken to be in {choice.unit}, as its mapping states; the header of its column, "
+                f"{table.headers[choice.column]}, states {header}."
+            )
+    return notes
+
+
 def listing(table: Table) -> str:
     """The columns of the table as a sentence."""
     if not table.named:
