@@ -255,7 +255,10 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
         ([*MASSES, "--structure", "chain.toml"], "The masses stand in the file of --structure"),
         (["--structure", "nowhere.toml"], "nowhere.toml: there is no such file"),
         ([*MASSES, "--terms", "magic"], "--terms: the term 'magic' contains the name 'magic'"),
-        ([*MASSES, "--terms", "friction"], "the family friction takes the rate in m/s at which it saturates"),
+        (
+            [*MASSES, "--terms", "friction()"],
+            "the family friction takes the rate in m/s at which it saturates",
+        ),
         ([*MASSES, "--terms", "d**"], "Something is missing after '**'."),
         ([*MASSES, "--with", "nowhere.csv"], "nowhere.csv: there is no such file"),
         ([*MASSES, "--truth", "nowhere.toml"], "nowhere.toml: there is no such file"),

@@ -126,3 +126,14 @@ def test_the_truth_of_a_host_is_compared_by_its_links() -> None:
     aligned = lw.align_truth(structure("tip"), structure("mid"))
     assert aligned.link("nes").values == dict.fromkeys(TRUE, 0.0)
     assert aligned.link("beam.mode1").values["frequency"] == FREQUENCIES[0]
+
+
+def test_parameters_of_terms_are_refused_beside_a_host() -> None:
+    with pytest.raises(
+        lw.IdentificationError, match=r"write a number in place of v_f, as in friction\(0.01\)"
+    ):
+        lw.check_discovery(
+            record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")),
+            lw.PartialStructure((SINK,), (), (host(SHAPES),)),
+            terms="v, d, friction",
+        )

@@ -78,8 +78,8 @@ def test_names_that_two_terms_would_share_are_numbered() -> None:
     [
         ("", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
         (" , ", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
-        ("friction", "the family friction takes the rate in m/s at which it saturates, a positive number in brackets, as in "
-         "friction(0.01); got 'friction'"),
+        ("friction()", "the family friction takes the rate in m/s at which it saturates, a positive number in brackets, as in "
+         "friction(0.01); got 'friction()'"),
         ("friction(-1)", "takes the rate in m/s at which it saturates, a positive number in brackets, as in friction(0.01); "
          "got 'friction(-1)'"),
         ("contact(nan)", "the family contact takes the elongation in m, of either sign, at which it closes, a positive "
@@ -123,3 +123,35 @@ def test_a_term_that_others_make_up_is_refused(text: str) -> None:
 def test_terms_that_are_nearly_alike_are_taken() -> None:
     assert len(parse_terms("d, sin(d), tanh(d), friction(1), friction(1.001), v")) == 6
     assert len(parse_terms("linear, sign(d)*sqrt(abs(d)), exp(d) - 1, exp(900*d) - 1")) == 5
+
+
+def test_families_without_a_number_have_a_parameter() -> None:
+    terms = parse_terms("friction, stribeck, contact, gap")
+    assert [term.parameters for term in terms] == [("v_f",), ("v_s",), ("d_c",), ("d_t",), ("d_g",)]
+    assert [unit for term in terms for unit in term.parameter_units.values()] == ["m/s"] * 2 + ["m"] * 3
+
+
+def test_numbers_take_the_place_of_parameters() -> None:
+    [term] = parse_terms("exp(-(v/v_s)**2)*tanh(v/v_0)")
+    assert term.at({"v_s": 0.5, "v_0": 2e-3}).text == "exp(-(v/0.5)**2)*tanh(v/0.002)"
+    [power] = parse_terms("abs(d)**n*sign(d)")
+    assert power.at({"n": 1.5}).law.force(-4.0, 0.0, {}) == pytest.approx(-8.0)
+    [shifted] = parse_terms("max(d - d_0, 0)")
+    assert shifted.at({"d_0": -1.5}).law.force(1.0, 0.0, {}) == 2.5
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            "a*tanh(v/0.1)",
+            "the term 'a*tanh(v/0.1)' contains the name 'a': a term is a function of d and v alone",
+        ),
+        ("d + a", "the term 'd + a' contains the name 'a'"),
+        ("d, tanh(v/k)", "the name 'k' in the term 'tanh(v/k)' is that of a coefficient"),
+        ("tanh(v/s), tanh(d/s)", "choose another, as in 'tanh(d/s_2)'"),
+    ],
+)
+def test_names_that_are_no_parameters_are_refused(text: str, reason: str) -> None:
+    with pytest.raises(lw.IdentificationError, match=re.escape(reason)):
+        parse_terms(text)

@@ -148,7 +148,8 @@ def discover(
       contact(G)         max(d - G, 0), min(d + G, 0), one-sided stops at G m, either way
       gap(G)             a stop at G m on either side
 
-    The term 1 is a constant force on each mass.
+    Without a number, S or G is found for each link, as is any other name in a function: "tanh(v/vr)". The term 1 is a constant
+    force on each mass.
 
     With --structure, links in the file stay with their terms, others may join them; a link whose law is "0" is known not to be
     there, and a coefficient of 0 says that of a term. With hosts in the file, links may end at their points as at masses, and
@@ -159,6 +160,7 @@ def discover(
     Examples:
       linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction, gap"
       linkwise discover run.csv --structure known.toml --with run2.csv --json
       linkwise discover hits.csv --structure two_beams.toml --terms "cubic, friction(0.02)" -o joint
       linkwise discover run.csv --mapping sensors.toml

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ from linkwise.records.repetition import check_distinct
 from linkwise.records.stated_noise import check_stated_noise
 from linkwise.units import to_si
 
+_FARTHEST = 100.0  # times a value of a parameter that was found among some
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -36,11 +38,15 @@ class Pair:
 
 @dataclass(frozen=True)
 class CandidateTerm:
-    """A `term` that the link number `pair` may have; `name` is that of its coefficient, "m2-m1.k3"."""
+    """A `term` that the link number `pair` may have; `name` is that of its coefficient, "m2-m1.k3".
+
+    It has numbers in place of the parameters of the `offered` term.
+    """
 
     name: str
     pair: int
     term: Term
+    offered: Term
 
     @property
     def is_damper(self) -> bool:
@@ -52,7 +58,9 @@ class CandidateTerm:
 class Candidates:
     """All candidate terms between `masses` and points of `hosts`: every one of `terms` on every one of `pairs`.
 
-    Stated links are part of every structure; `inactive` holds names of candidates that are left out.
+    Stated links are part of every structure; `inactive` holds names of candidates that are left out. Terms with parameters
+    have those of `values`, by name, and 1 in SI units before there are any; in structures those of `free` candidates are
+    unknown.
     """
 
     masses: tuple[Mass, ...]
@@ -60,6 +68,8 @@ class Candidates:
     terms: tuple[Term, ...]
     inactive: frozenset[str] = frozenset()
     hosts: tuple[Host, ...] = ()
+    values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    free: frozenset[str] = frozenset()
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -73,11 +83,15 @@ class Candidates:
     def entries(self) -> tuple[CandidateTerm, ...]:
         """The candidates, pair by pair, in the order of `terms`."""
         return tuple(
-            CandidateTerm(name, number, term)
+            CandidateTerm(name, number, term.at(self.values_of(name, term)), term)
             for number, pair in enumerate(self.pairs)
             for term in _open_terms(pair, self.terms)
             if (name := f"{pair.name}.{term.coefficient}") not in self.inactive
         )
+
+    def values_of(self, name: str, term: Term) -> Mapping[str, float]:
+        """The values of the parameters of a candidate."""
+        return self.values.get(name) or dict.fromkeys(term.parameters, 1.0)
 
     @cached_property
     def by_name(self) -> Mapping[str, CandidateTerm]:
@@ -98,8 +112,12 @@ class Candidates:
         for entry in self.entries:
             if entry.name in chosen:
                 kept.setdefault(entry.pair, []).append(entry.term)
+                if entry.name in self.free:
+                    kept[entry.pair][-1] = entry.offered
         links = [
-            link for number, pair in enumerate(self.pairs) for link in _links(pair, kept.get(number, []))
+            link
+            for number, pair in enumerate(self.pairs)
+            for link in _links(pair, kept.get(number, []), self._unknown_parameters(number))
         ]
         linked = {end for link in links for end in link.between}
         free = [mass.name for mass in self.masses if mass.name not in linked]
@@ -110,6 +128,15 @@ class Candidates:
                 "structure file"
             )
         return Structure(name, self.masses, tuple(links), self.hosts)
+
+    def _unknown_parameters(self, pair: int) -> dict[str, Coefficient]:
+        """The parameters of the `free` candidates of a pair, which start from their values."""
+        return {
+            name: Coefficient.unknown(value, lower=value / _FARTHEST, upper=value * _FARTHEST)
+            for entry in self.entries
+            if entry.pair == pair and entry.name in self.free
+            for name, value in self.values_of(entry.name, entry.offered).items()
+        }
 
     def without_masses(self, masses: Collection[str]) -> Candidates:
         """The candidates without some masses; masses at the end of a stated link stay."""
@@ -220,13 +247,14 @@ def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
     ]
 
 
-def _links(pair: Pair, terms: Sequence[Term]) -> tuple[Link, ...]:
-    """The links of a pair: the stated ones, with the chosen `terms` added to the law of the first."""
+def _links(pair: Pair, terms: Sequence[Term], parameters: Mapping[str, Coefficient]) -> tuple[Link, ...]:
+    """The links of a pair: the stated ones, with the chosen `terms` and their `parameters` added to the law of the first."""
     if not terms:
         return pair.stated
     ordered = sorted(terms, key=lambda term: not term.elastic)
     text = " + ".join(term.product for term in ordered)
     new = {term.coefficient: Coefficient.unknown() for term in ordered}
+    new |= {name: parameters[name] for term in ordered for name in term.parameters}
     if not pair.stated:
         return (Link(pair.name, pair.between, Law.parse(text), new),)
     first, *others = pair.stated
@@ -264,9 +292,14 @@ def candidates_for(
     grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
     if hosts and base:
         raise IdentificationError("a moving base beside a host is not supported in discovery")
-    return all_candidates(
-        given, parse_terms(terms), stated=stated, base=bool(base), ground=grounded, hosts=hosts
-    )
+    offered = parse_terms(terms)
+    parameters = [name for term in offered for name in term.parameters]
+    if hosts and parameters:
+        raise IdentificationError(
+            f"beside a host the parameters of terms are not found yet: write a number in place of {parameters[0]}, as in "
+            "friction(0.01)"
+        )
+    return all_candidates(given, offered, stated=stated, base=bool(base), ground=grounded, hosts=hosts)
 
 
 def _parts(structure: Structure) -> tuple[tuple[Mass, ...], tuple[Link, ...], tuple[Host, ...]]:

@@ -23,7 +23,9 @@ from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rival_errors import rival_errors, rival_remarks
 from linkwise.discovery.screened_records import ScreenedRecords, weak_values
-from linkwise.discovery.selection import Selection, TermSearch, select_structure
+from linkwise.discovery.selection import Selection, TermSearch
+from linkwise.discovery.term_parameters import select_with_parameters, without_values
+from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
@@ -53,6 +55,10 @@ _INEXACT = (
 _STATED_WRONG = (
     "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
     "interval is given. Check the stated value that the findings name, or let it be unknown."
+)
+_NO_VALUES = (
+    "No fit found the parameters of {}, which have numbers of a grid: what was found beside them may be false. Offer fewer "
+    "terms, or terms with numbers."
 )
 _UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
 
@@ -189,7 +195,9 @@ def _found(
         sensors=sensors,
         restarts=screened.integrated or bool(candidates.hosts),
     )
-    selection = select_structure(search, screened.first)
+    rates = [record.rate for record in screened.records]
+    search, selection = select_with_parameters(search, screened.first, screened.motions, rates)
+    screened = replace(screened, candidates=search.candidates)
     selection = select_coloured(search, selection) or selection
     if not selection.is_exact:
         selection = select_inexact(search, selection)
@@ -287,12 +295,8 @@ def _discovery(
     moved = link_exchanges(selection, screened.candidates) if moves else ()
     if any(rival.is_preferred for rival in rivals):
         estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
-    search = [
-        (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
-        (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
-        (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
-    ]
-    verdicts = (*estimate.verdicts, *(verdict for applies, verdict, _ in search if applies))
+    search = _doubts_of_search(screened, selection, estimate)
+    verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
     trusted = is_trusted(verdicts)
     discovery = Discovery(
         estimate=estimate,
@@ -312,7 +316,7 @@ def _discovery(
         path=selection_path(selection),
         runners_up=runners_up(selection),
         remarks=(
-            *(remark for applies, _, remark in search if applies),
+            *(remark for _, remark in search),
             *rival_remarks(rivals, selection.quadratic.names),
             *link_exchange_remarks(moved),
             *checks.remarks,
@@ -324,6 +328,20 @@ def _discovery(
         seconds=estimate.seconds,
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+def _doubts_of_search(
+    screened: ScreenedRecords, selection: Selection, estimate: Estimate
+) -> list[tuple[Verdict, str]]:
+    """What takes trust from a search, each with a sentence."""
+    valueless = without_values(screened.candidates, selection)
+    search = [
+        (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
+        (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
+        (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
+        (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
+    ]
+    return [(verdict, remark) for applies, verdict, remark in search if applies]
 
 
 def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats, fit: LikelihoodFit) -> Discovery:

@@ -65,7 +65,7 @@ def term_evidence(
                 name=entry.name,
                 link=pair.name,
                 between=pair.between,
-                term=entry.term.text,
+                term=(entry.offered if entry.name in candidates.free else entry.term).text,
                 unit=entry.term.unit,
                 kept=k < len(inside),
                 identifiable=bool(np.isfinite(value)),

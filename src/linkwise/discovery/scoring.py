@@ -14,7 +14,17 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import StructureError
-from linkwise.expression import Expression, Number, Program, Sum, Symbol, multiply, substitute, to_text
+from linkwise.expression import (
+    Expression,
+    Number,
+    Program,
+    Sum,
+    Symbol,
+    multiply,
+    substitute,
+    symbols,
+    to_text,
+)
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
@@ -24,6 +34,7 @@ from linkwise.model.structure import Structure
 _POINTS = 200
 _DECADES = (-5.0, 1.0)  # of d in m and v in m/s at which terms are compared
 _EQUAL = 1e-9  # of the largest value: rounding
+_NEAR = 0.1  # of it: a term whose parameter was found
 
 
 @dataclass(frozen=True)
@@ -66,7 +77,10 @@ class TermScore:
 
 @dataclass(frozen=True, eq=False)
 class _ComparedTerm:
-    """`value` times the function `basis` of d and v, whose `samples` (200,) at fixed points are compared."""
+    """`value` times the function `basis` of d and v, whose `samples` (200,) at fixed points are compared.
+
+    `found` says that the basis has parameters that were found, such as a gap.
+    """
 
     name: str
     link: str
@@ -74,6 +88,7 @@ class _ComparedTerm:
     value: float
     basis: Expression
     samples: Floats
+    found: bool = False
 
 
 @deprecated_keyword("found", Deprecated("discovered", since="0.2.0", until="0.4.0"))
@@ -210,6 +225,7 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
     terms = [
         (name, link.values[name], substitute(link.law.basis[name], nonlinear)) for name in link.law.linear
     ]
+    found = {name for name in link.law.linear if symbols(link.law.basis[name]) & nonlinear.keys()}
     rest = substitute(link.law.remainder, numbers)
     parts = rest.parts if isinstance(rest, Sum) else (() if rest == Number(0.0) else (rest,))
     terms += [(to_text(part), 1.0, part) for part in parts]
@@ -217,7 +233,9 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
     reversed_ = orientation.get(ends, link.between) != link.between
     for name, value, basis in terms:
         function = _reversed(basis) if reversed_ else basis
-        yield _ComparedTerm(f"{link.name}.{name}", link.name, ends, value, function, _samples(function))
+        yield _ComparedTerm(
+            f"{link.name}.{name}", link.name, ends, value, function, _samples(function), name in found
+        )
 
 
 def _reversed(basis: Expression) -> Expression:
@@ -242,7 +260,8 @@ def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
         return None
     factor = float(ours.samples @ theirs.samples) / square
     error = float(np.abs(theirs.samples - factor * ours.samples).max())
-    return factor if factor != 0.0 and error <= _EQUAL * float(np.abs(theirs.samples).max()) else None
+    tolerance = _NEAR if ours.found or theirs.found else _EQUAL
+    return factor if factor != 0.0 and error <= tolerance * float(np.abs(theirs.samples).max()) else None
 
 
 def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from linkwise.discovery.data_checks import inactive_remark, inactive_terms
 from linkwise.discovery.host_screen import screen_links
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.spanning_tree import most_significant_tree
+from linkwise.discovery.term_parameters import first_values
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -46,7 +47,9 @@ class ScreenedRecords:
             return cls(records, (), candidates, False, result, first, ())
         displaced = [with_displacements(record, candidates.masses) for record in records]
         motions = [read_displacements(record, candidates.full_structure) for record in displaced]
-        inactive = inactive_terms(motions, [record.rate for record in displaced], candidates)
+        rates = [record.rate for record in displaced]
+        candidates = first_values(motions, rates, candidates)
+        inactive = inactive_terms(motions, rates, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
         result = screen(displaced, motions, candidates)

@@ -229,6 +229,9 @@ def starts_of(
     starts = dict(
         zip([quadratic.names[k] for k in chosen], zip(solution.values, deviations, strict=True), strict=True)
     )
+    for parameter in structure.parameters:  # those of terms have starts of their own
+        if parameter.start is not None:
+            starts.setdefault(parameter.name, (parameter.start, abs(parameter.start)))
     theta, spread = np.array([starts[p.name] for p in structure.parameters]).T
     fitted = dict(zip(quadratic.names, fit.values, strict=False))  # its parameters come first
     masses = {f"{mass.name}.mass" for mass in structure.masses}

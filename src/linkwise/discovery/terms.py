@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,6 +29,14 @@ FAMILIES = {
     "gap": "max(d - {}, 0) + min(d + {}, 0)",
 }
 
+#: The same families without a number: its name, which stands for a value that the discovery finds.
+OPEN_FAMILIES = {
+    "friction": "tanh(v/v_f)",
+    "stribeck": "exp(-(v/v_s)**2)*sign(v)",
+    "contact": "max(d - d_c, 0), min(d + d_t, 0)",
+    "gap": "max(d - d_g, 0) + min(d + d_g, 0)",
+}
+
 _FAMILY_ARGUMENTS = {
     "friction": "the rate in m/s at which it saturates",
     "stribeck": "the rate in m/s beyond which the added friction vanishes",
@@ -38,6 +46,7 @@ _FAMILY_ARGUMENTS = {
 _SAMPLES = 200  # points (d, v) at which terms are compared: more than any list has terms
 _LARGEST = 1e100  # points at which a term, such as an exponential, is larger are not compared
 _DEPENDENT = 1e-9  # of a term's norm: a residual below it is rounding
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 _POWER = re.compile(r"([dv])\*\*(\d+)")
 _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc"}
 
@@ -49,7 +58,7 @@ class Term:
     Parameters
     ----------
     text : str
-        The function without its coefficient, "d**3".
+        The function without its coefficient, "d**3"; other names, as in "tanh(v/v_f)", are `parameters`.
     coefficient : str
         The name of the coefficient that multiplies it, "k3".
 
@@ -81,9 +90,39 @@ class Term:
         return f"{self.coefficient}*{self.text}" if is_factor else f"{self.coefficient}*({self.text})"
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """The names inside the function whose values a discovery finds, such as a velocity scale or a gap."""
+        return self.law.coefficients
+
+    def at(self, values: Mapping[str, float]) -> Term:
+        """The term with numbers in place of its parameters.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Values of the `parameters` in SI units.
+
+        Returns
+        -------
+        Term
+            The same function of d and v, with the same coefficient.
+        """
+        if not self.parameters:
+            return self
+        return Term(
+            _NAME.sub(lambda name: _number(values.get(name[0]), name[0]), self.text), self.coefficient
+        )
+
+    @property
     def unit(self) -> str:
         """The SI unit of the coefficient."""
         return Law.parse(self.product).units[self.coefficient]
+
+    @property
+    def parameter_units(self) -> Mapping[str, str]:
+        """The SI units of the `parameters`; an empty one for exponents, "?" for what the function leaves open."""
+        units = Law.parse(self.product).units
+        return {name: units[name] for name in self.parameters}
 
     @property
     def is_constant(self) -> bool:
@@ -106,7 +145,8 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
         sequence; "1" is a constant force on each mass, from the ground or the base. The families are "linear", "cubic",
         "bistable", "quintic", "quadratic-damping", "friction(RATE)" with the rate in m/s at which the friction saturates,
         "stribeck(RATE)" with that beyond which it has fallen, and "contact(GAP)" and "gap(GAP)" with the elongation in m at
-        which a stop closes.
+        which a stop closes. Another name in a function, as in "tanh(v/v_f)", is a parameter whose value is found for each
+        link, as it is for "friction", "stribeck", "contact" and "gap" without a number.
 
     Returns
     -------
@@ -116,7 +156,7 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     Raises
     ------
     IdentificationError
-        If the list is empty, or a term is constant, has a coefficient of its own, is a linear combination of the terms
+        If the list is empty, or a term is constant, is linear in a parameter of its own, is a linear combination of the terms
         before it, or is undefined for negative d or v.
     LawError
         If a term is not a valid expression.
@@ -131,18 +171,45 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     terms: dict[Expression, Term] = {}
     for part in parts:
         for function in _expand(part):
+            _require_nonlinear(function)
             _require_function_of_motion(function)
             expression = Law.parse(function).expression
             terms.setdefault(expression, Term(function, _coefficient_name(function, len(terms))))
     if not terms:
         raise IdentificationError(f'the list of terms is empty; write a list such as "{DEFAULT}"')
-    _require_independent(list(terms.values()))
+    _require_independent([term for term in terms.values() if not term.parameters])
     names = [term.coefficient for term in terms.values()]
     repeated = {name for name in names if names.count(name) > 1}
-    return tuple(
+    named = tuple(
         Term(term.text, f"{term.coefficient}_{number}") if term.coefficient in repeated else term
         for number, term in enumerate(terms.values(), start=1)
     )
+    _require_own_names(named)
+    return named
+
+
+def _require_own_names(terms: Sequence[Term]) -> None:
+    """IdentificationError if a parameter has the name of one of another term, or of a coefficient."""
+    taken = {term.coefficient for term in terms}
+    for term in terms:
+        shared = taken & set(term.parameters)
+        if shared:
+            raise IdentificationError(
+                f"the name {min(shared)!r} in the term {term.text!r} is that of a coefficient, or of a parameter of another "
+                f"term; choose another, as in {_renamed(term.text, min(shared))!r}"
+            )
+        taken |= set(term.parameters)
+
+
+def _renamed(text: str, name: str) -> str:
+    return _NAME.sub(lambda found: f"{name}_2" if found[0] == name else found[0], text)
+
+
+def _number(value: float | None, name: str) -> str:
+    """A number as an expression has it, or the name where there is none."""
+    if value is None:
+        return name
+    return repr(float(value)) if value >= 0.0 else f"({float(value)!r})"
 
 
 def _require_independent(terms: Sequence[Term]) -> None:
@@ -194,6 +261,8 @@ def _expand(part: str) -> list[str]:
     name, number = name.strip(), rest.removesuffix(")")
     if name not in FAMILIES:
         return [part]
+    if name in OPEN_FAMILIES and not bracket:
+        return _split(OPEN_FAMILIES[name])
     family = FAMILIES[name]
     if name in _FAMILY_ARGUMENTS:
         if not rest.endswith(")") or not _is_positive(number):
@@ -215,16 +284,22 @@ def _is_positive(text: str) -> bool:
 
 
 def _require_function_of_motion(text: str) -> None:
-    """IdentificationError if a term has coefficients, or depends neither on d nor on v and is not the constant 1."""
+    """IdentificationError if a term depends neither on d nor on v and is not the constant 1."""
     law = Law.parse(text)
-    if law.coefficients:
-        raise IdentificationError(
-            f"the term {text!r} contains the name {law.coefficients[0]!r}: a term is a function of d and v alone, its "
-            f"coefficient is added; write a number, or one of the families {', '.join(FAMILIES)}"
-        )
     if not set(symbols(law.expression)) & {"d", "v"} and law.expression != Number(1.0):
         raise IdentificationError(
             f"the term {text!r} depends neither on d nor on v; write 1 for a constant force on the masses"
+        )
+
+
+def _require_nonlinear(text: str) -> None:
+    """IdentificationError if a term is linear in one of its names: that would be a second coefficient."""
+    linear = Law.parse(text).linear
+    if linear:
+        raise IdentificationError(
+            f"the term {text!r} contains the name {linear[0]!r}: a term is a function of d and v alone, its coefficient is "
+            "added; write a number, a name inside a function, as in tanh(v/v_0), or one of the families "
+            f"{', '.join(FAMILIES)}"
         )
 
 

@@ -57,7 +57,12 @@ def discovery_text(discovery: Discovery) -> str:
 def headline(discovery: Discovery) -> tuple[str, ...]:
     """The result in one line with whether to trust it, and a sentence on its certainty and cost."""
     estimate = discovery.estimate
-    terms = sum(coefficient.value != 0.0 for link in estimate.links for coefficient in link.coefficients)
+    terms = sum(
+        coefficient.value != 0.0
+        for link in estimate.links
+        for coefficient in link.coefficients
+        if coefficient.name.rpartition(".")[2] not in link.link.law.nonlinear
+    )
     trust = "can be trusted" if discovery.trusted else "NOT to be trusted"
     if discovery.trusted and discovery.in_doubt:
         trust += (
@@ -126,16 +131,25 @@ def _mode_rows(discovery: Discovery) -> Rows:
 def term_rows(discovery: Discovery, link: LinkEstimate) -> Rows:
     """A row for every coefficient of a link."""
     evidence = {term.name: term for term in discovery.kept}
+    inside = {f"{link.link.name}.{name}" for name in link.link.law.nonlinear}
     return [
-        _term_row(coefficient, evidence.get(coefficient.name), marked=discovery.trusted)
+        _term_row(
+            coefficient,
+            evidence.get(coefficient.name),
+            marked=discovery.trusted,
+            without="of a term" if coefficient.name in inside and not coefficient.known else "stated",
+        )
         for coefficient in link.coefficients
     ]
 
 
 def _term_row(
-    coefficient: CoefficientEstimate, evidence: TermEvidence | None, *, marked: bool
+    coefficient: CoefficientEstimate, evidence: TermEvidence | None, *, marked: bool, without: str = "stated"
 ) -> tuple[str, ...]:
-    """`z` is that of the numbers shown, which a model error may have widened since the selection."""
+    """`z` is that of the numbers shown, which a model error may have widened since the selection.
+
+    `without` stands for the margin of what was not tested.
+    """
     mark = "" if evidence is None or evidence.certain or not marked else "  in doubt"
     if coefficient.known:
         error = "given"
@@ -148,7 +162,7 @@ def _term_row(
         format_value(coefficient.value, coefficient.standard_error),
         error,
         rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else "",
-        "stated" if evidence is None else rough(evidence.margin),
+        without if evidence is None else rough(evidence.margin),
         f"{coefficient.unit}{mark}",
     )
 

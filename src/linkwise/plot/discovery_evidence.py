@@ -12,6 +12,7 @@ from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, WELL
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
 
 _KEPT = 40  # terms that are drawn
+_LONGEST = 20  # letters of a function that leave room for the bars
 _DROPPED = 16  # and those below them
 _ROW = 0.19  # inches
 
@@ -51,7 +52,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         if rows:
             penalties = [term.penalty for term in rows]
             axes.plot(penalties, range(len(rows)), "|", color=WELL, markersize=9, label="penalty of the term")
-        names = [f"{term.name}: {term.term}{'' if term.certain else '  (in doubt)'}" for term in rows]
+        names = [f"{term.name}: {_label(term)}{'' if term.certain else '  (in doubt)'}" for term in rows]
         axes.set_yticks(range(len(rows)), [literal(name) for name in names])
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(False, axis="y")
@@ -112,6 +113,11 @@ def _left_out(discovery: Discovery, kept: int, dropped: int) -> str:
 def _height(rows: int) -> float:
     """Inches of a figure of so many rows."""
     return 1.5 + _ROW * max(rows, 4)
+
+
+def _label(term: TermEvidence) -> str:
+    """The function of a term, its beginning if it is long."""
+    return term.term if len(term.term) <= _LONGEST else f"{term.term[: _LONGEST - 1]}…"
 
 
 def _bars(axes: Axes, terms: Sequence[TermEvidence], start: int, color: str, text: str) -> None:

@@ -1,0 +1,87 @@
+"""Parameters inside terms that a discovery finds: a rate at which friction saturates, an exponent, a gap."""
+
+from __future__ import annotations
+
+import pytest
+
+import linkwise as lw
+
+MASSES = {"m1": 1.0, "m2": 0.3}
+
+
+def pair(law: str, values: dict[str, float]) -> lw.Structure:
+    """Two masses in a row, the second on a link with a law of its own."""
+    support = {"k": 1000.0, "c": 1.0}
+    links = tuple(
+        lw.Link(
+            name,
+            ends,
+            lw.Law.parse(text),
+            {key: lw.Coefficient.number(value) for key, value in numbers.items()},
+        )
+        for name, ends, text, numbers in (
+            ("m1-ground", ("m1", "ground"), "k*d + c*v", support),
+            ("m2-m1", ("m2", "m1"), law, values),
+        )
+    )
+    masses = tuple(lw.Mass(name, lw.Coefficient.number(value)) for name, value in MASSES.items())
+    return lw.Structure("pair", masses, links)
+
+
+FRICTION = pair("k*d + c*v + F*tanh(v/v_f)", {"k": 400.0, "c": 0.2, "F": 0.3, "v_f": 0.05})
+CUBIC = pair("k*d + k3*d**3 + c*v", {"k": 400.0, "c": 0.5, "k3": 2e4})
+
+
+def recorded(structure: lw.Structure, snr_db: float, seed: int) -> lw.Record:
+    record = lw.simulate(structure, release={"v:m1": 1.5}, duration=6.0, rate=500.0)
+    return record.with_noise(snr_db, seed=seed)
+
+
+@pytest.mark.parametrize(
+    ("structure", "terms", "parameter", "value", "seed"),
+    [
+        (FRICTION, "v, d, d**2, d**3, friction", "v_f", 0.05, 12),
+        (CUBIC, "v, d, abs(d)**n*sign(d)", "n", 3.0, 11),  # with n of 2.5 or 3.5 a false link makes up
+    ],
+)
+def test_a_parameter_is_found_with_the_term(
+    structure: lw.Structure, terms: str, parameter: str, value: float, seed: int
+) -> None:
+    """Within four standard errors, which chance exceeds once in 16 000 times."""
+    found = lw.discover(recorded(structure, 40.0, seed), MASSES, terms=terms)
+    assert found.trusted
+    assert [link.name for link in found.structure.links] == ["m1-ground", "m2-m1"]
+    coefficient = found.estimate.coefficient(f"m2-m1.{parameter}")
+    assert coefficient.standard_error is not None
+    assert abs(coefficient.value - value) < 4.0 * coefficient.standard_error
+    assert coefficient.standard_error < 0.02 * value
+
+
+def test_a_term_whose_parameter_was_found_is_that_of_the_truth() -> None:
+    found = lw.discover(recorded(FRICTION, 40.0, 13), MASSES, terms="v, d, friction")
+    assert lw.term_score(found.structure, FRICTION).exact
+
+
+def test_terms_with_parameters_that_are_not_needed_change_nothing() -> None:
+    record = recorded(CUBIC, 40.0, 14)
+    with_them, without = (
+        lw.discover(record, MASSES, terms=terms) for terms in ("v, d, d**3, friction", "v, d, d**3")
+    )
+    assert with_them.trusted
+    assert with_them.structure == without.structure
+
+
+def test_a_parameter_of_which_motion_tells_no_size_is_refused() -> None:
+    with pytest.raises(lw.IdentificationError, match=r"'b' of the term .* has the unit \?.*write a number"):
+        lw.discover(recorded(CUBIC, 40.0, 1), MASSES, terms="v, d, d*exp(-abs(d)**n/b)")
+
+
+def test_values_that_no_fit_found_are_not_to_be_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid alone: rates of friction between which the true one lies."""
+    monkeypatch.setattr(
+        "linkwise.discovery.term_parameters._freed", lambda search, selection: (search, selection)
+    )
+    monkeypatch.setattr("linkwise.discovery.term_parameters._freed_at_once", lambda search, chosen: None)
+    found = lw.discover(recorded(FRICTION, 20.0, 15), MASSES, terms="v, d, friction")
+    assert lw.Verdict.TERMS_MAY_BE_MISSING in found.verdicts
+    assert any("No fit found the parameters of m2-m1.F" in remark for remark in found.remarks)
