@@ -12,6 +12,7 @@ from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.held_closer import HiddenTerm, hidden_term
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
@@ -93,8 +94,30 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         noisy=_noisy_inputs(fit, identified.mass_names),
         faint_modes=with_faint_modes(fit, identified)[1],
     )
+    if not verdict.forbids and not causes:
+        hidden = hidden_term(fit, identified, channels)
+        if hidden is not None:
+            verdict, message = _with_hidden_term(fit, verdict, message, hidden)
+            causes = (hidden.cause,)
     message += _of_forces(fit, verdict, channels)
     return Judgement(verdict, message, share, causes)
+
+
+def _with_hidden_term(
+    fit: LikelihoodFit, verdict: Verdict, message: str, hidden: HiddenTerm
+) -> tuple[Verdict, str]:
+    """The verdict where a model error hides a missing term, so that the diagnosis beside it is silent.
+
+    A damper or friction is a small part of the force in its link, and a large one of what dissipates: it takes trust where it
+    would change a coefficient by more than can be neglected.
+    """
+    if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < _LARGEST_TERM):
+        return verdict, f"{message}{_likeliest((hidden.cause,))}{_moved((hidden.cause,))}"
+    return Verdict.SYSTEMATIC_MISFIT, (
+        "The structure explains the record only where the motion departs from it a little. Held closer, most of what is left "
+        f"follows the motion: {_would_explain(hidden.cause)}, and change {hidden.cause.shifted} by "
+        f"{100.0 * hidden.change:.2g} %. Intervals would not count that, so none is given; a term is missing."
+    )
 
 
 def _verdict(

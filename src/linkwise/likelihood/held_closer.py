@@ -1,0 +1,101 @@
+"""What a model error hides: a missing term that explains most of what is left once the motion is held closer to the laws.
+
+A model error lets the motion forget, and with it what a small term does over many periods: a score test beside the model error
+is silent on friction that would change a damping by ten standard errors. Held ten times closer, the laws leave more than that.
+Where one term would explain most of that, they lack it; an error that is random leaves what no term explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.estimates.cause import Cause
+from linkwise.expression import symbols
+from linkwise.likelihood.diagnosis import diagnose
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.shooting.anneal import (
+    AnnealingFit,
+    AnnealingSchedule,
+    AnnealingStatus,
+    anneal,
+)
+from linkwise.model.law import Law
+from linkwise.model.structure import Structure
+
+_CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error
+_STEPS = 40
+_MOST = 0.5  # of what is left there
+
+
+@dataclass(frozen=True)
+class HiddenTerm:
+    """The `cause`, and by how much of its value the term would change the coefficient that it changes most: `change`."""
+
+    cause: Cause
+    change: float
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether it depends on the rate."""
+        return "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
+
+
+def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> HiddenTerm | None:
+    """The missing term that explains most of what the laws leave where the motion is held closer to them.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit with a model error, or whose links between segments were loosened.
+    identified : Structure
+        The structure with the values of the fit.
+    channels : sequence of str
+        The channels of the record.
+
+    Returns
+    -------
+    HiddenTerm or None
+        The term; None where there is none, or the motion cannot be held closer.
+    """
+    optimum = fit.optimum
+    if fit.random_forces or optimum.coloured is not None or optimum.q <= AnnealingSchedule.final_q:
+        return None
+    for factor in _CLOSER:
+        q = max(factor * optimum.q, AnnealingSchedule.final_q)
+        schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_STEPS)
+        closer = anneal(optimum.segments, optimum.point, optimum.scales, schedule, loss=optimum.loss)
+        if closer.status is AnnealingStatus.INTERRUPTED:
+            return None
+        if closer.status is AnnealingStatus.CONVERGED:
+            return _explaining(fit, closer, identified, channels)
+    return None
+
+
+def _explaining(
+    fit: LikelihoodFit, closer: AnnealingFit, identified: Structure, channels: Sequence[str]
+) -> HiddenTerm | None:
+    """The term that explains most of what a fit leaves that is held `closer` than `fit`."""
+    optimum, p = fit.optimum, len(fit.values)
+    held = replace(
+        fit,
+        values=closer.point.theta,
+        covariance=optimum.noise**2 * closer.covariance[:p, :p],
+        free=~closer.at_bound[:p],
+        misfit=closer.misfit,
+        optimum=replace(optimum, point=closer.point, q=closer.q),
+    )
+    names = fit.segments.system.parameters.names
+    there = identified.with_values(dict(zip(names, map(float, closer.point.theta), strict=True)))
+    left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
+    causes = diagnose(held, there, channels, terms=True) if np.isfinite(left) else ()
+    if not causes or causes[0].kind != "term" or not causes[0].gain > _MOST * left:
+        return None
+    change = 0.0
+    if causes[0].shifted:
+        number = names.index(causes[0].shifted)
+        error = float(np.sqrt(held.covariance[number, number]))
+        change = causes[0].shift * error / max(abs(float(fit.values[number])), np.finfo(float).tiny)
+    return HiddenTerm(causes[0], change)
