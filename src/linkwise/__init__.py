@@ -60,6 +60,8 @@ if TYPE_CHECKING:
     from linkwise.identification.law_path import LawStep, law_path
     from linkwise.identification.limit.limit import limit
     from linkwise.identification.limit.result import Limit, LinkLimit
+    from linkwise.identification.modal_test.identify_host import identify_host
+    from linkwise.identification.modal_test.result import HostEstimate
     from linkwise.identification.validation.free_run import FreeRun, free_run
     from linkwise.identification.validation.result import (
         ChannelPrediction,
@@ -191,6 +193,7 @@ __all__ = [
     "Gaussian",
     "Harvest",
     "Host",
+    "HostEstimate",
     "HostMode",
     "HostReduction",
     "Huber",
@@ -292,6 +295,7 @@ __all__ = [
     "format_structure",
     "free_run",
     "identify",
+    "identify_host",
     "inspect",
     "joined_by_time",
     "law_path",

@@ -47,6 +47,8 @@ HOMES = {
     "identification.law_path": ("LawStep", "law_path"),
     "identification.limit.limit": ("limit",),
     "identification.limit.result": ("Limit", "LinkLimit"),
+    "identification.modal_test.identify_host": ("identify_host",),
+    "identification.modal_test.result": ("HostEstimate",),
     "identification.validation.free_run": ("FreeRun", "free_run"),
     "identification.validation.result": (
         "ChannelPrediction",

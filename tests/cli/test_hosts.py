@@ -145,3 +145,51 @@ def test_where_a_payload_hangs_is_discovered(folder: Path, capsys: pytest.Captur
         "wing.tip",
         "wing.joint",
     )
+
+
+def test_from_taps_to_a_payload(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "bare.toml"]) == 0
+    tap = ["--force", "wing.tip=2*exp(-((t - 0.1)/0.01)**2)", "--sensors", "a:wing.tip,a:wing.joint"]
+    recorded = ["--duration", "2", "--rate", "200", "--noise", "40", "--seed", "1", "-o", "taps.csv"]
+    assert run(["simulate", "bare.toml", *tap, *recorded]) == 0
+    assert run(["structure", "host", "taps.csv", "--modes", "auto", "-o", "wing.toml"]) == 0
+    assert "wing: 2 modes at 2 points, can be trusted" in capsys.readouterr().out
+    (folder / "true.toml").write_text((folder / "bare.toml").read_text() + LINK)
+    asked = LINK.replace("k = 200.0, k3 = 2e6, c = 0.05", 'k = "unknown", k3 = "unknown", c = "unknown"')
+    (folder / "asked.toml").write_text((folder / "wing.toml").read_text() + asked)
+    drive = ["--force", "wing.tip=5*sin(33*t)", "--release", "v:wing.mode1=0.3"]
+    recorded = ["--duration", "2", "--rate", "400", "--noise", "30", "--seed", "2", "-o", "wing.csv"]
+    assert run(["simulate", "true.toml", *drive, *recorded]) == 0
+    assert run(["identify", "wing.csv", "asked.toml", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.partition("{")[2].join(["{", ""]))
+    found = result["links"][0]["coefficients"]
+    for name, value in (("k", 200.0), ("k3", 2e6), ("c", 0.05)):
+        assert abs(found[name]["value"] - value) < 4.0 * found[name]["standard_error"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--modes", "some"], "a number of modes, or auto"),
+        (["--modes", "2", "--point", "tip=3"], "--point is for modes or matrices"),
+        (["--modes", "2", "--keep", "3"], "--keep is for modes or matrices"),
+    ],
+)
+def test_options_of_a_test_are_checked(
+    folder: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    assert run(["structure", "host", "modes.csv", *options]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_errors_of_a_test_are_no_less_than_stated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "bare.toml"]) == 0
+    tap = ["--force", "wing.tip=2*exp(-((t - 0.1)/0.01)**2)", "--sensors", "a:wing.tip,a:wing.joint"]
+    recorded = ["--duration", "1", "--rate", "200", "--noise", "40", "--seed", "1", "-o", "taps.csv"]
+    assert run(["simulate", "bare.toml", *tap, *recorded]) == 0
+    least = ["--frequency-sigma", "1%", "--shape-sigma", "30%"]
+    assert run(["structure", "host", "taps.csv", "--modes", "2", *least, "-o", "wing.toml"]) == 0
+    first = lw.read_structure(folder / "wing.toml").hosts[0].modes[0]
+    assert first.frequency.value is not None
+    assert first.frequency.sigma == pytest.approx(0.01 * first.frequency.value)  # the record tells far more
+    assert first.shape_sigma["joint"] == pytest.approx(0.3 * max(map(abs, first.shape.values())))

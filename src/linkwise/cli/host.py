@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ from click.core import ParameterSource
 
 import linkwise as lw
 from linkwise.atomic import atomic_file, to_json
-from linkwise.cli.console import tell
+from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE
 
 _OF_MATRICES = ("keep", "modal_damping", "no_residual")  # options that mean nothing for modes
+_NOT_OF_RECORDS = ("points", "mass", "stiffness", *_OF_MATRICES)
 _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
 
 
@@ -40,6 +42,11 @@ _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
     default=0.0,
     help="Damping of every mode, as a part of the critical one.",
 )
+@click.option(
+    "--modes",
+    metavar="N|auto",
+    help="FILE is a record of a test at a low level, of which this many modes are identified: auto for as many as it shows.",
+)
 @click.option("--no-residual", is_flag=True, help="Leave out the flexibility of the modes that are not kept.")
 @click.option(
     "--frequency-sigma",
@@ -61,61 +68,44 @@ def host(
     context: click.Context,
     /,
     files: tuple[Path, ...],
-    name: str | None,
-    mass: str | None,
-    stiffness: str | None,
-    points: tuple[str, ...],
     output: Path | None,
     as_json: bool,
+    modes: str | None,
     **options: Any,
-) -> None:
-    """Write modes (CSV, UFF) or matrices (MAT, NPZ, MTX) of a linear structure as a host, to paste masses and links below.
+) -> int:
+    """Write modes (CSV, UFF), matrices (MAT, NPZ, MTX) or a test of a linear structure as a host, to paste links below.
 
     A CSV file has the columns frequency[Hz], damping and the shape at every point, in 1/sqrt(kg). Of matrices the lowest modes
     are kept; that the others give way under a force at the points is kept too. Two MTX files are the mass and the stiffness
     matrix, in this order.
 
+    With --modes the files are records of a test at a low level: hits of a hammer, or a shaker, with channels such as
+    force:beam.tip, a:beam.tip and a:beam.mid. One response must be where the force acts. Frequencies, damping and shapes are
+    written as known to within their standard errors, or to within --frequency-sigma and the like where these are more. Exit
+    code 3 means that linear modes do not explain the records.
+
     \b
     Example:
       linkwise structure host beam.mat --point tip=79 --point root=5 --keep 8 --modal-damping 0.01 -o beam.toml
       linkwise structure host wing_modes.csv --name wing --shape-sigma 2% -o wing.toml
+      linkwise structure host taps.csv --modes auto -o beam.toml
     """
     if output is not None and any(output.resolve() == each.resolve() for each in files):
         raise click.UsageError(f"-o {output} is the file that is read; write to another one.")
-    title = name or files[0].stem
-    if files[0].suffix.lower() in (".csv", ".uff", ".unv"):
-        if points or mass or stiffness or len(files) > 1:
+    title = options["name"] or files[0].stem
+    sigmas = {what: _part(options[f"{what}_sigma"], what) for what in ("frequency", "damping", "shape")}
+    estimate = None
+    if modes is not None:
+        _refuse(context, _NOT_OF_RECORDS, "--{} is for modes or matrices, and --modes for records of a test.")
+        estimate = _identified(files, modes, options["name"])
+        made = estimate.host.known_to_within_at_least(**sigmas)
+    elif files[0].suffix.lower() in (".csv", ".uff", ".unv"):
+        if len(files) > 1 or any(options[each] for each in ("points", "mass", "stiffness")):
             raise click.UsageError("A file of modes has its own points, and is read alone.")
-        for option in _OF_MATRICES:
-            if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
-                raise click.UsageError(
-                    f"--{option.replace('_', '-')} is for matrices; of a file of modes, all are taken as they are."
-                )
-        made = lw.Host(title, lw.read_modes(files[0]))
+        _refuse(context, _OF_MATRICES, "--{} is for matrices; of a file of modes, all are taken as they are.")
+        made = lw.Host(title, lw.read_modes(files[0])).known_to_within(**sigmas)
     else:
-        given = {"mass": mass, "stiffness": stiffness}
-        named = [each.partition("=")[0].strip() for each in points]
-        twice = next((each for number, each in enumerate(named) if each in named[:number]), None)
-        if twice is not None:
-            raise click.UsageError(f"--point {twice} is given twice.")
-        matrices = {what: _matrix(files, what, given[what]) for what in ("mass", "stiffness")}
-        reduced = lw.reduce_host(
-            title,
-            matrices["mass"],
-            matrices["stiffness"],
-            dict(map(_point, points)),
-            keep=options["keep"],
-            modal_damping=options["modal_damping"],
-            residual=not options["no_residual"],
-        )
-        made = reduced.host
-        tell(
-            f"note: {reduced.kept} modes and {len(made.modes) - reduced.kept} residual ones; at {reduced.band:.4g} Hz the "
-            f"receptances at the points are off by {100.0 * reduced.error:.2g} %"
-        )
-    made = made.known_to_within(
-        **{what: _part(options[f"{what}_sigma"], what) for what in ("frequency", "damping", "shape")}
-    )
+        made = _reduced(files, title, options).known_to_within(**sigmas)
     text = lw.format_structure(lw.Structure(title, (), (), (made,)))
     if output is not None:
         with atomic_file(output) as partial:
@@ -124,6 +114,66 @@ def host(
         click.echo(to_json(tomllib.loads(text)))
     elif output is None:
         click.echo(text.rstrip())
+    if estimate is None:
+        return 0
+    if output is not None and not as_json:
+        click.echo(str(estimate))
+    else:
+        _tell_doubts(estimate)
+    return exit_code(estimate.verdicts)
+
+
+def _refuse(context: click.Context, options: Sequence[str], message: str) -> None:
+    """UsageError with `message` for the first of some options that is given."""
+    for option in options:
+        if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
+            raise click.UsageError(message.format(option.replace("_", "-").replace("points", "point")))
+
+
+def _identified(files: tuple[Path, ...], modes: str, name: str | None) -> lw.HostEstimate:
+    """The host that records of a test tell."""
+    if modes != "auto" and (not modes.isdecimal() or int(modes) < 1):
+        raise click.UsageError(f"--modes needs a number of modes, or auto, got {modes!r}.")
+    with progress("reading") as step:
+        records = [lw.read_record(file) for file in files]
+        for record in records:
+            for note in record.notes:
+                tell(f"note: {note}")
+        return lw.identify_host(
+            records, modes=None if modes == "auto" else int(modes), name=name, progress=step
+        )
+
+
+def _tell_doubts(estimate: lw.HostEstimate) -> None:
+    """What stands against a host that is printed as a file."""
+    for remark in estimate.remarks:
+        tell(f"note: {remark}")
+    if not estimate.trusted:
+        tell(f"note: not to be trusted: {estimate.verdicts[0].value}")
+
+
+def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) -> lw.Host:
+    """The host of matrices."""
+    points = options["points"]
+    named = [each.partition("=")[0].strip() for each in points]
+    twice = next((each for number, each in enumerate(named) if each in named[:number]), None)
+    if twice is not None:
+        raise click.UsageError(f"--point {twice} is given twice.")
+    matrices = {what: _matrix(files, what, options[what]) for what in ("mass", "stiffness")}
+    reduced = lw.reduce_host(
+        title,
+        matrices["mass"],
+        matrices["stiffness"],
+        dict(map(_point, points)),
+        keep=options["keep"],
+        modal_damping=options["modal_damping"],
+        residual=not options["no_residual"],
+    )
+    tell(
+        f"note: {reduced.kept} modes and {len(reduced.host.modes) - reduced.kept} residual ones; at {reduced.band:.4g} Hz the "
+        f"receptances at the points are off by {100.0 * reduced.error:.2g} %"
+    )
+    return reduced.host
 
 
 def _matrix(files: tuple[Path, ...], what: str, name: str | None) -> object:

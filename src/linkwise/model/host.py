@@ -252,6 +252,54 @@ class Host:
                 )
         return replace(self, modes=tuple(_uncertain(mode, frequency, damping, shape) for mode in self.modes))
 
+    def known_to_within_at_least(
+        self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0
+    ) -> Host:
+        """The host with standard deviations that are no less than parts of the values, as in `known_to_within`.
+
+        Parameters
+        ----------
+        frequency, damping : float, optional
+            Least standard deviations as parts of each value.
+        shape : float, optional
+            Least standard deviation of shapes as a part of the largest absolute value of the mode.
+
+        Returns
+        -------
+        Host
+            The host.
+
+        Raises
+        ------
+        StructureError
+            If a part is negative or not finite.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> known = lw.Coefficient.number
+        >>> wing = lw.Host("wing", (lw.HostMode(lw.Coefficient.unknown(5.0, sigma=0.01), known(0.01), {"tip": 1.0}),))
+        >>> wing.known_to_within_at_least(frequency=0.01).modes[0].frequency.sigma
+        0.05
+        """
+        least = self.known_to_within(frequency=frequency, damping=damping, shape=shape)
+        parts = (frequency, damping, shape)
+        return replace(
+            least,
+            modes=tuple(
+                replace(
+                    mode,
+                    frequency=_at_least(mode.frequency, parts[0]),
+                    damping=_at_least(mode.damping, parts[1]),
+                    shape_sigma={
+                        point: max(sigma, parts[2] * max(map(abs, mode.shape.values())))
+                        for point, sigma in mode.shape_sigma.items()
+                    },
+                )
+                for mode in least.modes
+            ),
+        )
+
     def parts(self) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
         """The modes as masses of 1 kg, each with a link to the ground.
 
@@ -279,6 +327,12 @@ def _uncertain(mode: HostMode, frequency: float, damping: float, shape: float) -
         mode.shape,
         {**sigma, **mode.shape_sigma},
     )
+
+
+def _at_least(given: Coefficient, part: float) -> Coefficient:
+    if given.known or given.value is None:
+        return given
+    return replace(given, sigma=max(given.sigma, part * abs(given.value)))
 
 
 def _to_within(given: Coefficient, part: float) -> Coefficient:

@@ -1,0 +1,200 @@
+"""From the records of a modal test to a host: modes with standard errors, as priors of a later identification."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats
+from linkwise.errors import IdentificationError
+from linkwise.identification.modal_test.measured import ModalMeasurement
+from linkwise.identification.modal_test.output_error import ModalFit, modal_fit
+from linkwise.identification.modal_test.pursuit import pursued_modes
+from linkwise.identification.modal_test.result import HostEstimate
+from linkwise.likelihood.whiteness import is_white
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host, HostMode
+from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+from linkwise.signals.channel_noise import channel_noise
+from linkwise.verdict import Verdict
+
+_FAINT = 10.0
+"""Power of a mode over that of the noise, 10 dB, in its best channel: a mode below it may stand for several."""
+_FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (
+    0.02,
+    0.5,
+    0.2,
+)  # bounds to which such a mode is known, relative
+_UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
+_CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
+
+
+def identify_host(
+    record: Record | Sequence[Record],
+    *,
+    modes: int | None = None,
+    name: str | None = None,
+    progress: Progress = silent,
+) -> HostEstimate:
+    """Identify the modes of a linear structure from a test at a low level: hits of a hammer, or a shaker.
+
+    Frequencies, damping and mass-normalised shapes at the points of sensors and forces maximise the likelihood of the samples.
+    They come with standard errors, as priors that `identify` counts when it finds links from records at higher levels.
+
+    Parameters
+    ----------
+    record : Record or sequence of Record
+        One or several records with applied forces (N) and displacements, velocities or accelerations (m, m/s, m/s2) at
+        points ``"HOST.POINT"``, one of them where a force acts. The structure must move linearly, by vibrating modes.
+    modes : int, optional
+        Number of modes; by default as many as the records show by the Bayesian information criterion.
+    name : str, optional
+        Name of the host; by default the part before the dot that all channels share.
+    progress : Progress
+        Called with a `ProgressReport` at every mode.
+
+    Returns
+    -------
+    HostEstimate
+        The host, and whether it is to be trusted.
+
+    Raises
+    ------
+    IdentificationError
+        If the records have no force or no motion, no motion at a point of a force, or too few samples.
+
+    See Also
+    --------
+    reduce_host : A host from matrices.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> known = lw.Coefficient.number
+    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> record = lw.simulate(
+    ...     lw.Structure("test", (), (), (wing,)),
+    ...     forces={"wing.tip": "5*exp(-((t - 0.1)/0.02)**2)"},
+    ...     duration=2.0,
+    ...     rate=200.0,
+    ...     sensors=["a:wing.tip", "a:wing.joint"],
+    ... )
+    >>> found = lw.identify_host(record.with_noise(30.0, seed=1))
+    >>> round(found.host.modes[0].frequency.value, 2), found.host.points
+    (5.2, ('wing.tip', 'wing.joint'))
+    """
+    started = perf_counter()
+    if modes is not None and modes < 1:
+        raise IdentificationError(f"the number of modes must be positive, got {modes}")
+    records = [record] if isinstance(record, Record) else list(record)
+    if not records:
+        raise IdentificationError("a modal test needs at least one record, got none")
+    measured = ModalMeasurement.of(records, name)
+    with one_blas_thread():
+        pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.9))
+        if not len(pursued.frequencies):
+            raise IdentificationError(
+                "the response to the force does not stand above the noise, so no mode can be found; hit the structure harder, "
+                "or check the units and the channels of force and motion"
+            )
+        progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
+        fit = modal_fit(measured, pursued)
+        faint = _powers(measured, fit) < _FAINT
+    chi_square, samples = _chi_square(records, measured, fit)
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)).reshape(len(faint), -1)
+    host = _host(measured, fit, errors, faint)
+    unscaled = _unscaled(fit, errors, faint)
+    return HostEstimate(
+        host=host,
+        faint=tuple(name for name, each in zip(host.coordinates, faint, strict=True) if each),
+        chi_square_per_sample=chi_square,
+        samples=samples,
+        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled)),),
+        remarks=_remarks(host, faint, unscaled),
+        seconds=perf_counter() - started,
+    )
+
+
+def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
+    """(n,) power of what each mode gives over that of the noise, in its best channel."""
+    powers = np.zeros((len(fit.frequencies), len(measured.kinds)))
+    for run in measured.runs:
+        for mode, shape in enumerate(fit.shapes):
+            motions = run.motions(float(fit.frequencies[mode]), float(fit.damping[mode]))
+            motion = np.tensordot(shape[measured.forced], motions[: len(measured.forced)], axes=1)
+            shown = shape[measured.sensed][:, None] * motion[measured.kinds]
+            powers[mode] += np.mean(shown**2, axis=1) / len(measured.runs)
+    return np.asarray((powers / fit.noise**2).max(axis=1))
+
+
+def _chi_square(records: Sequence[Record], measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
+    """Power of the residuals over that of the noise in the samples, and the number of samples."""
+    total, samples = 0.0, 0
+    names = [each for each in records[0].responses if each.partition(":")[0] in ("x", "v", "a")]
+    for record, left in zip(records, fit.residuals, strict=True):
+        noise = channel_noise(record)
+        for name, row in zip(names, left, strict=True):
+            known = np.isfinite(row)
+            total += float(np.sum((row[known] / noise[name]) ** 2))
+            samples += int(known.sum())
+    free = len(fit.covariance) + len(records) * (2 * len(fit.frequencies) + len(measured.kinds))
+    return total / max(samples - free, 1), samples
+
+
+def _host(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bools) -> Host:
+    """The modes as priors; what a faint one tells is known to within wide bounds."""
+    modes = []
+    for number, shape in enumerate(fit.shapes):
+        frequency, damping = float(fit.frequencies[number]), float(fit.damping[number])
+        own = errors[number].copy()
+        if faint[number]:
+            largest = _FAINT_SHAPE * np.abs(shape).max()
+            floor = [_FAINT_FREQUENCY * frequency, _FAINT_DAMPING * damping, *[largest] * len(shape)]
+            own = np.maximum(own, floor)
+        modes.append(
+            HostMode(
+                Coefficient.unknown(frequency, lower=0.0, sigma=float(own[0])),
+                Coefficient.unknown(damping, lower=0.0, sigma=float(own[1])),
+                dict(zip(measured.points, map(float, shape), strict=True)),
+                dict(zip(measured.points, map(float, own[2:]), strict=True)),
+            )
+        )
+    return Host(measured.host, tuple(modes))
+
+
+def _unscaled(fit: ModalFit, errors: Floats, faint: Bools) -> list[int]:
+    """Modes above the noise whose shape has no scale: their motion where the force acts is not seen."""
+    relative = errors[:, 2:].max(axis=1) / np.abs(fit.shapes).max(axis=1)
+    return [int(number) for number in np.flatnonzero((relative > _UNSCALED) & ~faint)]
+
+
+def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool) -> Verdict:
+    if not fit.converged:
+        return Verdict.NOT_CONVERGED
+    if abs(chi_square - 1.0) > _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / samples):
+        return Verdict.NOISE_MISMATCH
+    if unscaled:
+        return Verdict.HARDLY_DETERMINED
+    if not all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True)):
+        return Verdict.COLOURED_RESIDUALS
+    return Verdict.CONVERGED
+
+
+def _remarks(host: Host, faint: Bools, unscaled: Sequence[int]) -> tuple[str, ...]:
+    remarks = []
+    names = [name for name, each in zip(host.coordinates, faint, strict=True) if each]
+    if names:
+        remarks.append(
+            f"{', '.join(names)} hardly stands above the noise and may stand for modes beyond the band that the force "
+            "excites: it is stated as known to within wide bounds."
+        )
+    if unscaled:
+        remarks.append(
+            f"{', '.join(host.coordinates[number] for number in unscaled)} hardly moves where the force acts, so that the "
+            "scale of its shape is not determined: apply a force at another point with a sensor as well."
+        )
+    return tuple(remarks)

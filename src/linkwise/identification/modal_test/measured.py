@@ -1,0 +1,126 @@
+"""What a modal test measured: responses at points to forces at points, record by record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.errors import IdentificationError
+from linkwise.identification.modal_test.oscillators import SampledForce, free_motion
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+_SHORTEST = 50  # samples
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRun:
+    """One record: `responses` (C, N), NaN where missing, and the `forces` (P), sampled every `step` seconds."""
+
+    responses: Floats
+    forces: tuple[SampledForce, ...]
+    step: float
+
+    @property
+    def count(self) -> int:
+        """Number of samples, N."""
+        return int(self.responses.shape[1])
+
+    def motions(self, frequency: float, damping: float) -> Floats:
+        """(P + 2, 3, N) displacements, velocities and accelerations of a mode under each force of unit size, and free ones."""
+        forced = [force.motion(frequency, damping) for force in self.forces]
+        return np.concatenate([np.array(forced), free_motion(frequency, damping, self.step, self.count)])
+
+    def shortened(self, count: int) -> MeasuredRun:
+        """The first samples."""
+        if self.count <= count:
+            return self
+        forces = tuple(SampledForce(force.samples[:count], self.step) for force in self.forces)
+        return MeasuredRun(self.responses[:, :count], forces, self.step)
+
+
+@dataclass(frozen=True, eq=False)
+class ModalMeasurement:
+    """All records of a test.
+
+    Attributes
+    ----------
+    host : str
+        Name of the structure that was tested.
+    points : tuple of str
+        Names of its m points, without that of the host.
+    kinds, sensed : array of int, shape (C,)
+        Of each response: 0, 1 or 2 for displacement, velocity or acceleration, and the number of its point.
+    forced : array of int, shape (P,)
+        The numbers of the points at which forces act.
+    runs : tuple of MeasuredRun
+        The records.
+    """
+
+    host: str
+    points: tuple[str, ...]
+    kinds: Indices
+    sensed: Indices
+    forced: Indices
+    runs: tuple[MeasuredRun, ...]
+
+    @classmethod
+    def of(cls, records: Sequence[Record], name: str | None) -> ModalMeasurement:
+        """Those of `records`, whose channels are at points of the host `name`; without a name, of the one that all share.
+
+        Raises IdentificationError if forces or responses are missing, or none is at the point of the other.
+        """
+        responses = [each for each in records[0].responses if Channel.parse(each).kind in "xva"]
+        forces = [each for each in records[0].inputs if Channel.parse(each).kind == "force"]
+        for record in records:
+            if set(record.channels) != set(records[0].channels):
+                raise IdentificationError("the records of a modal test must have the same channels")
+            _check(record, responses, forces)
+        places = [Channel.parse(each).mass for each in (*responses, *forces)]
+        host = name or _shared_host(places)
+        own = [place.removeprefix(f"{host}.") for place in places]
+        points = tuple(dict.fromkeys(own))
+        numbers = np.array([points.index(point) for point in own])
+        sensed, forced = numbers[: len(responses)], numbers[len(responses) :]
+        if not set(sensed.tolist()) & set(forced.tolist()):
+            raise IdentificationError(
+                f"no response was measured at {' or '.join(dict.fromkeys(places[len(responses) :]))}, where the force acts: "
+                "shapes have no scale without one. Hit the structure at a sensor, or add a sensor where it is hit"
+            )
+        runs = tuple(
+            MeasuredRun(
+                record.select(responses).values.T.copy(),
+                tuple(SampledForce(record.channel(each), record.step) for each in forces),
+                record.step,
+            )
+            for record in records
+        )
+        kinds = np.array(["xva".index(Channel.parse(each).kind) for each in responses])
+        return cls(host, points, kinds, sensed, forced, runs)
+
+
+def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> None:
+    if not forces or not responses:
+        raise IdentificationError(
+            "a modal test needs the applied force and the motion that it gives: channels such as force:beam.tip and "
+            f"a:beam.tip, got {', '.join(record.channels)}"
+        )
+    if len(record) < _SHORTEST:
+        raise IdentificationError(
+            f"the record has {len(record)} samples, too few to tell modes; {_SHORTEST} are the least"
+        )
+    for name in forces:
+        if not np.isfinite(record.channel(name)).all():
+            raise IdentificationError(f"channel {name} has missing samples; forces must be complete")
+    if not any(record.channel(name).any() for name in forces):
+        raise IdentificationError("the applied force is zero throughout; record what was applied")
+
+
+def _shared_host(places: Sequence[str]) -> str:
+    """The part before the dot that all places share, else "host"."""
+    names = {place.partition(".")[0] if "." in place else "" for place in places}
+    [first, *others] = names
+    return first if first and not others else "host"

@@ -1,0 +1,70 @@
+"""The result of a modal test: a host whose modes are known to within their standard errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from linkwise.html import JudgedView
+from linkwise.model.host import Host
+from linkwise.text import as_text
+from linkwise.verdict import Verdict, is_trusted
+
+
+@dataclass(frozen=True)
+class HostEstimate(JudgedView):
+    """A host that was identified from the records of a modal test.
+
+    Attributes
+    ----------
+    host : Host
+        Its modes; frequencies, damping and shapes are known to within their standard errors.
+    faint : tuple of str
+        Modes that hardly stand above the noise, such as ``"beam.mode7"``: each may stand for several, or for what modes above
+        the band give, and its values are stated as known to within wide bounds.
+    chi_square_per_sample : float
+        Power of the residuals over that of the noise.
+    samples : int
+        Number of samples.
+    verdicts : tuple of Verdict
+        What can be said of it.
+    remarks : tuple of str
+        Sentences on what the records do not tell.
+    seconds : float
+        Computing time in s.
+
+    See Also
+    --------
+    identify_host : Identifies it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> known = lw.Coefficient.number
+    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> record = lw.simulate(
+    ...     lw.Structure("test", (), (), (wing,)),
+    ...     forces={"wing.tip": "5*exp(-((t - 0.1)/0.02)**2)"},
+    ...     duration=2.0,
+    ...     rate=200.0,
+    ...     sensors=["a:wing.tip", "a:wing.joint"],
+    ... )
+    >>> found = lw.identify_host(record.with_noise(30.0, seed=1))
+    >>> found.trusted, len(found.host.modes)
+    (True, 1)
+    """
+
+    host: Host
+    faint: tuple[str, ...]
+    chi_square_per_sample: float
+    samples: int
+    verdicts: tuple[Verdict, ...]
+    remarks: tuple[str, ...]
+    seconds: float
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
+
+    def __str__(self) -> str:
+        return as_text(self)

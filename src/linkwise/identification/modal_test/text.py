@@ -1,0 +1,43 @@
+"""The printed modal test: trust, and the modes with their standard errors."""
+
+from __future__ import annotations
+
+from textwrap import fill
+
+from linkwise.identification.modal_test.result import HostEstimate
+from linkwise.text import align_columns, as_text, format_error, format_value
+
+_WIDTH = 100
+_POINTS = 6  # whose shapes are printed
+
+
+@as_text.register
+def modal_test_text(estimate: HostEstimate) -> str:
+    """The whole result as text."""
+    host = estimate.host
+    trust = "can be trusted" if estimate.trusted else "NOT to be trusted"
+    status = " ".join(verdict.value for verdict in estimate.verdicts)
+    head = f"{host.name}: {len(host.modes)} modes at {len(host.points)} points, {trust}"
+    numbers = f"{estimate.samples} samples, chi-square {estimate.chi_square_per_sample:.3f}"
+    summary = f"{status} ({numbers}, {estimate.seconds:.2g} s)"
+    points = tuple(host.modes[0].shape)[:_POINTS]
+    rows: list[tuple[str, ...]] = [
+        ("", "frequency [Hz]", "std. error", "damping [%]", "std. error", *points, "std. error")
+    ]
+    for name, mode in zip(host.coordinates, host.modes, strict=True):
+        frequency, damping = mode.frequency, mode.damping
+        errors = [mode.shape_sigma[point] for point in points]
+        rows.append(
+            (
+                name,
+                format_value(frequency.value or 0.0, frequency.sigma),
+                format_error(frequency.sigma),
+                format_value(100.0 * (damping.value or 0.0), 100.0 * damping.sigma),
+                format_error(100.0 * damping.sigma),
+                *(format_value(mode.shape[point], mode.shape_sigma[point]) for point in points),
+                f"up to {format_error(max(errors))}",
+            )
+        )
+    blocks = [f"{head}\n{fill(summary, _WIDTH)}", "\n".join(align_columns(rows))]
+    blocks += [fill(f"! {remark}", _WIDTH, subsequent_indent="  ") for remark in estimate.remarks]
+    return "\n\n".join(blocks)
