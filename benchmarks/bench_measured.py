@@ -57,6 +57,37 @@ def test_silverbox(coefficients: int, method: str) -> None:
     assert seconds < 30.0
 
 
+def test_shake_table() -> None:
+    """A storey of which two sensors were started together: the delay between them, and what is left before and after."""
+    stamps = {"time[us]": "SampleTimeFine"}
+    folder = DATA / "shake_table"
+    if not folder.exists():
+        pytest.skip("no shake_table beside the checkout")
+    floor = lw.read_record(folder / "stiff1_top_elcentro.csv", channels={**stamps, "a:floor": "Acc_X"})
+    base = lw.read_record(folder / "stiff1_ground_elcentro.csv", channels={**stamps, "a:base": "Acc_X"})
+    law = lw.Law.parse("k*d + c*v")
+    unknown = {name: lw.Coefficient.unknown() for name in law.coefficients}
+    storey = lw.Structure(
+        "storey",
+        (lw.Mass("floor", lw.Coefficient.number(1.0)),),
+        (lw.Link("frame", ("floor", "base"), law, unknown),),
+    )
+    record = lw.beside(floor, base)
+    moved = float(np.std(record.channel("a:floor")))
+    for errors in ({"offsets": ["a:floor"]}, {"offsets": ["a:floor"], "delays": ["a:floor"]}):
+        fit = lw.identify(record, storey, **errors)
+        [told] = [text for text in fit.findings if "is late by" in text] or ["no delay"]
+        left = 100.0 * fit.noise["a:floor"].sigma / moved
+        frame = fit.coefficient("frame.k")
+        print(
+            f"\nshake table: {left:.1f} % of the acceleration is left, {told}; k {frame.value:.0f} +- "
+            f"{frame.standard_error or np.nan:.0f} N/m (of 1 kg), trusted: {fit.trusted}, {fit.seconds:.1f} s",
+            end="",
+        )
+    assert fit.trusted
+    assert left < 14.0  # of a trial with a delay of two samples; 27 without
+
+
 def test_magnet_beam() -> None:
     """Terms are added one by one; what is left of all 3 s when the law runs free, and the damping by amplitude."""
     record = measured("magnet_beam_decay.csv")

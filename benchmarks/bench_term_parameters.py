@@ -65,7 +65,7 @@ def test_parameters_of_terms_are_found(case: str) -> None:
             f"median, {off.max():.1f} at worst; {np.median(seconds):.1f} s in the median, {seconds.max():.1f} at worst",
             end="",
         )
-        assert len(exact) >= 8
+        assert len(exact) >= (6 if case == "gap" else 8)  # a gap has other optima, which are not trusted
         assert not any(answer.trusted for answer in others)
         assert off.max() < 4.0
 

@@ -55,6 +55,16 @@ def test_two_files_and_a_delay(folder: Path, capsys: pytest.CaptureFixture[str])
     assert low < 900.0 < high
 
 
+def test_the_column_of_times_is_that_of_both_files(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("top", "ground"):
+        values = np.loadtxt(folder / f"{name}.csv", skiprows=1)
+        stamped = np.column_stack([5000 * np.arange(len(values)), values])
+        np.savetxt(folder / f"{name}.csv", stamped, header="Stamp,AccX", delimiter=",", comments="")
+    command = ["inspect", str(folder / "top.csv"), "--channel", "time[us]=Stamp", "--channel", "a:m1=AccX"]
+    assert run([*command, "--channel", f"a:base={folder / 'ground.csv'}:AccX"]) == 0
+    assert "801 samples at 200 Hz" in capsys.readouterr().out
+
+
 def test_a_file_with_the_acceleration_of_the_base_drives_a_simulation(folder: Path) -> None:
     """The base starts from rest: what is relative to it does not depend on that."""
     time = np.arange(801) / 200.0

@@ -13,6 +13,7 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.sensor_priors import errors_to_find, uncounted
 from linkwise.likelihood.shooting.flow import Trajectories
 from linkwise.likelihood.shooting.late_sensors import late_motion
 from linkwise.likelihood.shooting.loss import Gaussian
@@ -127,3 +128,53 @@ def test_the_motion_between_samples_is_of_fifth_order(kind: int, exact: np.ufunc
         shown, _ = late_motion(orbit, np.array([step]), 1, mass=0, kind=kind, delay=0.5 * step)
         errors.append(np.abs(shown[1:, 0] - exact(time[1:-1, 0] - 0.5 * step)).max())
     assert errors[0] / errors[1] > 0.7 * 2.0 ** (6 - kind)
+
+
+QUAKE = "0.0004*sin(61*t) + 0.0003*sin(97*t + 1) + 0.0002*sin(131*t + 2) + 0.0001*sin(210*t)"
+STOREY = lw.parse_structure("""
+    [[mass]]
+    name = "m1"
+    mass = 1.0
+    [[link]]
+    name = "frame"
+    between = ["m1", "base"]
+    law = "k*d + c*v"
+    coefficients = { k = 19000.0, c = 1.2 }
+""")
+
+
+def shaken(duration: float, late: float) -> lw.Record:
+    """A storey on a shake table at 5.5 samples a period, whose sensor is `late` in s after that of the base."""
+    record = lw.simulate(STOREY, base=QUAKE, duration=duration, rate=120.0, sensors=("a", "a:base"))
+    record = record.with_noise(40.0, seed=1)
+    early = lw.TimeFunction(QUAKE).derivative(record.time + late, 2)
+    return replace(record, values=np.column_stack([record.channel("a:m1"), early]), simulated=None)
+
+
+def test_a_delay_of_a_third_of_a_period_is_found_beyond_nearer_optima() -> None:
+    """A fit from no delay ends at 12.5 ms; a tenth of a sample is far from the other optima, which are a sample apart."""
+    fit = lw.identify(shaken(1.0, 0.015), STOREY.unknown("all"), delays=["a:m1"])
+    assert told(fit, "a:m1")[0] == pytest.approx(0.015, abs=8e-4)
+    assert fit.coefficient("frame.k").value == pytest.approx(19000.0, rel=0.01)
+
+
+def test_a_base_that_is_late_is_admitted_as_a_response_that_is_early() -> None:
+    """The diagnosis names the base, whose delay no parameter stands for; within a tenth of a sample."""
+    record, asked = shaken(1.5, -0.002), STOREY.unknown("all")
+    first = lw.identify(record, asked).diagnosis[0]
+    assert (first.kind, first.where) == ("delay", "a:base")
+    fit = lw.identify(record, asked, admit=["delay"])
+    assert told(fit, "a:m1")[0] == pytest.approx(-0.002, abs=8e-4)
+
+
+def test_the_delay_of_the_only_input_is_that_of_the_responses() -> None:
+    stated = {"a:base": lw.SensorUncertainty(delay=np.inf), "a:m1": lw.SensorUncertainty(gain=0.01)}
+    record = lw.simulate(STOREY, base=QUAKE, duration=1.0, rate=120.0, sensors=("a", "a:base"))
+    record = replace(record.with_noise(40.0, seed=2), uncertainty=stated)
+    options = errors_to_find([record])
+    assert options["delays"] == ("a:m1",)
+    assert options["calibration"] == {"a:m1": 0.01}
+    assert not uncounted([record], "ml")
+    forced = lw.Record(0.0, 120.0, (*record.channels, "force:m1"), np.pad(record.values, ((0, 0), (0, 1))))
+    [remark] = uncounted([replace(forced, uncertainty=stated)], "ml")
+    assert "errors of a:base is not counted" in remark

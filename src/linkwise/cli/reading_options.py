@@ -46,10 +46,19 @@ class ReadingOptions:
         whole = self.record_mapping()
         late = {name: each.delay.value for name, each in whole.sensors.items() if each.delay is not None}
         mappings = self._by_file(whole)
-        record, *others = (
-            lw.read_record(file or path, known_masses=masses, informative=informative, mapping=mapping)
-            for file, mapping in mappings.items()
-        )
+        times = {key: column for key, column in mappings[None].channels.items() if _channel(key) == "time"}
+
+        def read(file: Path | None, mapping: lw.RecordMapping) -> lw.Record:
+            return lw.read_record(file or path, known_masses=masses, informative=informative, mapping=mapping)
+
+        def read_other(file: Path | None, mapping: lw.RecordMapping) -> lw.Record:
+            try:  # instruments that were started together name their columns alike
+                return read(file, replace(mapping, channels={**times, **mapping.channels}))
+            except lw.RecordError:
+                return read(file, mapping)
+
+        record = read(None, mappings[None])
+        others = [read_other(file, mapping) for file, mapping in mappings.items() if file is not None]
         if self.by_time and not others:
             raise click.UsageError(
                 "--by-time joins the files of --channel NAME=FILE:COLUMN, and none is named."

@@ -166,6 +166,18 @@ class _Found:
         return self.selection.fit.status
 
     @property
+    def chi_square(self) -> float:
+        return self.selection.fit.chi_square
+
+    @property
+    def chi_square_off(self) -> bool:
+        return self.selection.fit.chi_square_off
+
+    @property
+    def model_error(self) -> float:
+        return self.selection.fit.model_error
+
+    @property
     def delays(self) -> Mapping[str, float]:
         return self.selection.fit.delays
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isinf
 from typing import Any
 
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.sensor_unknowns import ALL, by_channel
+from linkwise.likelihood.sensor_unknowns import ALL, by_channel, of_responses
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 
@@ -79,7 +80,7 @@ def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
     """What the records state of their responses; IdentificationError where they disagree."""
     stated: dict[str, SensorUncertainty] = {}
     for record in records:
-        for name, known in record.uncertainty.items():
+        for name, known in _of_responses(record).items():
             if name != COMMON and name not in record.responses:
                 continue
             if stated.setdefault(name, known) != known:
@@ -93,6 +94,17 @@ def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
     return stated
 
 
+def _of_responses(record: Record) -> dict[str, SensorUncertainty]:
+    """What a record states, with the delay of its only input as one of each response."""
+    stated = dict(record.uncertainty)
+    for name, known in record.uncertainty.items():
+        if name in record.inputs and known.delay:
+            for response in of_responses(record, name):
+                own = stated.get(response, SensorUncertainty())
+                stated[response] = replace(own, delay=max(own.delay, known.delay))
+    return stated
+
+
 def uncounted(records: Sequence[Record], method: str) -> tuple[str, ...]:
     """Sentences on what records state of sensors that `method` does not count."""
     every = method == "ml"
@@ -100,10 +112,16 @@ def uncounted(records: Sequence[Record], method: str) -> tuple[str, ...]:
         name
         for record in records
         for name in record.uncertainty
-        if not every or (name != COMMON and name not in record.responses)
+        if not every or (name not in (COMMON, *record.responses) and not _is_counted(record, name))
     ]
     if not names:
         return ()
     listed = ", ".join(dict.fromkeys(names))
     why = "errors of inputs are not estimated" if every else 'method "ml" alone counts errors of sensors'
     return (f"What is stated of the errors of {listed} is not counted: {why}.",)
+
+
+def _is_counted(record: Record, name: str) -> bool:
+    """Whether all that is stated of an input is a delay that those of the responses stand for."""
+    known = record.uncertainty[name]
+    return not known.gain and not known.offset and bool(of_responses(record, name))

@@ -5,8 +5,8 @@ diagnosis names and the user admits.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Protocol, TypeAlias, TypeVar
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -29,14 +29,29 @@ _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
 _ALIKE = (
     10.0  # difference of -2 log likelihood by which one error is told from another, "very strong" evidence
 )
+_FAR = (
+    -4,
+    -2,
+    2,
+    4,
+)  # samples by which a channel is shifted where the nearest ones do not explain the records
 _SHIFTS = 8  # of channels, at most: beyond the delays wander
 
 
 class Fitted(Protocol):
-    """What a search gives: how it ended, and the delays in s that it found by channel."""
+    """What a search gives: how it ended, how well the laws fit, and the delays in s that it found by channel."""
 
     @property
     def status(self) -> AnnealingStatus: ...
+
+    @property
+    def chi_square(self) -> float: ...
+
+    @property
+    def chi_square_off(self) -> bool: ...
+
+    @property
+    def model_error(self) -> float: ...
 
     @property
     def delays(self) -> Mapping[str, float]: ...
@@ -109,12 +124,24 @@ def answer_with_sensors(
         kind, channel = instruments[0].kind, instruments[0].where
         if kind != "delay" and any(_rivals(instruments[0], other) for other in instruments[1:]):
             return answer
-        if channel in records[0].inputs or (kind == "delay" and Channel.parse(channel).kind not in _LATE):
-            return answer
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
-        if channel in present:
+        more = of_responses(records[0], channel) if kind == "delay" else (channel,)
+        if channel in (*(() if kind == "delay" else records[0].inputs), *present) or set(more) <= set(
+            present
+        ):
             return answer
-        options = _widened(options, kind, (*present, channel))
+        options = _widened(options, kind, tuple(dict.fromkeys((*present, *more))))
+
+
+def of_responses(record: Record, channel: str) -> tuple[str, ...]:
+    """The responses whose delays stand for that of a channel: all of them for the only input, which is late as they are early.
+
+    None for one of several inputs, and for a channel of a link.
+    """
+    if channel in record.inputs and len(record.inputs) > 1:
+        return ()
+    stand_in = record.responses if channel in record.inputs else (channel,)
+    return tuple(name for name in stand_in if Channel.parse(name).kind in _LATE)
 
 
 def _rivals(first: Cause, other: Cause) -> bool:
@@ -135,30 +162,115 @@ def _with_delays(
 ) -> tuple[Answer, bool]:
     """The answer; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again.
 
-    Also whether an interrupt ended the search.
+    Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
+    of a period away. Also whether an interrupt ended the search.
     """
-    late, step = dict.fromkeys(options.delays, 0), records[0].step
-    for _ in range(_SHIFTS):
-        shifted = [_shifted(record, late) for record in records]
-        taken_out = {name: samples * step for name, samples in late.items()}
-        fit = search(shifted, replace(options, shifts=taken_out))
-        interrupted = fit.status is AnnealingStatus.INTERRUPTED
-        moved = {
-            name: round(delay / step) for name, delay in fit.delays.items() if abs(delay) > _WHOLE * step
+    best = _settled(_Shifts(search, records, options), dict.fromkeys(options.delays, 0))
+    if len({record.rate for record in records}) == 1:
+        for name in options.delays:
+            if name not in options.delay_deviations:  # known to be near
+                best = _at_best_shift(best, name)
+    interrupted = best.fit.status is AnnealingStatus.INTERRUPTED
+    return report(best.fit, best.shifts.of(best.late), best.delays), interrupted
+
+
+@dataclass(frozen=True, eq=False)
+class _Shifts(Generic[Fit]):
+    """A search in records of which channels are shifted by whole samples."""
+
+    search: Search[Fit]
+    records: Sequence[Record]
+    options: LikelihoodOptions
+
+    @property
+    def step(self) -> float:
+        return self.records[0].step
+
+    def of(self, late: Mapping[str, int]) -> list[Record]:
+        return [_shifted(record, late) for record in self.records]
+
+    def fitted(self, late: Mapping[str, int]) -> _ShiftedFit[Fit]:
+        taken_out = {name: samples * self.step for name, samples in late.items()}
+        return _ShiftedFit(self, late, self.search(self.of(late), replace(self.options, shifts=taken_out)))
+
+
+@dataclass(frozen=True, eq=False)
+class _ShiftedFit(Generic[Fit]):
+    """A fit with channels that are `late` by whole samples shifted."""
+
+    shifts: _Shifts[Fit]
+    late: Mapping[str, int]
+    fit: Fit
+
+    @property
+    def delays(self) -> dict[str, float]:
+        """All of the delays in s, by channel."""
+        return {
+            name: samples * self.shifts.step + self.fit.delays[name] for name, samples in self.late.items()
         }
-        if not moved or interrupted:
-            found = {name: samples * step + fit.delays[name] for name, samples in late.items()}
-            return report(fit, shifted, found), interrupted
-        if len({record.rate for record in records}) > 1:
+
+    @property
+    def misfit(self) -> tuple[bool, float, float]:
+        """By which fits at other shifts are ordered: a model error stands for what the laws leave."""
+        return self.fit.chi_square_off, self.fit.model_error, self.fit.chi_square
+
+    def beside(self, name: str, samples: int) -> _ShiftedFit[Fit]:
+        """The fit with a channel shifted by some samples more."""
+        return self.shifts.fitted({**self.late, name: self.late[name] + samples})
+
+
+def _settled(shifts: _Shifts[Fit], late: Mapping[str, int]) -> _ShiftedFit[Fit]:
+    """The fit at shifts beside which delays are parts of a sample."""
+    moved: dict[str, int] = {}
+    for _ in range(_SHIFTS):
+        found = shifts.fitted(late)
+        moved = {
+            name: round(delay / shifts.step)
+            for name, delay in found.fit.delays.items()
+            if abs(delay) > _WHOLE * shifts.step
+        }
+        if not moved or found.fit.status is AnnealingStatus.INTERRUPTED:
+            return found
+        if len({record.rate for record in shifts.records}) > 1:
             raise IdentificationError(
                 f"{next(iter(moved))} is late by more than a sample, which records of different rates together do not tell: "
                 "find it in one of them, and take it out of all (without_delays)"
             )
-        late |= {name: late[name] + samples for name, samples in moved.items()}
+        late = {**late, **{name: late[name] + samples for name, samples in moved.items()}}
     raise IdentificationError(
         f"the delay of {', '.join(moved)} does not settle: {_SHIFTS} fits, each shifted by the last one's delay, do not "
         "agree. Estimate it from signals that move together (inspect), and take it out (without_delays)"
     )
+
+
+def _at_best_shift(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
+    """The fit at the shift of a channel from which one sample more or less explains the records worse."""
+    if not (found.fit.chi_square_off or found.fit.model_error > 0.0):
+        return found
+    best = _nearest(found, name)
+    if best.fit.chi_square_off:
+        others = [found.beside(name, samples) for samples in _FAR]
+        nearest = min(others, key=lambda other: other.misfit)
+        if nearest.misfit < best.misfit:
+            return _nearest(nearest, name)
+    return best
+
+
+def _nearest(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
+    """The same, sample by sample from a fit."""
+    forward = 1 if found.fit.delays[name] >= 0.0 else -1
+    for direction in (forward, -forward):
+        best = found
+        for _ in range(_SHIFTS):
+            if best.fit.status is AnnealingStatus.INTERRUPTED:
+                return best
+            other = best.beside(name, direction)
+            if not other.misfit < best.misfit:
+                break
+            best = other
+        if best is not found:
+            return best
+    return found
 
 
 def _shifted(record: Record, late: Mapping[str, int]) -> Record:
