@@ -66,7 +66,7 @@ def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     assert {"cause", "where", "size", "unit", "gain", "message"} == set(told) and told["gain"] > 25.0
 
 
-@pytest.mark.parametrize("snr_db", [25.0, 40.0])
+@pytest.mark.parametrize("snr_db", [20.0, 25.0, 40.0])
 def test_a_filter_of_all_sensors_is_named(snr_db: float) -> None:
     """A low pass of first order before white noise: residuals are white, and the cubic coefficient would be wrong."""
     clean = chain_record(2, duration=3.0)

@@ -40,6 +40,8 @@ _HALF = 0.1  # of a sample, by which a delay may differ from a half and still lo
 _CHANCE = (
     16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 )
+_CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
+_SHIFTED = 3.0  # standard errors that such a filter changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
@@ -131,12 +133,14 @@ def _diagnosed(
     at_filter = [each.kind for each in hypotheses].index("filter")
     attenuation = sizes[at_filter] * relative_to_gain(filtered, errors)
     small[at_filter] = 0.0 < attenuation < _LARGEST  # a low pass, which sensors and their amplifiers are
-    significant = small & (gains > _CHANCE + 2.0 * np.log(len(gains)))
+    limit = _CHANCE + 2.0 * np.log(len(gains))
+    significant = small & (gains > limit)
+    significant[at_filter] = small[at_filter] and gains[at_filter] > _CHANCE_OF_FILTER
     found = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * columns.units
     )
     forces = _force_of_links(optimum, misfit, identified)
-    return tuple(
+    causes = (
         replace(
             _with_changes(_cause(hypotheses[number], found, number, forces), fit, tests.changes[:, number]),
             remark=_remark(hypotheses[number], sizes[number], optimum),
@@ -144,6 +148,7 @@ def _diagnosed(
         for number in np.argsort(-gains).tolist()
         if significant[number]
     )
+    return tuple(cause for cause in causes if cause.gain > limit or cause.shift > _SHIFTED)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `_diagnosed`
