@@ -13,9 +13,9 @@ from sources import FILES, SOURCE, tree
 
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
     "root", "expression", "model", "records", "files", "signals", "inspection", "analysis", "simulation.integrator",
-    "simulation", "estimates", "sindy.regression", "sindy", "weak", "likelihood.starts", "likelihood.shooting", "likelihood",
-    "identification.limit", "identification.modal_test", "identification.validation", "identification", "discovery",
-    "absorption", "study", "plot", "paper", "report", "cli",
+    "simulation", "estimates", "sindy.regression", "sindy", "weak", "likelihood.starts", "likelihood.shooting",
+    "likelihood.prescribed", "likelihood", "identification.limit", "identification.modal_test", "identification.validation",
+    "identification", "discovery", "absorption", "study", "plot", "paper", "report", "cli",
 )  # fmt: skip
 DOORS = {
     "heyoka": "simulation/integrator",

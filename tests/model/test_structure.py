@@ -291,8 +291,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         'link "low": both ends are "a"; a link needs two different ends',
     ),
     "ground to base": (
-        lambda: spring("low", BASE, GROUND),
-        'link "low": at least one end must be a mass, got "base" and "ground"',
+        lambda: Structure("", (A,), (LOW, spring("rig", BASE, GROUND))),
+        'link "rig": at least one end must be a mass, got "base" and "ground"; a link between both is alone on a rig',
     ),
     "three ends": (
         lambda: Link("low", ("a", "b", "c"), LAW, {}),  # type: ignore[arg-type]

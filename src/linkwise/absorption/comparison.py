@@ -17,6 +17,7 @@ from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.simulation.checks import check_excitation, output_times
 from linkwise.simulation.schedule import RunSchedule
@@ -42,6 +43,7 @@ class Comparison:
     @classmethod
     def of(cls, structure: Structure, options: AbsorptionOptions) -> Comparison:
         """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
+        refuse_rig(structure, "comparisons with and without sinks")
         refuse_memory(structure.links, "comparisons with and without sinks")
         refuse_hosts(structure, "comparisons with and without sinks")
         _ = (

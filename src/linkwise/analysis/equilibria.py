@@ -23,6 +23,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.model.topology import Weights
 
@@ -164,6 +165,7 @@ def equilibria(
     >>> len(points), len(points.stable)
     (3, 2)
     """
+    refuse_rig(structure, "equilibria and modes")
     refuse_memory(structure.links, "equilibria and modes")
     bonds = _bonds(structure)
     incidence = _incidence(bonds, structure.size)

@@ -16,6 +16,7 @@ from linkwise.analysis.equilibria import equilibria
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 
 _ZERO = 1e-14  # times the number of masses, at least ten: squared frequencies below this fraction of the largest count as 0
@@ -87,6 +88,7 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     >>> lw.modes(lw.bnes_chain(2)).frequencies.round(2).tolist()
     [22.29, 27.83]
     """
+    refuse_rig(structure, "equilibria and modes")
     refuse_memory(structure.links, "equilibria and modes")
     x = _rest(structure) if at is None else np.asarray(at, dtype=float)
     if x.shape != (structure.size,) or not np.isfinite(x).all():

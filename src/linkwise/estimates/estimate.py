@@ -18,7 +18,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.estimates.document import coefficient_document, link_document, mode_document
 from linkwise.estimates.energy_supply import active_coefficients, supplied_power
 from linkwise.estimates.findings import link_findings
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate, moving_mass
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.estimates.random_force import RandomForceEstimate
@@ -366,9 +366,6 @@ class Estimate(JudgedView):
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
         told = self.trusted and self.intervals and link.name not in self.links_in_doubt
-        masses, column = self.structure.mass_values, self.structure.topology.columns[index]
-        modes = self.structure.modes
-        bodies = [(mass, part) for mass, part in column if self.structure.mass_names[mass] not in modes]
         return LinkEstimate(
             link=link,
             coefficients=tuple(
@@ -381,8 +378,7 @@ class Estimate(JudgedView):
             v_range=(float(np.nanmin(self.motion.v[:, index])), float(np.nanmax(self.motion.v[:, index]))),
             free=free,
             covariance=covariance if told else None,
-            moving_mass=1.0
-            / sum(part**2 / masses[mass] for mass, part in bodies or column),  # beside a host that is held
+            moving_mass=moving_mass(self.structure, index),
         )
 
     def _free_coefficients(self, index: int) -> tuple[tuple[str, ...], Floats]:

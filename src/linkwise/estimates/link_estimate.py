@@ -15,7 +15,7 @@ from linkwise.analysis.wells import lowest_escape, wells
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.structure import Link
+from linkwise.model.structure import Link, Structure
 
 T = TypeVar("T")
 
@@ -184,7 +184,9 @@ class LinkEstimate:
 
     @cached_property
     def frequencies(self) -> tuple[DerivedQuantity, ...]:
-        """Natural frequencies in Hz of small oscillations of the two ends of the free link in each well."""
+        """Natural frequencies in Hz of small oscillations of the two ends of the free link in each well; none on a rig."""
+        if not np.isfinite(self.moving_mass):
+            return ()
         frequencies = [partial(_frequency_near, well.value, self.moving_mass) for well in self.wells]
         return tuple(
             self._derived("frequency", "Hz", frequency(self.link), frequency) for frequency in frequencies
@@ -242,3 +244,11 @@ def _energy_difference(ends: tuple[float, float], link: Link) -> float:
     """Energy in J from a well to a maximum; their displacement has no effect to first order."""
     low, high = link.potential(np.array(ends))
     return float(high - low)
+
+
+def moving_mass(structure: Structure, index: int) -> float:
+    """Mass in kg that vibrates where a link alone joins what it joins, beside a host that is held; infinite on a rig."""
+    masses, column = structure.mass_values, structure.topology.columns[index]
+    bodies = [(mass, part) for mass, part in column if structure.mass_names[mass] not in structure.modes]
+    mobility = sum(part**2 / float(masses[mass]) for mass, part in bodies or column)
+    return 1.0 / mobility if mobility else np.inf

@@ -32,6 +32,10 @@ class LinkMotion:
         Smallest and largest elongation in m; may be wider than the range of a smoothed `d`.
     compute_residual : callable
         Computes the residuals M a + B f - w of the masses, shape (R, n), in N: NaN where not measured, None for no mass.
+    identified_force : array of shape (R, L), optional
+        Forces of the identified links in N, with the states of those with memory; None where they are not known.
+    measured_force : array of shape (R, L), optional
+        Forces in N that load cells showed, less their offsets; NaN for links without.
 
     Examples
     --------
@@ -50,6 +54,8 @@ class LinkMotion:
     v: Floats
     d_range: Floats
     compute_residual: Callable[[], Floats | None]
+    identified_force: Floats | None = None
+    measured_force: Floats | None = None
 
     visited = DeprecatedAttribute(Deprecated("d_range", since="0.2.0", until="0.4.0"))
     leave = DeprecatedAttribute(Deprecated("compute_residual", since="0.2.0", until="0.4.0"))
@@ -61,6 +67,8 @@ class LinkMotion:
         The residuals are those of smoothed equations, so smoothing does not bias the sum. NaN where the masses do not
         determine a force; None where they determine none, as with closed loops of links or masses without a sensor.
         """
+        if self.measured_force is not None:
+            return self.measured_force
         residual = self.compute_residual()
         if residual is None:
             return None

@@ -21,6 +21,7 @@ from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.low_signal import is_loosened, tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.prescribed.estimate import rig_estimate
 from linkwise.likelihood.profile import profile_ends
 from linkwise.likelihood.random_forces import (
     Deviations,
@@ -150,6 +151,8 @@ class MaximumLikelihood(Estimator):
         IdentificationError
             If an unknown has no starting value, or the records lack channels or differ in them.
         """
+        if structure.on_rig:
+            return self._on_rig(records, structure, progress)
         for record in records:
             require_units_of_states(record, structure)
             if structure.hosts:
@@ -179,6 +182,30 @@ class MaximumLikelihood(Estimator):
             options,
             admitted,
             partial(estimate_of, structure),
+        )
+
+    def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
+        found = errors_to_find(
+            records,
+            offsets=self.offsets,
+            gains=self.gains,
+            calibration=self.calibration,
+            delays=self.delays,
+        )
+        asked = (*found["gains"], *found["calibration"], *found["delays"], *self.ambient, *self.input_noise)
+        if asked or not isinstance(self.loss, Gaussian):
+            what = f"gains, delays or noise of inputs ({asked[0]})" if asked else "a robust loss"
+            raise IdentificationError(
+                f"{what}: not supported for links alone on a rig, of which offsets of sensors can be found"
+            )
+        return rig_estimate(
+            records,
+            structure,
+            offsets=found["offsets"],
+            admitted=(self.admit,) if isinstance(self.admit, str) else self.admit,
+            starts=dict(self.starts or {}),
+            progress=progress,
         )
 
     def _search(

@@ -12,6 +12,14 @@ from linkwise.text import near_miss
 
 def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence[Link]) -> None:
     """Raise StructureError for an unknown end, or a mass without a link; `places` are masses that are no modes, and points."""
+    supports = [link for link in links if set(link.between) <= {GROUND, BASE}]
+    if supports and mass_names:
+        first, second = supports[0].between
+        raise StructureError(
+            f'at least one end must be a mass, got "{first}" and "{second}"; a link between both is alone on a rig, without a '
+            "mass",
+            f'link "{supports[0].name}"',
+        )
     names = {*mass_names, *places}
     linked: set[str] = set()
     for link in links:

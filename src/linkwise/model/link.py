@@ -123,10 +123,6 @@ class Link:
             raise StructureError(f"`between` must name two ends, got {list(self.between)}", where)
         if self.between[0] == self.between[1]:
             raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
-        if set(self.between) <= {GROUND, BASE}:
-            raise StructureError(
-                f'at least one end must be a mass, got "{self.between[0]}" and "{self.between[1]}"', where
-            )
         self._check_coefficients(where)
         ordered = {name: self.coefficients[name] for name in self.law.coefficients}
         object.__setattr__(self, "coefficients", MappingProxyType(ordered))

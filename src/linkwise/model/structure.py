@@ -81,11 +81,11 @@ class Structure(NotebookView):
         masses, links = with_modes(tuple(self.masses), tuple(self.links), self.hosts)
         object.__setattr__(self, "masses", masses)
         object.__setattr__(self, "links", links)
-        if not self.masses:
-            raise StructureError("a structure needs at least one mass or host")
+        if not (self.masses or self.links):
+            raise StructureError('a structure needs at least one mass, host, or link from "base" to "ground"')
         check_unique((*self.points, *self.mass_names), "mass")
         check_unique(tuple(link.name for link in self.links), "link")
-        check_ends(self.mass_names, self.places, self.links)
+        self._check_ends()
         slots = self._slots
         leaders = resolve_sharing(slots)
         if leaders:
@@ -97,6 +97,9 @@ class Structure(NotebookView):
             object.__setattr__(self, "masses", masses)
             object.__setattr__(self, "links", links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
+
+    def _check_ends(self) -> None:
+        check_ends(self.mass_names, self.places, self.links)
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
@@ -125,6 +128,11 @@ class Structure(NotebookView):
     def modes(self) -> frozenset[str]:
         """Names of the masses, and of the links, that are modes of hosts, such as ``"wing.mode1"``."""
         return frozenset(name for host in self.hosts for name in host.coordinates)
+
+    @property
+    def on_rig(self) -> bool:
+        """Whether links stand alone on a rig, between the base and the ground: there is no mass."""
+        return not self.masses
 
     @property
     def contents(self) -> str:

@@ -36,8 +36,8 @@ class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
     mass: float | str | dict[str, Any]
 
 
-class _StructureTable(msgspec.Struct, forbid_unknown_fields=True):
-    mass: list[_MassTable]
+class _StructureTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    mass: list[_MassTable] = []
     link: list[LinkTable]
     name: str = ""
 

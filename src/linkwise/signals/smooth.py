@@ -157,6 +157,41 @@ class SmoothingSpline:
         """
         return _stencil(self.coefficients, _CURVATURE) * self.rate**2
 
+    def smoothed(self, samples: Floats) -> SmoothingSpline:
+        """Splines of other samples with the smoothing of the first channel.
+
+        Parameters
+        ----------
+        samples : array of shape (N, C)
+            The samples.
+
+        Returns
+        -------
+        SmoothingSpline
+            Their splines.
+        """
+        return smoothing_spline(samples, self.rate, smoothing=float(self.smoothing[0]))
+
+    def transposed(self, by_coefficient: Floats) -> Floats:
+        """How sums over the spline of the first channel change with its samples.
+
+        Parameters
+        ----------
+        by_coefficient : array of shape (N + 4, q)
+            Derivatives of the sums by the coefficients of the B-splines.
+
+        Returns
+        -------
+        array of shape (N, q)
+            Their derivatives by the samples.
+        """
+        rows = len(self.coefficients)
+        bands = _normal_bands(_VALUE, rows - 4) + self.smoothing[0] * _normal_bands(
+            _differences(), rows - _PENALTY
+        )
+        factor = cholesky_banded(bands, lower=True, check_finite=False)
+        return _stencil(cho_solve_banded((factor, True), by_coefficient, check_finite=False), _VALUE)
+
     @property
     def reach(self) -> int:
         """Number of samples at each end with a less accurate first derivative, for the smoothest channel.

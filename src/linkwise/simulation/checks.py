@@ -57,7 +57,7 @@ def _even_times(duration: float | None, rate: float | None) -> Floats:
 
 def check_excitation(structure: Structure, excitation: Excitation, end: float) -> None:
     """Raise SimulationError for an excitation that does not fit the structure, or ends before `end` in s."""
-    names = structure.mass_names
+    names = structure.mass_names or ("m1",)
     for channel in excitation.release:
         kind, colon, mass = channel.partition(":")
         if kind == "state" and colon:
@@ -127,7 +127,7 @@ def check_mass(name: str, structure: Structure, where: str) -> None:
         kinds = "masses and points" if structure.hosts else "masses"
         shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1]))
         raise SimulationError(
-            f"unknown mass {name!r} in {where}{near_miss(name, names)}; the {kinds} are {shown}",
+            f"unknown mass {name!r} in {where}{near_miss(name, names)}; the {kinds} are {shown or 'none'}",
             mass=name,
         )
 

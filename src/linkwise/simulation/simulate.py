@@ -21,6 +21,7 @@ from linkwise.records.truth import SimulationTruth
 from linkwise.simulation.checks import check_excitation, check_link, check_mass, check_state, output_times
 from linkwise.simulation.link_forces import LinkForces
 from linkwise.simulation.motion import SimulatedMotion
+from linkwise.simulation.rig import RigDiagnostics, with_mass_at_rest
 from linkwise.simulation.schedule import RunSchedule
 
 _KINDS = ("x", "v", "a")  # each the derivative of the one before
@@ -61,7 +62,8 @@ def simulate(
         Output times in s instead of duration and rate, evenly spaced and not negative.
     sensors : iterable of str, optional
         Kinds of sensors on every mass (``"x"``, ``"v"``, ``"a"``; ``"rel:x"`` relative to the base), on every link (``"f"``,
-        its force) or in every state of a link (``"state"``), or channels (``"a:m2"``, ``"f:spring"``, ``"state:piezo.V"``).
+        its force; of links alone on a rig the default) or in every state of a link (``"state"``), or channels (``"a:m2"``,
+        ``"f:spring"``, ``"state:piezo.V"``).
         Forces are always recorded, and the displacement of the base, unless its velocity or acceleration is named
         (``"a:base"``).
     progress : Progress, optional
@@ -93,13 +95,14 @@ def simulate(
     drive = Excitation.of(**excitation)
     check_excitation(structure, drive, float(grid[-1]))
     channels = _channels(structure, drive, sensors)
-    motion = SimulatedMotion.of(RunSchedule(structure, drive, grid), progress)
+    moved = with_mass_at_rest(structure)
+    motion = SimulatedMotion.of(RunSchedule(moved, drive, grid), progress)
     values = np.empty((len(grid), len(channels)))
     states = {
         f"{structure.links[number].name}.{name}": motion.states[:, column]
         for column, (number, name) in enumerate(structure.topology.states)
     }
-    arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(structure, drive, motion, channels)}
+    arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(moved, drive, motion, channels)}
     for column, channel in enumerate(channels):
         order = _KINDS.index(channel.kind) if channel.kind in _KINDS else 0
         if channel.is_input:
@@ -121,7 +124,12 @@ def simulate(
         channels=tuple(str(channel) for channel in channels),
         values=values,
         simulated=SimulationTruth(
-            structure, motion.displacement, motion.velocity, base, motion, states=states
+            structure,
+            motion.displacement[:, : structure.size],
+            motion.velocity[:, : structure.size],
+            base,
+            RigDiagnostics(motion) if structure.on_rig else motion,
+            states=states,
         ),
         source=f"simulation of {structure.name}",
     )
@@ -145,6 +153,8 @@ def _derived(
 def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[str]) -> list[Channel]:
     """Responses in the order of `sensors`, then the inputs."""
     wanted = sensors.split() if isinstance(sensors, str) else list(sensors)
+    if structure.on_rig and wanted == ["x"]:
+        wanted = ["f"]
     if not wanted:
         raise SimulationError(
             'sensors must have at least one kind, "x", "v" or "a", or "f" or "state" of links, or channel, such as "a:m1"'

@@ -17,6 +17,7 @@ from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -106,6 +107,7 @@ class PhysicsInformedSindy(Estimator):
         IdentificationError
             If there are several records, a law is not linear in an unknown, or the columns are collinear.
         """
+        refuse_rig(structure, 'method "sindy"')
         refuse_memory(structure.links, 'method "sindy"')
         refuse_hosts(structure, 'method "sindy"')
         record = self.only_record(records)

@@ -15,6 +15,7 @@ from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.link import BASE
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.records.channel import Channel
@@ -84,6 +85,7 @@ class Subject:
     seen = DeprecatedAttribute(Deprecated("measured", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
+        refuse_rig(self.structure, "studies")
         refuse_memory(self.structure.links, "studies")
         refuse_hosts(self.structure, "studies")
         for key, value in (("duration", self.duration), ("rate", self.rate)):

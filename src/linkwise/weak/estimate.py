@@ -18,6 +18,7 @@ from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -88,6 +89,7 @@ class WeakForm(Estimator):
         IdentificationError
             If there are several records, no displacements, or a parameter that the record does not determine.
         """
+        refuse_rig(structure, 'method "weak"')
         refuse_memory(structure.links, 'method "weak"')
         refuse_hosts(structure, 'method "weak"')
         given = self.only_record(records)

@@ -17,6 +17,7 @@ from linkwise.likelihood.shooting.segments import Iterate, Scales
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
@@ -85,6 +86,7 @@ def limit(
     >>> alpha.value, bool(alpha.standard_error < 1.0)
     (-100.0, True)
     """
+    refuse_rig(structure, "limits of accuracy")
     refuse_memory(structure.links, "limits of accuracy")
     true, unknown_structure = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)

@@ -13,6 +13,7 @@ from linkwise.errors import RecordError
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.input_signal import Sampled
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
 from linkwise.records.interpolation import BAND_LIMITED, ORDER_OF
@@ -104,6 +105,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     >>> sorted(run.rmse)
     ['x:m1', 'x:m2']
     """
+    refuse_rig(structure, "validation")
     refuse_memory(structure.links, "validation")
     refuse_hosts(structure, "free runs")
     given = record.select([*record.inputs, *_responses(structure, record)])

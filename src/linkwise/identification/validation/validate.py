@@ -22,6 +22,7 @@ from linkwise.identification.validation.sensor_noise import sensor_noise
 from linkwise.identification.validation.stated_sensors import unknown_sensors, with_stated_sensors
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, part, silent
 from linkwise.records.channel import Channel
@@ -149,6 +150,7 @@ def validate(
 
 def _usable(record: Record, structure: Structure) -> Record:
     """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
+    refuse_rig(structure, "validation")
     masses = structure.places
     responses = [name for name in record.responses if Channel.parse(name).mass in masses]
     if not responses:

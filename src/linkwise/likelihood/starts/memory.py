@@ -18,7 +18,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.link_states import follow_states, link_motion
 from linkwise.likelihood.starts.states import measured_motion
-from linkwise.model.link_state import unit_dimension
+from linkwise.likelihood.starts.trials import trial_values, unit_sizes
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -30,7 +30,6 @@ _TRIALS = 60  # random starts, of which ...
 _REFINED = 6  # ... so many of the best are refined
 _SEARCH = 40  # steps of a refinement, at most
 _FLAT = 1e-5  # relative change of the cost at which it ends
-_DECADES = 1.5  # above and below the size that units imply
 _WINDOW = 0.2  # half width of a test function over the period of the motion
 _DISTINCT = 0.05  # relative distance of the forces' coefficients beyond which two valleys are different
 _SEED = 12
@@ -129,22 +128,9 @@ class _Search:
     @cached_property
     def sizes(self) -> dict[str, float]:
         """A size for each curved parameter, from its unit and the sizes of motion and forces."""
-        length = float(np.std(self.d)) or 1.0
-        speed = float(np.std(self.v)) or 1.0
-        time, force = length / speed, self._force_size()
-        mass, current = force * time**2 / length, 1.0
         volts = [name for name in self.record.channels if name.startswith("state:")]
-        if volts:
-            current = force * speed / (float(np.nanstd(self.record.channel(volts[0]))) or 1.0)
-        sizes = {}
-        for parameter in self.curved:
-            unit = unit_dimension(parameter.unit if parameter.unit != "?" else "")
-            powers = (unit.kilogram, unit.metre, unit.second, unit.ampere)
-            bases = (mass, length, time, current)
-            sizes[parameter.name] = float(
-                np.prod([b ** float(p) for b, p in zip(bases, powers, strict=True)])
-            )
-        return sizes
+        shown = float(np.nanstd(self.record.channel(volts[0]))) if volts else None
+        return unit_sizes(self.curved, self.d, self.v, self._force_size(), shown)
 
     def _force_size(self) -> float:
         cells = [name for name in self.record.channels if name.startswith("f:")]
@@ -163,20 +149,7 @@ class _Search:
 
     def trial(self, rng: np.random.Generator, *, first: bool) -> Floats:
         """Values of the curved parameters to start from."""
-        values = []
-        for parameter in self.curved:
-            start = self.given.get(parameter.name, parameter.start)
-            low, high = parameter.lower, parameter.upper
-            if start is not None:
-                value = start * (1.0 if first else 10.0 ** rng.normal(0.0, 0.2))
-            elif np.isfinite(low) and np.isfinite(high):
-                value = low + (high - low) * rng.uniform(0.05, 0.95)
-            else:
-                value = self.sizes[parameter.name] * 10.0 ** rng.uniform(-_DECADES, _DECADES)
-                value *= -1.0 if high <= 0.0 or (low < 0.0 and rng.random() < 0.3) else 1.0
-            margin = 1e-9 * (abs(value) + self.sizes[parameter.name])
-            values.append(np.clip(value, low + margin, high - margin))
-        return np.array(values, dtype=float)
+        return trial_values(self.curved, self.given, self.sizes, rng, first=first)
 
     def solved(self, curved: Floats) -> tuple[Floats, float]:
         """Values (p,) of all parameters, and the part in power that is left."""

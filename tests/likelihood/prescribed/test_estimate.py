@@ -1,0 +1,166 @@
+"""Identification of links alone on a rig: intervals, offsets, verdicts and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rigs import BOUC_WEN, hysteretic, measured, rig, run
+
+import linkwise as lw
+from linkwise import Verdict
+
+SEEDS = 20
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    return run(hysteretic())
+
+
+def test_a_hysteretic_link_is_found_without_starts_within_its_intervals(record: lw.Record) -> None:
+    """Of 100 intervals of 95 %, 88 or more hold with a probability of 0.998, were they independent."""
+    held, scores = 0, []
+    for seed in range(SEEDS):
+        fit = lw.identify(measured(record, seed), hysteretic().unknown("damper"))
+        assert fit.trusted, str(fit)
+        for name, value in BOUC_WEN.items():
+            found = fit.coefficient(f"damper.{name}")
+            assert found.interval is not None and found.standard_error
+            held += found.interval[0] < value < found.interval[1]
+            scores.append((found.value - value) / found.standard_error)
+    assert held >= 88
+    assert 0.7 < np.std(scores) < 1.4  # far from it: 3 standard deviations of the scatter of 20 seeds
+
+
+def test_errors_of_the_motion_widen_the_intervals(record: lw.Record) -> None:
+    errors = [
+        lw.identify(measured(record, 1, displacement=noise), hysteretic().unknown("damper"))
+        .coefficient("damper.x0")
+        .standard_error
+        for noise in (1e-6, 1e-4)
+    ]
+    assert errors[0] is not None and errors[1] is not None
+    assert errors[1] > 2.0 * errors[0]
+
+
+def test_a_coarse_displacement_is_not_differenced(record: lw.Record) -> None:
+    """Differences of steps of 0.1 mm at 200 Hz would be 20 mm/s beside a rate of 50 mm/s."""
+    coarse = measured(record, 1, displacement=0.0, step=1e-4)
+    fit = lw.identify(coarse, hysteretic().unknown("damper"))
+    for name in ("k", "F", "x0"):
+        found = fit.coefficient(f"damper.{name}").value
+        assert found == pytest.approx(
+            BOUC_WEN[name], rel=0.05
+        )  # a mistake of differences is ten times larger
+
+
+def test_a_law_without_states() -> None:
+    law, values = "k*d + k3*d**3 + c*v", {"k": 2000.0, "k3": 4e7, "c": 50.0}
+    fit = lw.identify(measured(run(rig(law, values)), 1), rig(law, values).unknown("damper"))
+    assert fit.trusted and fit.masses == ()
+    for name, value in values.items():
+        interval = fit.coefficient(f"damper.{name}").interval
+        assert interval is not None and interval[0] < value < interval[1]
+    assert fit.links[0].frequencies == ()
+
+
+def test_a_missing_state_is_told(record: lw.Record) -> None:
+    wrong = rig("k*d + c*v", {"k": 1.0, "c": 1.0}).unknown("damper")
+    fit = lw.identify(measured(record, 1), wrong)
+    assert fit.verdicts[0] is Verdict.UNEXPLAINED_FORCES and not fit.trusted
+    assert fit.coefficient("damper.k").interval is None
+
+
+def test_a_zero_error_of_the_load_cell_is_diagnosed_and_found(record: lw.Record) -> None:
+    noisy = measured(record, 1)
+    values = noisy.values.copy()
+    values[:, noisy.channels.index("f:damper")] += 5.0
+    off = replace(noisy, values=values)
+    unknown = hysteretic().unknown("damper")
+    fit = lw.identify(off, unknown)
+    assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR
+    assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("offset", "f:damper")
+    assert fit.diagnosis[0].size == pytest.approx(5.0, rel=0.1)  # the first order
+    for again in (
+        lw.identify(off, unknown, admit=["offset"]),
+        lw.identify(off, unknown, offsets=["f:damper"]),
+    ):
+        assert again.trusted
+        interval = again.coefficient("damper.F").interval
+        assert interval is not None and interval[0] < BOUC_WEN["F"] < interval[1]
+        assert any(remark.startswith("f:damper is off by") for remark in again.remarks)
+
+
+def test_a_zero_error_of_the_displacement_of_a_cubic_spring() -> None:
+    law, values = "k*d + k3*d**3 + c*v", {"k": 2000.0, "k3": 4e7, "c": 50.0}
+    noisy = measured(run(rig(law, values)), 2)
+    shifted = noisy.values.copy()
+    shifted[:, noisy.channels.index("x:base")] += 1e-3
+    record = replace(noisy, values=shifted)
+    fit = lw.identify(record, rig(law, values).unknown("damper"), offsets=["x:base", "f:damper"])
+    assert fit.trusted
+    interval = fit.coefficient("damper.k3").interval
+    assert interval is not None and interval[0] < values["k3"] < interval[1]
+    assert any(remark.startswith("x:base is off by 0.001") for remark in fit.remarks)
+
+
+def test_records_are_fitted_together(record: lw.Record) -> None:
+    parts = [measured(record, 3)[:1000], measured(record, 4)[1000:]]
+    unknown = hysteretic().unknown("damper")
+    both, one = lw.identify(parts, unknown), lw.identify(parts[0], unknown)
+    assert both.trusted and both.samples > 1.9 * one.samples
+    errors = [fit.coefficient("damper.F").standard_error for fit in (both, one)]
+    assert errors[0] is not None and errors[1] is not None and errors[0] < errors[1]
+    assert both.motion.d.shape == (len(record), 1)
+
+
+def test_coefficients_that_the_force_does_not_tell_apart(record: lw.Record) -> None:
+    law = "k*d + k2*d + c*v"
+    values = {"k": 1.0, "k2": 1.0, "c": 1.0}
+    noisy = measured(run(rig(law, {**values, "k": 2000.0, "c": 50.0})), 1)
+    fit = lw.identify(noisy, rig(law, values).unknown("damper"))
+    assert fit.verdicts[0] is Verdict.HARDLY_DETERMINED
+    assert fit.coefficient("damper.k").interval is None
+
+
+def test_the_motion_carries_measured_and_identified_forces(record: lw.Record) -> None:
+    noisy = measured(record, 1)
+    fit = lw.identify(noisy, hysteretic().unknown("damper"))
+    motion = fit.motion
+    assert motion.identified_force is not None and motion.force is not None
+    np.testing.assert_array_equal(motion.force[:, 0], noisy.channel("f:damper"))
+    left = motion.force - motion.identified_force
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(1.0, rel=0.1)  # the noise; the motion adds to it
+
+
+REFUSED: dict[str, tuple[dict[str, str], dict[str, Any], str]] = {
+    "no motion": ({"drop": "x:base"}, {}, "identified from the displacement of its base, x:base"),
+    "no force": ({"drop": "f:damper"}, {}, "has no load cell of its link: give channel f:damper"),
+    "gain": ({}, {"gains": ["f:damper"]}, "not supported for links alone on a rig"),
+    "robust": ({}, {"loss": lw.Student()}, "a robust loss: not supported for links alone on a rig"),
+    "offset": ({}, {"offsets": ["x:m1"]}, "no offset of x:m1 can be found"),
+    "weak": ({}, {"method": "weak"}, 'links alone on a rig are not supported in method "weak"'),
+    "sindy": ({}, {"method": "sindy"}, 'links alone on a rig are not supported in method "sindy"'),
+}
+
+
+@pytest.mark.parametrize(("change", "options", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_is_refused(
+    record: lw.Record, change: dict[str, str], options: dict[str, Any], message: str
+) -> None:
+    kept = [name for name in record.channels if name != change.get("drop")]
+    with pytest.raises((lw.IdentificationError, lw.StructureError), match=message):
+        lw.identify(record.select(kept), hysteretic().unknown("damper"), **options)
+
+
+def test_other_doors_refuse_a_rig() -> None:
+    structure = rig("k*d", {"k": 1.0})
+    for door in (
+        lambda: lw.limit(structure.unknown("damper"), duration=1.0, rate=100.0, noise=40.0),
+        lambda: lw.absorb(structure, sinks=["damper"], duration=1.0),
+    ):
+        with pytest.raises(lw.StructureError, match="links alone on a rig are not supported"):
+            door()
