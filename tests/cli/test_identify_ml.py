@@ -288,7 +288,7 @@ def test_classical_choices_reach_the_fit(files: Path) -> None:
         (["--with", "nowhere.csv"], "nowhere.csv"),
         (["--noise-of", "x:m1"], "--noise-of 'x:m1' is not NAME=VALUE"),
         (["--noise-of", "x:m1=loud"], "--noise-of x:m1=loud: 'loud' cannot be read as a quantity"),
-        (["--offset", "x:m1=much"], "--offset x:m1=much: 'much' cannot be read as a quantity"),
+        (["--offset", "x:m1=plenty"], "--offset x:m1=plenty: 'plenty' cannot be read as a quantity"),
         (
             ["--offset", "x:m1=3 mm+-"],
             "write '0.3 m' for a known offset, '0.3 m +- 0.3 m' for one that is known to within",

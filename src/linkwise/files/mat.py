@@ -85,7 +85,7 @@ def _texts(value: Any) -> tuple[str, ...]:
 
 def _read_v5(path: Path) -> dict[str, Any]:
     _require_whole_elements(path)
-    content = loadmat(path, squeeze_me=True, simplify_cells=True)
+    content = loadmat(path, squeeze_me=True, simplify_cells=True, spmatrix=False)
     return {name: _dense(value) for name, value in content.items() if not name.startswith("__")}
 
 

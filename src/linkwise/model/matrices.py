@@ -93,7 +93,7 @@ def _read(path: Path) -> dict[str, Any]:
         case ".npz":
             return _of_npz(path)
         case ".mtx":
-            return {path.stem: scipy.io.mmread(path)}
+            return {path.stem: scipy.io.mmread(path, spmatrix=False)}
         case ".mat":
             return _in_a_child(path)
     raise StructureError("matrices are read from .mat, .npz and .mtx files", str(path))
@@ -130,7 +130,7 @@ def _in_a_child(path: Path) -> dict[str, Any]:
 def main() -> None:
     """Write every matrix of the MAT file that the command names into the folder that it names."""
     path, folder = sys.argv[1:]
-    for name, value in scipy.io.loadmat(path).items():
+    for name, value in scipy.io.loadmat(path, spmatrix=False).items():
         numeric = scipy.sparse.issparse(value) or (
             isinstance(value, np.ndarray) and value.dtype.kind in "fiuc"
         )
