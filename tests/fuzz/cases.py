@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from random import Random
 
+from fuzz.answers import answer_case
 from fuzz.case import Case
 from fuzz.laws import law_case
 from fuzz.mapping_files import mapping_case
@@ -16,10 +17,11 @@ from fuzz.study_files import study_case
 _SHARES: dict[Callable[[int, Random], Case], float] = {
     law_case: 0.25,
     structure_case: 0.25,
-    record_case: 0.25,
+    record_case: 0.15,
     mapping_case: 0.05,
+    answer_case: 0.05,
     study_case: 0.10,
-    option_case: 0.10,
+    option_case: 0.15,
 }
 
 

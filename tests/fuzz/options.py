@@ -13,17 +13,24 @@ from fuzz.structures import sound_structures
 _DRIVE = ("--release", "--impulse", "--force", "--base", "--sensors", "--noise", "--rate", "--duration")
 _RECORD = (
     "--channel", "--rate", "--resample", "--from", "--to", "--noise-of", "--mapping", "--header", "--decimate", "--period",
-    "--then", "--offset", "--gain", "--delay", "--interpolation",
+    "--then", "--offset", "--gain", "--delay", "--interpolation", "--by-time", "--mark-missing",
 )  # fmt: skip
+_SENSORS = ("--calibration", "--let")
+_FLAGS = ("--json", "--quick", "--by-time", "--profile")
 _COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("identify", "run.csv", "unknown.toml", "--method", "weak"): (
         *_RECORD, "--with", "--truth", "-o", "--json", "--derivative",
     ),
-    ("identify", "run.csv", "unknown.toml"): (*_RECORD, "--robust", "--with", "--truth"),
+    ("identify", "run.csv", "unknown.toml"): (
+        *_RECORD, *_SENSORS, "--robust", "--with", "--truth", "--profile", "--ambient", "--input-noise",
+    ),
+    ("identify", "run.csv", "unknown.toml", "--by-time", "--channel", "x:m2=part.csv:x:m2"): (*_RECORD, "--json"),
+    ("inspect", "run.csv", "--then", "part.csv"): (*_RECORD, "-o", "--json"),
+    ("validate", "chain.toml", "run.csv"): (*_RECORD, "--burn", "--json", "-o"),
     ("inspect", "run.csv"): (*_RECORD, "--write-mapping", "-o", "--json"),
     ("export", "chain.toml"): ("o.py", "o.m", "end.m", "o.csv", "o.xlsx", "o.mat"),
     ("discover", "run.csv", "--mass", "m1=1", "--mass", "m2=0.01", "--terms", "v, d"): (
-        *_RECORD, "--mass", "--terms", "--structure", "--with", "--truth", "--json",
+        *_RECORD, *_SENSORS, "--mass", "--terms", "--structure", "--with", "--truth", "--json",
     ),
     ("simulate", "chain.toml", "--duration", "0.05", "--rate", "200", "--release", "v:m1=1", "-o", "o.csv"): (
         *_DRIVE, "--seed", "-o", "--json",
@@ -40,7 +47,8 @@ _COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
 _MEANT = (
     "x:m1=1e-4", "v:m1=1.0", "m1=0.3@0.1", "m1=sin(30*t)", "0.1", "100", "1", "2", "nes", "nes1", "x,v", "a:m2", "x:m2", "all",
     "run.csv", "chain.toml", "unknown.toml", "out", "o.h5", "v, d, d**3", "m2=10 g", "nes1.alpha=-200:-20:3", "locked",
-    "huber", "sensors.toml", "x:m1=+-0.1mm", "x:m2=2ms+-1ms", "x:m1=1.02+-1%",
+    "huber", "sensors.toml", "part.csv", "x:m2=part.csv:x:m2", "x:m1[mm]=2", "all=1%", "common=0.5%", "clipped,spikes", "offset",
+    "x:m1=+-0.1mm", "x:m2=2ms+-1ms", "x:m1=1.02+-1%",
 )  # fmt: skip
 
 
@@ -50,11 +58,12 @@ def option_case(seed: int, rng: Random) -> Case:
     for _ in range(rng.choice((1, 1, 2, 3))):
         option = rng.choice(_COMMANDS[command])
         arguments.append(option)
-        if option.startswith("-") and option not in ("--json", "--quick"):
+        if option.startswith("-") and option not in _FLAGS:
             arguments.append(_value(rng).replace("\0", ""))  # which no system passes on
     chain, unknown = (text.encode() for text in sound_structures()[:2])
     files = {
         "run.csv": sound_record(),
+        "part.csv": sound_record(),
         "chain.toml": chain,
         "unknown.toml": unknown,
         "sensors.toml": SENSORS.encode(),

@@ -35,6 +35,7 @@ def test_an_input_depends_on_its_seed_alone() -> None:
         "structure",
         "record",
         "mapping",
+        "answer",
         "study",
         "option",
     }

@@ -50,6 +50,7 @@ def outcome(case: Case) -> Outcome:
         os.chdir(folder)
         try:
             for name, content in case.files.items():
+                Path(name).parent.mkdir(exist_ok=True)
                 Path(name).write_bytes(content)
             with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as error:
                 code, lost = _run(case)
