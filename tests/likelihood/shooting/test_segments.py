@@ -14,7 +14,7 @@ import linkwise as lw
 from linkwise.likelihood.shooting import normal_equations as module
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.normal_equations import NormalBlocks, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
@@ -276,3 +276,19 @@ def test_losses_cost_what_their_densities_say() -> None:
     assert Huber(1.5).total(np.array([10.0])) == pytest.approx(2 * 1.5 * 10 - 1.5**2, rel=1e-12)
     many = Student(1e6)  # many degrees of freedom are a Gaussian
     assert many.total(np.array([3.0])) == pytest.approx(9.0, rel=1e-5)  # (r^2/2 - 1)/1e6 = 3.5e-6 less
+
+
+def test_blocks_of_a_wide_border_are_those_of_each_segment() -> None:
+    """One product of all rows, or the sum of one for each segment."""
+    segments, m, p, samples = 7, 4, 60, 10
+    rows = np.random.default_rng(5).normal(size=(segments, samples, m + p + 1))
+    one, other = NormalBlocks.empty(segments, m, p), NormalBlocks.empty(segments, m, p)
+    corner, gradient = one.put(slice(None), rows.transpose(0, 2, 1) @ rows)
+    wide_corner, wide_gradient = other.put_wide(slice(None), rows)
+    for expected, found in (
+        (corner, wide_corner),
+        (gradient, wide_gradient),
+        (one.state, other.state),
+        (one.right, other.right),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

@@ -25,6 +25,7 @@ from linkwise.likelihood.shooting.tangents import tangents
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
+_WIDE = 48  # columns beside those of a search, from which one product of all rows is faster than one for each segment
 NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
@@ -55,6 +56,19 @@ class NormalBlocks:
         self.state[part] = product[:, :m, :m]
         self.right[:, part] = product[:, m:, :m].transpose(1, 0, 2)
         total = product[:, m:, m:].sum(axis=0, dtype=float)
+        return total[:-1, :-1], total[-1, :-1]
+
+    def put_wide(self, part: slice, rows: Floats) -> tuple[Floats, Floats]:
+        """`put` of the Jacobian and residuals `rows` (k, r, P + 1) of a chunk whose border is much wider than its states.
+
+        The corner is one product over all rows, in double precision, in place of a sum of k products.
+        """
+        m = self.state.shape[1]
+        product = rows[:, :, :m].transpose(0, 2, 1) @ rows
+        self.state[part] = product[:, :, :m]
+        self.right[:, part] = product[:, :, m:].transpose(2, 0, 1)
+        border = rows[:, :, m:].astype(float).reshape(-1, rows.shape[2] - m)
+        total = border.T @ border
         return total[:-1, :-1], total[-1, :-1]
 
 
@@ -125,6 +139,7 @@ def linearise(
     m, K = segments.system.dimension, segments.count
     p = segments.parameters + _extra_columns(candidates, errors)
     parts = chunks(segments, p)
+    wide = p - segments.parameters > _WIDE
     data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
     joined = np.append(segments.linked, False)[:, None] * segments.continuous
     defects_by_node = np.zeros((K, m))
@@ -134,11 +149,13 @@ def linearise(
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> tuple[Floats, Floats, Floats, Floats]:
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
-        corner = data.put(part, rows.transpose(0, 2, 1) @ rows)
+        corner = data.put_wide(part, rows) if wide else data.put(part, rows.transpose(0, 2, 1) @ rows)
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= joined[part, :, None]
         state_ends[part] = ends[:, :, :m]
         right_ends[:, part] = ends[:, :, m:].transpose(2, 0, 1)
+        if wide:
+            return *corner, *defects.put_wide(part, ends)
         return *corner, *defects.put(part, ends.transpose(0, 2, 1) @ ends)
 
     for corners in map(work, parts) if executor is None else executor.map(work, parts):
