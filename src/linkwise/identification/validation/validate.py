@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -14,17 +15,17 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.identification.validation.coefficients import agreements, estimated_again, uncertain
-from linkwise.identification.validation.prediction import one_step, predict
+from linkwise.identification.validation.prediction import Prediction, one_step, predict
 from linkwise.identification.validation.profiles import error_profiles, error_spectra
 from linkwise.identification.validation.result import CoefficientAgreement, Validation
+from linkwise.identification.validation.rig import rig_channels, rig_prediction
 from linkwise.identification.validation.scores import channel_scores
 from linkwise.identification.validation.sensor_noise import sensor_noise
 from linkwise.identification.validation.stated_sensors import unknown_sensors, with_stated_sensors
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.memory_support import refuse_memory
-from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import BASE, Structure
-from linkwise.progress import Progress, part, silent
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
@@ -32,6 +33,8 @@ from linkwise.signals.base_frame import framed
 _BURN = 0.05  # of the record
 _FEWEST, _MOST = 50, 300  # samples of the burn, unless it is given
 _SCORED = 20  # samples at least
+
+_Predicted: TypeAlias = tuple[int, Prediction, tuple[Floats, Floats], dict[str, float]]
 
 
 def validate(
@@ -96,22 +99,11 @@ def validate(
     """
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
-    refuse_memory(structure.links, "validation")
     law_error = _law_error(given.model_error if model_error is None else model_error)
-    seen = _usable(record, structure)
+    seen = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
     remarks = (*remarks, *_unscored(record, seen), *unknown_sensors(seen))
-    frame = framed(seen, structure)
-    used = frame.record
-    if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
-        raise RecordError(
-            "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
-        )
-    samples = _burn_samples(used, burn)
-    noise = sensor_noise(used)
-    sigma = np.array([noise[name] for name in used.responses])
-    predictor = _predictor(used, structure, posterior, sigma, law_error)
-    prediction = predict(predictor, samples, part(progress, 0.0, 0.6))
-    steps = one_step(predictor, samples)
+    predicted = _on_rig if structure.on_rig else _in_motion
+    samples, prediction, steps, noise = predicted(seen, given, burn, law_error, part(progress, 0.0, 0.6))
     agreed: tuple[CoefficientAgreement, ...] = ()
     if posterior is not None and posterior.names:
         try:
@@ -124,19 +116,17 @@ def validate(
                 )
         except IdentificationError as error:
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
-    shown = frame.shown
-    prediction = replace(prediction, predicted=prediction.predicted + shown)
     prediction = with_stated_sensors(prediction, seen)
+    sigma = np.array([noise[name] for name in seen.responses])
     deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
     deviation[np.isnan(prediction.predicted)] = np.nan
-    noise = dict(zip(seen.responses, noise.values(), strict=True))
     return Validation(
         structure=structure,
         record=seen,
         predicted=_like(seen, prediction.predicted, "predicted"),
         deviation=_like(seen, deviation, "expected deviation"),
-        channels=channel_scores(seen, prediction, (steps[0] + shown, steps[1]), noise),
-        burn=samples * used.step,
+        channels=channel_scores(seen, prediction, steps, noise),
+        burn=samples * seen.step,
         window=prediction.window,
         windows=prediction.starts,
         horizon=prediction.horizon,
@@ -148,9 +138,43 @@ def validate(
     )
 
 
+def _in_motion(
+    seen: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
+) -> _Predicted:
+    """Samples of the burn, the prediction of masses that move freely, that one step ahead, and the noise by channel."""
+    structure = given.structure
+    refuse_memory(structure.links, "validation")
+    frame = framed(seen, structure)
+    used = frame.record
+    if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
+        raise RecordError(
+            "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
+        )
+    samples = _burn_samples(used, burn)
+    noise = sensor_noise(used)
+    sigma = np.array([noise[name] for name in used.responses])
+    predictor = _predictor(used, structure, given.posterior, sigma, law_error)
+    prediction = predict(predictor, samples, progress)
+    ahead, variance = one_step(predictor, samples)
+    prediction = replace(prediction, predicted=prediction.predicted + frame.shown)
+    named = dict(zip(seen.responses, noise.values(), strict=True))
+    return samples, prediction, (ahead + frame.shown, variance), named
+
+
+def _on_rig(
+    seen: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
+) -> _Predicted:
+    """The same of links along the recorded motion of a rig, whose states no sample but those of the burn tells."""
+    samples = _burn_samples(seen, burn)
+    prediction, noise = rig_prediction(seen, given.structure, given.posterior, samples, law_error)
+    progress(ProgressReport(1.0, "forces along the motion"))
+    variance = prediction.by_state + prediction.by_coefficients + prediction.by_laws
+    variance[np.isnan(prediction.predicted)] = np.nan
+    return samples, prediction, (prediction.predicted, variance), noise
+
+
 def _usable(record: Record, structure: Structure) -> Record:
     """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
-    refuse_rig(structure, "validation")
     masses = structure.places
     responses = [name for name in record.responses if Channel.parse(name).mass in masses]
     if not responses:

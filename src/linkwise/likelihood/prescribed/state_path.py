@@ -82,6 +82,7 @@ class LinkPath:
     converged: bool
 
     @classmethod
+    @np.errstate(all="ignore")  # states may run away; then the path has not converged
     def of(
         cls, law: Law, values: dict[str, float], d: Floats, v: Floats, step: float,
         initial: Floats, guess: Floats | None = None,

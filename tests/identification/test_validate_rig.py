@@ -1,0 +1,78 @@
+"""Validation of links alone on a rig: forces predicted along a motion that was not fitted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from rigs import hysteretic, measured, rig, run
+
+import linkwise as lw
+from linkwise.cli import linkwise as command
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    return measured(run(hysteretic()), 1)
+
+
+@pytest.fixture(scope="module")
+def fit(record: lw.Record) -> lw.Estimate:
+    return lw.identify(record[:1000], hysteretic().unknown("damper"))
+
+
+def test_the_force_on_another_part_is_predicted_to_its_noise(record: lw.Record, fit: lw.Estimate) -> None:
+    """A part is validated with an error of 0.1 % level; the noise of the cell is 1 N, of a force of 90 N."""
+    result = lw.validate(record[1000:], fit)
+    score = result.channels["f:damper"]
+    assert result.trusted and result.free_run
+    assert score.rmse == pytest.approx(score.expected, rel=0.1)  # 950 samples of noise: 5 standard deviations
+    assert np.isnan(result.predicted.values[:50]).all() and np.isfinite(result.predicted.values[50:]).all()
+    assert [entry.name for entry in result.coefficients] == [
+        f"damper.{name}" for name in ("k", "c", "F", "s", "x0")
+    ]
+    assert all(entry.agrees for entry in result.coefficients)
+
+
+def test_a_law_that_lacks_the_state_is_refused(record: lw.Record) -> None:
+    wrong = rig("k*d + c*v", {"k": 5000.0, "c": 900.0})
+    result = lw.validate(record[1000:], wrong)
+    assert not result.trusted
+    assert result.channels["f:damper"].nmse_percent > 10.0
+
+
+def test_the_state_at_the_start_is_told_by_the_burn(record: lw.Record, fit: lw.Estimate) -> None:
+    """The part starts where the link has slipped: with a state of 0 there, its first samples would be off by 60 N."""
+    part = record[1000:]
+    result = lw.validate(part, fit, burn=0.1)
+    early = result.record.channel("f:damper")[20:60] - result.predicted.channel("f:damper")[20:60]
+    assert np.abs(early).max() < 5.0  # of noise of 1 N
+
+
+def test_a_record_without_the_force_is_refused(record: lw.Record) -> None:
+    with pytest.raises(
+        lw.RecordError, match="compared along x:base with f:damper, and the record holds x:base"
+    ):
+        lw.validate(record.select(["x:base"]), hysteretic())
+
+
+def test_from_files_to_a_prediction(tmp_path: Path, record: lw.Record) -> None:
+    lw.write_record(record, tmp_path / "run.csv")
+    lw.write_structure(hysteretic().unknown("damper"), tmp_path / "rig.toml")
+    runner = CliRunner()
+    run_file, answer = str(tmp_path / "run.csv"), str(tmp_path / "answer")
+    found = runner.invoke(
+        command, ["identify", run_file, str(tmp_path / "rig.toml"), "--to", "5", "-o", answer]
+    )
+    assert found.exit_code == 0, found.output
+    assert {"report.html", "result.json", "structure.toml", "force_damper.csv", "force_damper.png"} <= {
+        path.name for path in Path(answer).iterdir()
+    }
+    told = runner.invoke(
+        command, ["validate", run_file, answer, "--from", "5", "-o", str(tmp_path / "validation")]
+    )
+    assert told.exit_code == 0 and "The prediction agrees" in told.output
+    shown = runner.invoke(command, ["structure", "show", str(tmp_path / "answer" / "structure.toml")])
+    assert shown.exit_code == 0 and "damper" in shown.output
