@@ -23,8 +23,8 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "map", "path", "prediction",
-    "prediction_error", "prediction_profile", "prediction_spectrum", "runners_up", "spectrum", "study",
+    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "loop", "map", "path",
+    "prediction", "prediction_error", "prediction_profile", "prediction_spectrum", "runners_up", "spectrum", "study",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -50,7 +50,8 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     validated = lw.validate(record, lw.bnes_chain(2))
     results = {
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
-        "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "map": (swept, "sinks_share"),
+        "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "loop": (fitted, "nes1"),
+        "map": (swept, "sinks_share"),
         "prediction": (validated, "x:m1"), "prediction_error": (validated, "x:m1"),
         "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),
         "path": (discovered,), "runners_up": (discovered,),

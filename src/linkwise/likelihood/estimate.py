@@ -292,13 +292,19 @@ def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]
     v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
     whole = [-(-len(record) // samples) * samples for record in records]
     firsts = np.cumsum([0, *whole[:-1]])
-    d, rates = [], []
+    memory = fit.misfit.trajectories.memory[: segments.steps : segments.refine]
+    inside = memory.transpose(2, 0, 1).reshape(len(x), -1)
+    d, rates, forces = [], [], []
     for record, first in zip(records, firsts, strict=True):
         own = slice(first, first + len(record))
         base = record.channel("x:base") if "x:base" in record.channels else None
         d.append(identified.elongations(x[own], base))
         rate = None if base is None else np.gradient(base, record.step)
         rates.append(identified.elongations(v[own], rate))
+        if segments.system.states:
+            forces.append(
+                _forces_with_memory(identified, d[-1], rates[-1], inside[own], segments.system.states)
+            )
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),
@@ -306,7 +312,20 @@ def _motion(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]
         v=np.concatenate(rates),
         d_range=extremes(np.concatenate(d)),
         compute_residual=partial(_residual, identified, records),
+        identified_force=np.concatenate(forces) if forces else None,
     )
+
+
+def _forces_with_memory(
+    identified: Structure, d: Floats, v: Floats, inside: Floats, states: Sequence[tuple[int, str]]
+) -> Floats:
+    """(N, L) forces in N of links with memory, whose `states` (N, S) are of these links and names; NaN for others."""
+    forces = np.full(d.shape, np.nan)
+    for index, link in enumerate(identified.links):
+        own = {name: inside[:, column] for column, (number, name) in enumerate(states) if number == index}
+        if own:
+            forces[:, index] = link.force(d[:, index], v[:, index], own)
+    return forces
 
 
 def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None:

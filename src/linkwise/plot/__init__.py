@@ -1,6 +1,6 @@
 """Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
-`force`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `prediction`, `prediction_error`,
+`force`, `loop`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `prediction`, `prediction_error`,
 `prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map` and `study` draw one picture on one
 Axes. Functions whose names end in `_figure` put these pictures together as the commands write them. All take results and
 compute nothing. Names load on first use, so that matplotlib is imported when something is drawn.
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from linkwise.plot.discovery_graph import graph, graph_figure
     from linkwise.plot.discovery_path import path, path_figure, runners_up
     from linkwise.plot.link_force import force, force_figure
+    from linkwise.plot.link_loop import loop, loop_figure
     from linkwise.plot.study_accuracy import accuracy_figure, study
     from linkwise.plot.style import save
     from linkwise.plot.time_histories import histories, histories_figure
@@ -54,6 +55,8 @@ __all__ = [
     "graph_figure",
     "histories",
     "histories_figure",
+    "loop",
+    "loop_figure",
     "map",
     "map_figure",
     "path",
@@ -84,6 +87,7 @@ _HOMES = {
     "discovery_graph": ("graph", "graph_figure"),
     "discovery_path": ("path", "path_figure", "runners_up"),
     "link_force": ("force", "force_figure"),
+    "link_loop": ("loop", "loop_figure"),
     "study_accuracy": ("accuracy_figure", "study"),
     "style": ("save",),
     "time_histories": ("histories", "histories_figure"),

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.force_loop import has_loop
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
 from linkwise.lazy import LazyFunction
 from linkwise.model.structure import Structure
@@ -25,12 +26,14 @@ from linkwise.text import format_chi_square, format_error, format_value
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from linkwise.plot import force_figure, histories_figure
+    from linkwise.plot import force_figure, histories_figure, loop_figure
 else:  # matplotlib loads where a figure is drawn, which may be another process
     force_figure = LazyFunction("linkwise.plot", "force_figure")
     histories_figure = LazyFunction("linkwise.plot", "histories_figure")
+    loop_figure = LazyFunction("linkwise.plot", "loop_figure")
 
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
+_LOOP = "loop"
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
 
@@ -94,7 +97,12 @@ def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
         for name in _pictured(estimate)
         for kind, draw in LINK_FIGURES.items()
     }
-    return {**links, **sections_of(SECTIONS, reported)}
+    loops = {
+        f"{_LOOP}_{name}": Section(name, figure=partial(loop_figure, estimate, name), interactive=True)
+        for name in _pictured(estimate)
+        if has_loop(estimate, name)
+    }
+    return {**links, **loops, **sections_of(SECTIONS, reported)}
 
 
 def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> str:
@@ -162,7 +170,7 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
         visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} m, "
         f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} m/s",
         nmse="" if error is None else f"{error:.3g} %",
-        pictures=tuple(f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures),
+        pictures=tuple(f"{kind}_{name}" for kind in (*LINK_FIGURES, _LOOP) if f"{kind}_{name}" in pictures),
     )
 
 
