@@ -12,10 +12,11 @@ import pytest
 from sources import FILES, SOURCE, tree
 
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
-    "root", "expression", "model", "records", "files", "signals", "inspection", "analysis", "simulation.integrator",
-    "simulation", "estimates", "sindy.regression", "sindy", "weak", "likelihood.starts", "likelihood.shooting",
-    "likelihood.prescribed", "likelihood", "identification.limit", "identification.modal_test", "identification.validation",
-    "identification", "discovery", "absorption", "study", "plot", "paper", "report", "cli",
+    "root", "expression", "model", "records", "files", "signals", "modal", "inspection.levels", "inspection",
+    "analysis", "simulation.integrator", "simulation", "estimates", "sindy.regression", "sindy", "weak",
+    "likelihood.starts", "likelihood.shooting", "likelihood.prescribed", "likelihood", "identification.limit",
+    "identification.modal_test", "identification.validation", "identification", "discovery", "absorption", "study", "plot",
+    "paper", "report", "cli",
 )  # fmt: skip
 DOORS = {
     "heyoka": "simulation/integrator",

@@ -73,6 +73,11 @@ if TYPE_CHECKING:
     from linkwise.identification.validation.validate import validate
     from linkwise.inspection.alert import Alert
     from linkwise.inspection.inspect import inspect
+    from linkwise.inspection.levels.compare import compare_levels
+    from linkwise.inspection.levels.distortion import Distortion
+    from linkwise.inspection.levels.response_function import ResponseFunction
+    from linkwise.inspection.levels.result import LevelComparison
+    from linkwise.inspection.levels.ring_down import RingDown
     from linkwise.inspection.mark_missing import mark_missing
     from linkwise.inspection.result import ChannelSummary, Inspection
     from linkwise.likelihood.estimate import MaximumLikelihood
@@ -179,6 +184,7 @@ __all__ = [
     "DerivedQuantity",
     "Discovery",
     "DiscoveryOptions",
+    "Distortion",
     "EnergyBalance",
     "Equilibria",
     "Equilibrium",
@@ -205,6 +211,7 @@ __all__ = [
     "LawStep",
     "LawText",
     "LeastSquares",
+    "LevelComparison",
     "Limit",
     "Link",
     "LinkEstimate",
@@ -241,6 +248,8 @@ __all__ = [
     "RecordMapping",
     "RegressionFit",
     "Regressor",
+    "ResponseFunction",
+    "RingDown",
     "Row",
     "RunnerUp",
     "Sampled",
@@ -284,6 +293,7 @@ __all__ = [
     "beside",
     "bnes_chain",
     "check_discovery",
+    "compare_levels",
     "continued",
     "differentiate",
     "discover",

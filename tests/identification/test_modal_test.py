@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.identification.modal_test.measured import ModalMeasurement
-from linkwise.identification.modal_test.oscillators import SampledForce, free_motion
-from linkwise.identification.modal_test.output_error import _OutputError
-from linkwise.identification.modal_test.pursuit import PursuedModes
+from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.oscillators import SampledForce, free_motion
+from linkwise.modal.output_error import _OutputError
+from linkwise.modal.pursuit import PursuedModes
 
 number = lw.Coefficient.number
 FREQUENCIES = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever

@@ -23,8 +23,9 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "crossings", "energy", "evidence", "force", "graph", "histories", "loop", "map", "path",
-    "prediction", "prediction_error", "prediction_profile", "prediction_spectrum", "runners_up", "spectrum", "study",
+    "absorption", "crossings", "distortion", "energy", "evidence", "force", "graph", "histories", "level_modes",
+    "level_response", "loop", "map", "path", "prediction", "prediction_error", "prediction_profile", "prediction_spectrum",
+    "ring_down", "runners_up", "spectrum", "study",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -38,6 +39,18 @@ def rows(method: str = "ml") -> list[lw.Row]:
     ]  # fmt: skip
 
 
+def compared(force: str) -> lw.LevelComparison:
+    """A mode at two levels of a force."""
+    number = lw.Coefficient.number
+    mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    runs = [
+        lw.simulate(beam, forces={"beam.tip": f"{size}*{force}"}, duration=2.0, rate=320.0)
+        for size in (1.0, 2.0)
+    ]
+    return lw.compare_levels([run.with_noise(40.0, seed=1) for run in runs], modes=1)
+
+
 @pytest.fixture(scope="module")
 def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     """Each public picture with a result to draw."""
@@ -48,7 +61,9 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     )
     record = chain_record(2, duration=1.0, rate=500.0, speed=0.1).with_noise(40.0, seed=1)
     validated = lw.validate(record, lw.bnes_chain(2))
+    periodic, tapped = compared("sin(2*pi*16*t)"), compared("exp(-((t - 0.1)/0.01)**2)")
     results = {
+        "distortion": (periodic,), "level_modes": (tapped,), "level_response": (tapped,), "ring_down": (tapped,),
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
         "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "loop": (fitted, "nes1"),
         "map": (swept, "sinks_share"),

@@ -77,21 +77,39 @@ records_options = grouped(
 @click.command()
 @records_options
 @folder_option
+@click.option(
+    "--levels",
+    is_flag=True,
+    help="The records are one test at several levels of force: compare modes, responses and distortion over the level.",
+)
+@click.option(
+    "--modes",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Modes to follow over the levels, from the strongest on.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
-def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
+def inspect(
+    source: RecordsOptions, output: Path | None, levels: bool, modes: int | None, as_json: bool
+) -> None:
     """Look at each RECORD before any model: what its channels hold, and what is wrong with them, worst first.
 
-    Alerts leave the exit code at 0; a file that cannot be read gives 2.
+    Alerts leave the exit code at 0; a file that cannot be read gives 2. --levels asks whether the structure is linear, and
+    from which level on it is not: frequencies and damping of the linear modes that explain each record, response functions
+    and coherence, odd and even distortion where the force is periodic, and modes as they ring down.
 
     \b
     Examples:
       linkwise inspect run.csv
       linkwise inspect run1.csv run2.csv -o looked
+      linkwise inspect soft.csv medium.csv hard.csv --levels -o levels
       linkwise inspect logger.csv --write-mapping sensors.toml
       linkwise inspect logger.csv --mapping sensors.toml
       linkwise inspect logger.csv --channel "x:m1[mm]=Laser 1" --channel "time[ms]=Time" --json
     """
     source.refuse_unknown_errors()
+    if modes is not None and not levels:
+        raise click.UsageError("--modes is for --levels: add it, or leave --modes out.")
     mapped = source.with_first_mapping()
     if mapped is None:
         return
@@ -104,6 +122,9 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
             records.append(source.read_file(path, None, informative=False))
         step(lw.ProgressReport(0.9, "inspecting"))
         inspection = lw.inspect(records)
+        if levels:
+            compared = lw.compare_levels(records, modes=modes, progress=step)
+            inspection = replace(inspection, levels=compared)
     inspection = replace(inspection, alerts=tuple(map(_with_flags, inspection.alerts)))
     if not as_json:
         for note in dict.fromkeys(note for record in records for note in record.notes):

@@ -8,6 +8,7 @@ from typing import Any
 from linkwise.errors import RecordError
 from linkwise.html import NotebookView
 from linkwise.inspection.alert import Alert
+from linkwise.inspection.levels.result import LevelComparison
 from linkwise.records.record import Record
 from linkwise.text import as_text
 
@@ -89,6 +90,8 @@ class Inspection(NotebookView):
         The channels of all records.
     alerts : tuple of Alert
         What is wrong, worst first; empty where nothing is.
+    levels : LevelComparison or None
+        What the records tell of linearity, where they are one test at several levels and this was asked for.
 
     See Also
     --------
@@ -108,6 +111,7 @@ class Inspection(NotebookView):
     records: tuple[Record, ...]
     channels: tuple[ChannelSummary, ...]
     alerts: tuple[Alert, ...]
+    levels: LevelComparison | None = None
 
     def __str__(self) -> str:
         return as_text(self)
@@ -162,8 +166,8 @@ class Inspection(NotebookView):
         Returns
         -------
         dict
-            "channels" by name, "alerts" worst first, and "records"; of several records "channels" holds each channel as the
-            first record with it has it, and each of "records" its own.
+            "channels" by name, "alerts" worst first, "records", and "levels" where these were compared; of several records
+            "channels" holds each channel as the first record with it has it, and each of "records" its own.
         """
         names = dict.fromkeys(summary.name for summary in self.channels)
         return {
@@ -180,6 +184,7 @@ class Inspection(NotebookView):
                 }
                 for number, (label, record) in enumerate(zip(labels(self.records), self.records, strict=True))
             ],
+            **({} if self.levels is None else {"levels": self.levels.to_dict()}),
         }
 
 

@@ -13,8 +13,9 @@ HEAD = (
 
 @as_text.register
 def inspection_text(inspection: Inspection) -> str:
-    """Alerts, then a table of the channels of each record."""
-    return "\n".join([*alert_lines(inspection), *_tables(inspection)])
+    """What levels tell, alerts, then a table of the channels of each record."""
+    compared = [] if inspection.levels is None else [str(inspection.levels), ""]
+    return "\n".join([*compared, *alert_lines(inspection), *_tables(inspection)])
 
 
 def headline(inspection: Inspection) -> str:

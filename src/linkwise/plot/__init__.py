@@ -1,9 +1,10 @@
 """Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
 `force`, `loop`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `prediction`, `prediction_error`,
-`prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map` and `study` draw one picture on one
-Axes. Functions whose names end in `_figure` put these pictures together as the commands write them. All take results and
-compute nothing. Names load on first use, so that matplotlib is imported when something is drawn.
+`prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map`, `level_modes`, `level_response`,
+`distortion`, `ring_down` and `study` draw one picture on one Axes. Functions whose names end in `_figure` put these pictures
+together as the commands write them. All take results and compute nothing. Names load on first use, so that matplotlib is
+imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -21,6 +22,16 @@ if TYPE_CHECKING:
     from linkwise.plot.discovery_evidence import evidence, evidence_figure
     from linkwise.plot.discovery_graph import graph, graph_figure
     from linkwise.plot.discovery_path import path, path_figure, runners_up
+    from linkwise.plot.level_comparison import (
+        distortion,
+        distortion_figure,
+        level_modes,
+        level_response,
+        level_responses_figure,
+        levels_figure,
+        ring_down,
+        ring_down_figure,
+    )
     from linkwise.plot.link_force import force, force_figure
     from linkwise.plot.link_loop import loop, loop_figure
     from linkwise.plot.study_accuracy import accuracy_figure, study
@@ -45,6 +56,8 @@ __all__ = [
     "crossings",
     "crossings_figure",
     "decay_figure",
+    "distortion",
+    "distortion_figure",
     "energy",
     "energy_figure",
     "evidence",
@@ -55,6 +68,10 @@ __all__ = [
     "graph_figure",
     "histories",
     "histories_figure",
+    "level_modes",
+    "level_response",
+    "level_responses_figure",
+    "levels_figure",
     "loop",
     "loop_figure",
     "map",
@@ -69,6 +86,8 @@ __all__ = [
     "prediction_profile_figure",
     "prediction_spectrum",
     "prediction_spectrum_figure",
+    "ring_down",
+    "ring_down_figure",
     "runners_up",
     "save",
     "spectra_figure",
@@ -86,6 +105,16 @@ _HOMES = {
     "discovery_evidence": ("evidence", "evidence_figure"),
     "discovery_graph": ("graph", "graph_figure"),
     "discovery_path": ("path", "path_figure", "runners_up"),
+    "level_comparison": (
+        "distortion",
+        "distortion_figure",
+        "level_modes",
+        "level_response",
+        "level_responses_figure",
+        "levels_figure",
+        "ring_down",
+        "ring_down_figure",
+    ),
     "link_force": ("force", "force_figure"),
     "link_loop": ("loop", "loop_figure"),
     "study_accuracy": ("accuracy_figure", "study"),

@@ -9,11 +9,11 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.identification.modal_test.measured import ModalMeasurement
-from linkwise.identification.modal_test.output_error import ModalFit, modal_fit
-from linkwise.identification.modal_test.pursuit import pursued_modes
 from linkwise.identification.modal_test.result import HostEstimate
 from linkwise.likelihood.whiteness import is_white
+from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.output_error import ModalFit, modal_fit
+from linkwise.modal.pursuit import pursued_modes
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
 from linkwise.progress import Progress, ProgressReport, part, silent

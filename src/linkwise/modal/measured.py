@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.identification.modal_test.oscillators import SampledForce, free_motion
+from linkwise.modal.oscillators import SampledForce, free_motion
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
@@ -68,10 +68,13 @@ class ModalMeasurement:
     runs: tuple[MeasuredRun, ...]
 
     @classmethod
-    def of(cls, records: Sequence[Record], name: str | None) -> ModalMeasurement:
+    def of(
+        cls, records: Sequence[Record], name: str | None = None, *, scaled: bool = True
+    ) -> ModalMeasurement:
         """Those of `records`, whose channels are at points of the host `name`; without a name, of the one that all share.
 
-        Raises IdentificationError if forces or responses are missing, or none is at the point of the other.
+        Raises IdentificationError if forces or responses are missing or, where shapes are to be `scaled`, none is at the
+        point of the other.
         """
         responses = [each for each in records[0].responses if Channel.parse(each).kind in "xva"]
         forces = [each for each in records[0].inputs if Channel.parse(each).kind == "force"]
@@ -85,7 +88,7 @@ class ModalMeasurement:
         points = tuple(dict.fromkeys(own))
         numbers = np.array([points.index(point) for point in own])
         sensed, forced = numbers[: len(responses)], numbers[len(responses) :]
-        if not set(sensed.tolist()) & set(forced.tolist()):
+        if scaled and not set(sensed.tolist()) & set(forced.tolist()):
             raise IdentificationError(
                 f"no response was measured at {' or '.join(dict.fromkeys(places[len(responses) :]))}, where the force acts: "
                 "shapes have no scale without one. Hit the structure at a sensor, or add a sensor where it is hit"

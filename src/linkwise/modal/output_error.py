@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.identification.modal_test.measured import MeasuredRun, ModalMeasurement
-from linkwise.identification.modal_test.pursuit import PursuedModes
+from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.pursuit import PursuedModes
 
 _STEPS = 60
 _CONVERGED = 1e-6  # of the cost of one sample: a step that gains less ends the search

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.identification.modal_test.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.measured import MeasuredRun, ModalMeasurement
 from linkwise.progress import Progress, ProgressReport
 
 _SAMPLES, _RUNS = 16000, 4  # that are looked at
@@ -31,6 +31,7 @@ _LEAST_DAMPING, _LARGEST_DAMPING = 1e-5, 0.7
 _STEP = 1e-4  # of the logarithms of frequencies and damping, for differences
 _EVALUATIONS = 20  # of a search for all of them
 _MOST = 30  # modes
+_BLOCKS = 40  # of a record, between which scores scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,57 @@ def pursued_modes(measured: ModalMeasurement, count: int | None, progress: Progr
     logs = logs[np.argsort(logs[:, 0])]
     frequencies, damping = np.exp(logs).T
     return PursuedModes(frequencies, damping, _residues(part, logs))
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedModes:
+    """Modes of a test with `frequencies` in Hz and `damping` (n,), and their standard errors relative to them (n, 2).
+
+    Errors are those of the curvature, or of the scatter of scores between blocks of the records where these are larger.
+    `residues` (n, C, P) are in 1/kg. `left` is the power that the modes leave, as a part of that of the responses.
+    """
+
+    frequencies: Floats
+    damping: Floats
+    relative_errors: Floats
+    residues: Floats
+    left: float
+
+
+def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floats) -> RefinedModes:
+    """The modes near some `frequencies` in Hz and `damping` (n,) that leave least of a test."""
+    runs = tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS])
+    part = replace(measured, runs=runs)
+    logs = _refined(part, np.log(np.stack([frequencies, damping], axis=1)))
+    left = _left(part, logs)
+    levels = _levels(left)
+    base = _whitened(part, logs, levels)
+    columns = []
+    for number in range(logs.size):
+        step = np.zeros(logs.size)
+        step[number] = _STEP
+        columns.append((_whitened(part, logs + step.reshape(logs.shape), levels) - base) / _STEP)
+    jacobian = np.array(columns)
+    inverse = np.linalg.pinv(jacobian @ jacobian.T, hermitian=True)
+    scores = jacobian * base
+    block = np.concatenate(
+        [
+            np.tile(np.arange(run.count) * _BLOCKS // run.count, len(measured.kinds)) + _BLOCKS * number
+            for number, run in enumerate(runs)
+        ]
+    )
+    sums = np.array([np.bincount(block, weights=row, minlength=_BLOCKS * len(runs)) for row in scores])
+    robust = inverse @ (sums @ sums.T) @ inverse
+    variance = np.maximum(np.maximum(inverse.diagonal(), robust.diagonal()), 0.0)
+    unexplained = sum(np.nansum(each**2, axis=1) for each in left)
+    power = sum(np.nansum(run.responses**2, axis=1) for run in runs)
+    return RefinedModes(
+        frequencies=np.exp(logs[:, 0]),
+        damping=np.exp(logs[:, 1]),
+        relative_errors=np.sqrt(variance).reshape(logs.shape),
+        residues=_residues(part, logs),
+        left=float(np.mean(unexplained / np.maximum(power, np.finfo(float).tiny))),
+    )
 
 
 def _parameters(measured: ModalMeasurement) -> int:

@@ -1,0 +1,3 @@
+"""Records of one test at several levels: whether the structure moves linearly, and from which level on it does not."""
+
+from linkwise.inspection.levels import text as text

@@ -1,0 +1,156 @@
+"""How modes, response functions and distortion move with the level of a test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from linkwise.errors import RecordError
+from linkwise.inspection.levels.distortion import distortion
+from linkwise.inspection.levels.response_function import ResponseFunction
+from linkwise.inspection.levels.result import LevelComparison
+from linkwise.inspection.levels.ring_down import ring_down
+from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
+from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
+
+_UNDAMPED = 2e-4  # damping of what is no mode, but a line of the force or its distortion
+_OF_BANDWIDTH, _OF_DAMPING = 0.1, 0.05
+"""Standard errors of the frequency, over half the bandwidth, and of the damping, relative, of a mode that can be followed."""
+_MOST = 6  # modes that are followed, where their number is not given: those that respond most
+
+
+def compare_levels(
+    records: Sequence[Record], *, modes: int | None = None, progress: Progress = silent
+) -> LevelComparison:
+    """Compare records of one test at several levels: is the structure linear, and from which level on is it not?
+
+    The linear modes that explain each record best are followed from the lowest level up. In a linear structure they stay.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Two records or more with the same channels, applied forces (N) among them; their levels are told by the forces.
+    modes : int, optional
+        Number of modes that are followed; by default those that the lowest level shows, the 6 that respond most.
+    progress : Progress
+        Called with a `ProgressReport` for every record.
+
+    Returns
+    -------
+    LevelComparison
+        Frequencies, damping, response functions and distortion over the level, and modes as they ring down.
+
+    Raises
+    ------
+    RecordError
+        If there are fewer than two records, or no mode stands above the noise at the lowest level.
+    IdentificationError
+        If the records lack a force or a motion, or differ in their channels.
+
+    See Also
+    --------
+    inspect : Look at each record by itself.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> law, values = lw.Law.parse("k*d + k3*d**3 + c*v"), {"k": number(4e3), "k3": number(4e9), "c": number(1.0)}
+    >>> link = lw.Link("spring", ("m1", lw.GROUND), law, values)
+    >>> oscillator = lw.Structure("hardening", (lw.Mass("m1", number(1.0)),), (link,))
+    >>> taps = [
+    ...     lw.simulate(
+    ...         oscillator, forces={"m1": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=4.0, rate=200.0, sensors=["a:m1"]
+    ...     ).with_noise(40.0, seed=1)
+    ...     for size in (0.1, 0.2, 2.0)
+    ... ]
+    >>> found = lw.compare_levels(taps)
+    >>> found.first_nonlinear, found.moved(1), found.moved(2)
+    (2, (), (1,))
+    """
+    if len(records) < 2:
+        raise RecordError(f"levels are compared between two records or more, got {len(records)}")
+    measured = [ModalMeasurement.of([record], scaled=False) for record in records]
+    levels = np.array([_level(record) for record in records])
+    order = np.argsort(levels, kind="stable")
+    lowest = measured[order[0]]
+    pursued = pursued_modes(lowest, modes, part(progress, 0.0, 0.5))
+    if not len(pursued.frequencies):
+        raise RecordError(
+            "no mode stands above the noise at the lowest level; excite the structure more strongly"
+        )
+    every = refined_modes(lowest, pursued.frequencies, pursued.damping)
+    kept = list(range(len(every.damping))) if modes is not None else _followed(every)
+    frequencies, damping = every.frequencies[kept], every.damping[kept]
+    found: list[RefinedModes] = []
+    for number, place in enumerate(order.tolist()):
+        progress(ProgressReport(0.5 + 0.5 * number / len(records), f"level {number + 1}"))
+        found.append(refined_modes(measured[place], frequencies, damping))
+        frequencies, damping = found[-1].frequencies, found[-1].damping
+    ordered = [records[place] for place in order.tolist()]
+    response, force = _channels(records[order[0]])
+    highest, last = ordered[-1], found[-1]
+    noise = channel_noise(highest)
+    shown = [name for name in highest.responses if name.partition(":")[0] in ("x", "v", "a")]
+    rings = []
+    for mode in range(len(kept)):
+        sizes = np.abs(last.residues[mode]).max(axis=1)
+        relative = [size / noise[name] for size, name in zip(sizes, shown, strict=True)]
+        best = shown[int(np.argmax(relative))]
+        rings.append(ring_down(highest, best, last.frequencies, mode, noise[best]))
+    return LevelComparison(
+        labels=_labels(ordered),
+        levels=levels[order],
+        frequencies=np.array([each.frequencies for each in found]),
+        damping=np.array([each.damping for each in found]),
+        frequency_errors=np.array([each.relative_errors[:, 0] * each.frequencies for each in found]),
+        damping_errors=np.array([each.relative_errors[:, 1] * each.damping for each in found]),
+        left=np.array([each.left for each in found]),
+        responses=tuple(ResponseFunction.of(record, response, force) for record in ordered),
+        distortions=tuple(distortion(record, response, force) for record in ordered),
+        ring_downs=tuple(each for each in rings if each is not None),
+    )
+
+
+def _level(record: Record) -> float:
+    """Root mean square of all forces."""
+    forces = [record.channel(name) for name in record.inputs if name.startswith("force:")]
+    return float(np.sqrt(sum(float(np.mean(force**2)) for force in forces)))
+
+
+def _followed(found: RefinedModes) -> list[int]:
+    """The numbers of the modes that are well determined, at most those that respond most, in the order of frequencies."""
+    peaks = np.abs(found.residues).max(axis=(1, 2)) / found.damping
+    errors = found.relative_errors
+    firm = (
+        (found.damping > _UNDAMPED)
+        & (errors[:, 0] < _OF_BANDWIDTH * found.damping)
+        & (errors[:, 1] < _OF_DAMPING)
+    )
+    some = np.flatnonzero(firm) if firm.any() else np.arange(len(peaks))
+    return sorted(some[np.argsort(-peaks[some])][:_MOST].tolist())
+
+
+def _channels(record: Record) -> tuple[str, str]:
+    """The largest force, and a response where it acts, or else that which stands farthest above its noise."""
+    forces = [name for name in record.inputs if name.startswith("force:")]
+    force = max(forces, key=lambda name: float(np.mean(record.channel(name) ** 2)))
+    place = force.partition(":")[2]
+    shown = [name for name in record.responses if name.partition(":")[0] in ("x", "v", "a")]
+    at_force = [name for name in shown if name.partition(":")[2] == place]
+    noise = channel_noise(record)
+    return max(
+        at_force or shown, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name])
+    ), force
+
+
+def _labels(records: Sequence[Record]) -> tuple[str, ...]:
+    sources = [record.source for record in records]
+    return tuple(
+        source if source and sources.count(source) == 1 else f"level {number}"
+        for number, source in enumerate(sources, start=1)
+    )

@@ -1,0 +1,157 @@
+"""What records of one test at several levels tell of linearity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.html import NotebookView
+from linkwise.inspection.levels.distortion import Distortion
+from linkwise.inspection.levels.response_function import ResponseFunction
+from linkwise.inspection.levels.ring_down import RingDown
+from linkwise.text import as_text
+
+_SIGNIFICANT = 4.0
+"""Standard errors by which a frequency or a damping must differ from those at the lowest level: by chance once in 16 000."""
+_FREQUENCY, _DAMPING = 5e-4, 0.05  # relative changes that matter: less is what temperature and sensors do
+
+
+@dataclass(frozen=True, eq=False)
+class LevelComparison(NotebookView):
+    """Records of one test at several levels, from the lowest to the highest.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        The records.
+    levels : array of shape (R,)
+        Root mean square of the force of each, in N.
+    frequencies, damping : array of shape (R, n)
+        Of the linear modes that explain each record best, in Hz and as parts of the critical damping.
+    frequency_errors, damping_errors : array of shape (R, n)
+        Their standard errors.
+    left : array of shape (R,)
+        The power of the responses that linear modes do not explain, as a part of the whole.
+    responses : tuple of ResponseFunction
+        The response where most moves to the largest force, of each record.
+    distortions : tuple of Distortion or None
+        Odd and even distortion of each record; None where its force is not periodic.
+    ring_downs : tuple of RingDown
+        Modes of the highest level as they ring down.
+
+    See Also
+    --------
+    compare_levels : Makes one.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> taps = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> found.first_nonlinear is None, found.frequencies.shape
+    (True, (2, 1))
+    """
+
+    labels: tuple[str, ...]
+    levels: Floats
+    frequencies: Floats
+    damping: Floats
+    frequency_errors: Floats
+    damping_errors: Floats
+    left: Floats
+    responses: tuple[ResponseFunction, ...]
+    distortions: tuple[Distortion | None, ...]
+    ring_downs: tuple[RingDown, ...]
+
+    @property
+    def frequency_changes(self) -> Floats:
+        """(R, n) changes of the frequencies from those at the lowest level, relative."""
+        return np.asarray(self.frequencies / self.frequencies[0] - 1.0)
+
+    @property
+    def damping_changes(self) -> Floats:
+        """(R, n) changes of the damping from that at the lowest level, relative."""
+        return np.asarray(self.damping / self.damping[0] - 1.0)
+
+    def moved(self, level: int) -> tuple[int, ...]:
+        """The modes whose frequency or damping differs from that at the lowest level by more than errors and what matters.
+
+        Parameters
+        ----------
+        level : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        tuple of int
+            Numbers of modes, from 1.
+        """
+        found = np.zeros(self.frequencies.shape[1], dtype=bool)
+        for values, errors, least in (
+            (self.frequencies, self.frequency_errors, _FREQUENCY),
+            (self.damping, self.damping_errors, _DAMPING),
+        ):
+            change = np.abs(values[level] - values[0])
+            both = np.hypot(errors[level], errors[0])
+            found |= (change > _SIGNIFICANT * both) & (change > least * values[0])
+        return tuple(int(mode) + 1 for mode in np.flatnonzero(found))
+
+    @property
+    def first_nonlinear(self) -> int | None:
+        """The number of the lowest level, from 0, at which a mode has moved; None if there is none."""
+        return next((level for level in range(1, len(self.levels)) if self.moved(level)), None)
+
+    def __str__(self) -> str:
+        return as_text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The comparison as plain data.
+
+        Returns
+        -------
+        dict
+            "levels", lowest first, with "modes" each, and "first_nonlinear", the label of a level or None.
+        """
+        first = self.first_nonlinear
+        return {
+            "levels": [
+                {
+                    "record": label,
+                    "force_rms": float(self.levels[number]),
+                    "unexplained": float(self.left[number]),
+                    "moved": list(self.moved(number)),
+                    "modes": [
+                        {"frequency": f, "frequency_error": df, "damping": d, "damping_error": dd}
+                        for f, df, d, dd in zip(
+                            self.frequencies[number].tolist(),
+                            self.frequency_errors[number].tolist(),
+                            self.damping[number].tolist(),
+                            self.damping_errors[number].tolist(),
+                            strict=True,
+                        )
+                    ],
+                    "distortion": None if each is None else vars(each),
+                }
+                for number, (label, each) in enumerate(zip(self.labels, self.distortions, strict=True))
+            ],
+            "ring_down": [
+                {
+                    "mode": each.mode,
+                    "channel": each.channel,
+                    "amplitude": each.amplitude.tolist(),
+                    "frequency": each.frequency.tolist(),
+                    "damping": each.damping.tolist(),
+                }
+                for each in self.ring_downs
+            ],
+            "first_nonlinear": None if first is None else self.labels[first],
+        }

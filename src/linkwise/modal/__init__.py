@@ -1,0 +1,1 @@
+"""Modes of linear structures from measured responses to forces."""

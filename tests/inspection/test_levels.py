@@ -1,0 +1,141 @@
+"""Records at several levels: modes that stay or move, distortion, and ring-downs against known answers."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.cli import run
+from linkwise.inspection.levels.distortion import distortion
+
+number = lw.Coefficient.number
+MASS, STIFFNESS, DAMPER = 1.0, 4e3, 1.0  # 10.07 Hz, 0.79 % of critical
+
+
+def oscillator(*, cubic: float = 0.0, square: float = 0.0) -> lw.Structure:
+    values = {"k": STIFFNESS, "k2": square, "k3": cubic, "c": DAMPER}
+    link = lw.Link(
+        "spring",
+        ("m1", lw.GROUND),
+        lw.Law.parse("k*d + k2*d**2 + k3*d**3 + c*v"),
+        {name: number(value) for name, value in values.items()},
+    )
+    return lw.Structure("oscillator", (lw.Mass("m1", number(MASS)),), (link,))
+
+
+@cache
+def tap(size: float, cubic: float, sensor: str = "a:m1") -> lw.Record:
+    return lw.simulate(
+        oscillator(cubic=cubic),
+        forces={"m1": f"{size}*exp(-((t - 0.1)/0.01)**2)"},
+        duration=6.0,
+        rate=200.0,
+        sensors=[sensor],
+    )
+
+
+def test_modes_of_a_linear_structure_stay() -> None:
+    records = [
+        tap(size, 0.0).with_noise(snr, seed=seed)
+        for seed, (size, snr) in enumerate(((0.1, 30.0), (1.0, 40.0), (10.0, 50.0)))
+    ]
+    found = lw.compare_levels(records)
+    assert found.first_nonlinear is None
+    assert found.frequencies.shape == (3, 1)
+    true = np.sqrt(STIFFNESS / MASS) / (2.0 * np.pi)
+    assert np.abs((found.frequencies - true) / found.frequency_errors).max() < 4.0
+    ratio = DAMPER / (2.0 * np.sqrt(STIFFNESS * MASS))
+    assert np.abs((found.damping - ratio) / found.damping_errors).max() < 4.0
+    assert str(found).startswith("Linear up to")
+    assert np.nanmax(found.responses[2].coherence) > 0.9
+    assert found.distortions == (None, None, None)
+
+
+def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
+    records = [tap(size, 4e9).with_noise(40.0, seed=1) for size in (2.0, 0.1, 0.2)]  # in any order
+    found = lw.compare_levels(records)
+    assert np.all(np.diff(found.levels) > 0.0)
+    assert found.first_nonlinear == 2
+    assert found.moved(2) == (1,)
+    assert found.frequency_changes[2, 0] > 0.01  # it hardens
+    assert str(found).startswith("Not linear from")
+    document = found.to_dict()
+    assert document["first_nonlinear"] == found.labels[2]
+    assert document["levels"][0]["modes"][0]["frequency"] == found.frequencies[0, 0]
+
+
+def test_a_ring_down_follows_the_backbone() -> None:
+    cubic = 4e8
+    records = [tap(size, cubic, "x:m1").with_noise(60.0, seed=1) for size in (0.1, 4.0)]
+    [ring] = lw.compare_levels(records, modes=1).ring_downs
+    backbone = np.sqrt((STIFFNESS + 0.75 * cubic * ring.amplitude**2) / MASS) / (2.0 * np.pi)
+    assert ring.amplitude[0] > 3.0 * ring.amplitude[-1]
+    assert backbone[0] > 1.01 * backbone[-1]
+    # the harmonic balance of one term: its error is of the order of the square of the relative stiffening, below 0.1 %
+    assert np.abs(ring.frequency / backbone - 1.0).max() < 2e-3
+    ratio = DAMPER / (2.0 * MASS * 2.0 * np.pi * ring.frequency)
+    assert np.median(np.abs(ring.damping / ratio - 1.0)) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("law", "kind", "other"), [({"cubic": 4e8}, "odd", "even"), ({"square": 2e6}, "even", "odd")]
+)
+def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, other: str) -> None:
+    force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"  # odd multiples of 4 Hz, 20 Hz left out
+    record = lw.simulate(
+        oscillator(**law), forces={"m1": f"0.5*({force})"}, duration=16.0, rate=400.0, sensors=["a:m1"]
+    ).with_noise(70.0, seed=1)
+    found = distortion(record, "a:m1", "force:m1")
+    assert found is not None
+    assert found.period == pytest.approx(0.25)
+    assert found.odd is not None and found.even is not None
+    levels = {"odd": found.odd, "even": found.even}
+    assert levels[kind] > levels[other] + 10.0
+
+
+def test_distortion_of_a_linear_structure_is_noise() -> None:
+    force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"
+    record = lw.simulate(
+        oscillator(), forces={"m1": force}, duration=16.0, rate=400.0, sensors=["a:m1"]
+    ).with_noise(50.0, seed=1)
+    found = distortion(record, "a:m1", "force:m1")
+    assert found is not None and found.odd is not None and found.even is not None
+    assert (
+        max(found.odd, found.even) < -40.0
+    )  # that of the noise, -50 dB, and what of the start has not died out
+
+
+def test_what_a_comparison_needs_is_told() -> None:
+    with pytest.raises(lw.RecordError, match="two records or more, got 1"):
+        lw.compare_levels([tap(1.0, 0.0)])
+    values = np.random.default_rng(1).standard_normal((600, 2))
+    values[:, 1] = np.where(np.arange(600) == 100, 1.0, 0.0)
+    noise = lw.Record(0.0, 200.0, ("a:m1", "force:m1"), values)
+    with pytest.raises(lw.RecordError, match="no mode stands above the noise"):
+        lw.compare_levels([noise, noise])
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_inspect_compares_levels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, size in (("soft", 0.1), ("hard", 2.0)):
+        lw.write_record(tap(size, 4e9).with_noise(40.0, seed=1), f"{name}.csv")
+    assert run(["inspect", "hard.csv", "soft.csv", "--levels", "-o", "levels"]) == 0
+    assert (
+        "Not linear from 0.09" in capsys.readouterr().out
+    )  # N, of the hard tap: 2 N sqrt(sqrt(pi/2) 0.01 s / 6 s)
+    document = json.loads((tmp_path / "levels" / "inspection.json").read_text())
+    assert document["levels"]["first_nonlinear"] == "hard.csv"
+    page = (tmp_path / "levels" / "report.html").read_text()
+    assert "Modes over level" in page
+    for figure in ("levels", "responses", "ring_down"):
+        assert (tmp_path / "levels" / f"{figure}.png").exists()
+    assert run(["inspect", "soft.csv", "--modes", "2"]) == 2
+    assert "--modes is for --levels" in capsys.readouterr().err
