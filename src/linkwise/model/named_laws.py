@@ -154,6 +154,21 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
                 "lam": _POSITIVE,
             },
         ),
+        "backlash-slip": NamedLaw(
+            title="a spring with backlash in series with a slider, beside spring and damper: z is between -1 and 1",
+            source="Wen, J. Eng. Mech. Div. 102, 249 (1976), with the exponent 4, behind a dead zone",
+            coefficients={
+                **_SPRING,
+                "F": "force at which it slides",
+                "x0": "elongation at which it slides",
+                "g": "share of it that is backlash",
+            },
+            formula=_single(
+                "k*d + c*v + F*(max(z - g, 0) + min(z + g, 0))/(1 - g)",
+                z="v*(1 - 0.5*(1 + sign(z*v))*z**4)/x0",
+            ),
+            bounds={"x0": _POSITIVE, "g": (0.0, 0.95)},
+        ),
         "dahl": NamedLaw(
             title="friction that yields before it slides",
             source="Dahl, Aerospace Corporation TOR-0158(3107-18)-1 (1968)",

@@ -1,0 +1,86 @@
+"""Dampers alone on a rig: the force on the last 40 % of measured records, from laws identified on the first 60 %.
+
+The records are not part of linkwise; the benchmarks are skipped where the folder ../shared/data is not beside the checkout.
+Laws are those of `linkwise structure laws` and their sums; each is fitted to other records of its kind as well.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+DAMPER = {"x:base[mm]": "x_F(:,1)", "f:damper": "x_F(:,3)"}
+FRICTION = {"time": "data(:,1)", "x:base[in]": "data(:,2)", "f:damper[kip]": "data(:,3)"}
+TWO_FRICTIONS = (
+    "k*d + c*v + q + F*tanh(v/v0)",
+    {"q": "sigma*(v - abs(v)*q/Fc)"},
+)  # Dahl's, and a smooth one of Coulomb
+POSITIVE = {"v0": 0.0, "sigma": 0.0, "Fc": 0.0}
+
+
+def on_rig(law: str, states: dict[str, str] | None = None) -> lw.Structure:
+    """A link of a law, or of a named law, all of its coefficients unknown."""
+    if states is None:
+        link = lw.named_law(law).link("damper", ("base", "ground"))
+    else:
+        parsed = lw.Law.parse(law, states)
+        unknown = {
+            name: lw.Coefficient.unknown(lower=POSITIVE.get(name, -np.inf)) for name in parsed.coefficients
+        }
+        link = lw.Link("damper", ("base", "ground"), parsed, unknown)
+    return lw.Structure("damper on a rig", (), (link,))
+
+
+def rest(file: str, channels: dict[str, str], rate: float | None, structure: lw.Structure) -> float:
+    """What is left of the force on the last 40 %, by root mean squares, in %."""
+    if not (DATA / file).exists():
+        pytest.skip(f"no {file} beside the checkout")
+    record = lw.read_record(DATA / file, channels=channels, rate=rate)
+    seen = 6 * len(record) // 10
+    started = perf_counter()
+    fit = lw.identify(record[:seen], structure, offsets=["f:damper"])
+    seconds = perf_counter() - started
+    zero = next(float(text.split()[4]) for text in fit.remarks if text.startswith("f:damper is off by"))
+    values = record[seen:].values.copy()
+    column = record.channels.index("f:damper")
+    values[:, column] -= zero
+    part = lw.Record(record.time[seen], record.rate, record.channels, values)
+    result = lw.validate(part, fit.structure)
+    scored = np.isfinite(result.predicted.channel("f:damper"))
+    size = float(np.sqrt(np.mean(values[scored, column] ** 2)))
+    left = 100.0 * result.channels["f:damper"].rmse / size
+    print(
+        f"{Path(file).name} {structure.links[0].law.text}: {left:.2f} % of the rest, {100.0 * fit.model_error:.1f} % of the "
+        f"fitted part, {fit.status}, {seconds:.1f} s"
+    )
+    return left
+
+
+@pytest.mark.parametrize(("current", "limit"), [("4.1", 13.9), ("4.2", 9.0), ("4.3", 9.0)])
+def test_magnetorheological_damper(current: str, limit: float) -> None:
+    """A law of d and v leaves 14.3 % of 4.2, a quick Bouc-Wen fit 13.9 % of 4.1 and 10.8 % of 4.2."""
+    rate = 1000.0 if current == "4.3" else 100.0
+    left = rest(f"mr_damper/data_simulation_{current}_MRdamper.mat", DAMPER, rate, on_rig(*TWO_FRICTIONS))
+    assert left < limit
+
+
+@pytest.mark.parametrize("current", ["4.1", "4.2", "4.3"])
+def test_magnetorheological_damper_by_one_state(current: str) -> None:
+    rate = 1000.0 if current == "4.3" else 100.0
+    left = rest(f"mr_damper/data_simulation_{current}_MRdamper.mat", DAMPER, rate, on_rig("bouc-wen"))
+    assert left < 14.3
+
+
+@pytest.mark.parametrize(("test", "limit"), [("d2_0.5Hz_36lb_1in", 15.0), ("d2_1Hz_36lb_1.5in", 19.0)])
+def test_friction_damper(test: str, limit: float) -> None:
+    """One state without backlash leaves 19 to 22 %. The aim is 15 % of both: at 1 Hz impacts in the backlash ring, which no
+    law of one state has.
+    """
+    left = rest(f"friction_damper/{test}.json", FRICTION, None, on_rig("backlash-slip"))
+    assert left < limit
