@@ -317,4 +317,4 @@ def test_an_offset_of_a_channel_that_is_not_there_fails_with_a_reason(
 def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["identify", "--help"]) == 0
     out = capsys.readouterr().out
-    assert out.count("linkwise identify run.csv unknown.toml") == 10 and "--profile" in out
+    assert out.count("linkwise identify run.csv unknown.toml") == 11 and "--profile" in out

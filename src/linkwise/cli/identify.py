@@ -11,6 +11,7 @@ import click
 import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
+from linkwise.cli.disturbance_options import DISTURBANCE_OPTIONS
 from linkwise.cli.options import (
     FILE,
     RegisteredChoice,
@@ -77,6 +78,7 @@ method_options = grouped(
 ml_options = keyword_group(
     "ml",
     *sensor_options(" (ml)"),
+    *DISTURBANCE_OPTIONS,
     *RANDOM_FORCE_OPTIONS,
     click.option(
         "--robust",
@@ -133,6 +135,7 @@ def identify(
       linkwise identify run.csv unknown.toml --mapping sensors.toml --decimate 4
       linkwise identify run.csv unknown.toml --calibration all=1% --offset x:m1=+-0.1mm
       linkwise identify run.csv unknown.toml --delay x:m2
+      linkwise identify run.csv unknown.toml --drift a:m1 --hum x:m2=50
       linkwise identify run.csv unknown.toml --ambient all
       linkwise identify run.csv unknown.toml --input-noise force:m1=0.5
       linkwise identify run.csv unknown.toml --let offset,gain,delay

@@ -28,6 +28,8 @@ MENDED_BY = {
     "noise": "--noise-of CHANNEL=SIGMA",
     "offsets": "--offset CHANNEL (identify)",
     "gains": "--gain CHANNEL (identify)",
+    "drifts": "--drift CHANNEL (identify)",
+    "hums": "--hum CHANNEL=HZ (identify)",
     "loss": "--robust student (identify)",
 }
 """Flag by the argument that an alert names."""

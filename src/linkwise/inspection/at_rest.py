@@ -58,7 +58,11 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
             "sensor warm up, subtract the trend, or use shorter pieces"
         )
         yield Alert(
-            "drift", signal.name, message, 0.3 * abs(over) / signal.rms, arguments=("earliest", "latest")
+            "drift",
+            signal.name,
+            message,
+            0.3 * abs(over) / signal.rms,
+            arguments=("drifts", "earliest", "latest"),
         )
 
 

@@ -41,10 +41,10 @@ def hum(signals: RecordSignals) -> Iterator[Alert]:
         )
         message = (
             f"carries a line that neither grows nor decays, of {lines}: hum of the mains acts like an applied force and "
-            "biases damping; shield and ground the sensor, or subtract the line"
+            "biases damping; shield and ground the sensor, or find the line with the laws"
         )
         error = float(np.sqrt(0.5 * sum(size**2 for _, size in steady))) / signal.rms
-        yield Alert("hum", signal.name, message, error)
+        yield Alert("hum", signal.name, message, error, arguments=("hums",))
 
 
 def _peak(signal: ChannelSignal) -> float:

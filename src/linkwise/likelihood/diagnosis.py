@@ -73,6 +73,7 @@ def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
     names = [
         *zip(system.names, system.units, strict=True),
         *((f"offset of {name}", Channel.parse(name).unit) for name in fit.offsets),
+        *(("", "") for each in fit.disturbances for _ in range(each.count)),  # of which nothing is known
         *((f"gain of {name}", "1") for name in fit.gains),
         *((f"delay of {name}", "s") for name in fit.delays),
     ]

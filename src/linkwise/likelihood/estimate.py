@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar, TypedDict, final
@@ -41,6 +41,7 @@ from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
@@ -62,6 +63,8 @@ class LikelihoodKeywords(TypedDict, total=False):
     gains: Sequence[str]
     calibration: Mapping[str, float] | None
     delays: Sequence[str]
+    drifts: Sequence[str] | Mapping[str, float | None]
+    hums: Mapping[str, float]
     ambient: Deviations
     input_noise: Deviations
     admit: Sequence[str]
@@ -90,6 +93,11 @@ class MaximumLikelihood(Estimator):
         share. Gains are then found with the rest, with these priors, and every interval counts them.
     delays : sequence of str, optional
         Channels with an unknown delay, estimated with the rest.
+    drifts : sequence of str or mapping of str to float or None, optional
+        Channels with a slow drift, which is estimated with the rest as a line of pieces of this length in s, from 0 at the
+        start of each record; of 8 pieces without one.
+    hums : mapping of str to float, optional
+        Frequencies in Hz of hums, by channel; their amplitude and phase in each record are estimated with the rest.
     ambient : sequence of str or mapping of str to float or None, optional
         Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
         other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found for the masses in a sequence, and for
@@ -124,6 +132,8 @@ class MaximumLikelihood(Estimator):
     gains: Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: Sequence[str] = ()
+    drifts: Sequence[str] | Mapping[str, float | None] = ()
+    hums: Mapping[str, float] = field(default_factory=dict)
     ambient: Deviations = ()
     input_noise: Deviations = ()
     admit: Sequence[str] = ()
@@ -167,6 +177,8 @@ class MaximumLikelihood(Estimator):
         )
         options = LikelihoodOptions(
             **sensors,
+            drifts=self.drifts if isinstance(self.drifts, Mapping) else dict.fromkeys(self.drifts or ()),
+            hums=self.hums or {},
             random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             loss=self.loss,
             progress=progress,
@@ -174,7 +186,8 @@ class MaximumLikelihood(Estimator):
         admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
-            refuse_beside_random_forces(options.delays, admitted, robust=robust, records=records)
+            added = (*options.drifts, *options.hums)
+            refuse_beside_random_forces(options.delays, admitted, added, robust=robust, records=records)
 
         return answer_with_sensors(
             partial(self._search, structure),
@@ -193,9 +206,15 @@ class MaximumLikelihood(Estimator):
             calibration=self.calibration,
             delays=self.delays,
         )
-        asked = (*found["gains"], *found["calibration"], *found["delays"], *self.ambient, *self.input_noise)
+        named = (self.drifts, self.hums, self.ambient, self.input_noise)
+        asked = (
+            *found["gains"],
+            *found["calibration"],
+            *found["delays"],
+            *(name for each in named for name in each or ()),
+        )
         if asked or not isinstance(self.loss, Gaussian):
-            what = f"gains, delays or noise of inputs ({asked[0]})" if asked else "a robust loss"
+            what = f"gains, delays, drift, hum or noise of inputs ({asked[0]})" if asked else "a robust loss"
             raise IdentificationError(
                 f"{what}: not supported for links alone on a rig, of which offsets of sensors can be found"
             )
@@ -381,4 +400,19 @@ def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]
         for values in fit.others
     ]
     loosened = [_LOOSENED] if is_loosened(fit) else []
-    return (*(force.description for force in fit.random_forces), *of_sensors, *loosened, *tied)
+    return (
+        *(force.description for force in fit.random_forces),
+        *of_sensors,
+        *_disturbances(fit),
+        *loosened,
+        *tied,
+    )
+
+
+def _disturbances(fit: LikelihoodFit) -> Iterator[str]:
+    """What was found of drifts and hums."""
+    first = 0
+    for each in fit.disturbances:
+        sizes, deviations = fit.waveforms[:, first : first + each.count]
+        yield each.told(sizes, deviations, Channel.parse(each.channel).unit)
+        first += each.count

@@ -32,6 +32,7 @@ from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.waveforms import Disturbance
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
@@ -99,6 +100,10 @@ class LikelihoodFit:
         Estimates, their covariance, and False for those at a bound.
     offsets, gains, noise : dict of str to float
         Estimates by channel, and the standard deviations of the noise in the first record.
+    sensor_deviations : array of shape (o + g + l,)
+        Standard deviations of offsets, gains and delays.
+    disturbances, waveforms : tuple of Disturbance, array of shape (2, w)
+        Drifts and hums, and the sizes of their waveforms with standard deviations, in this order.
     chi_square, chi_square_off : float, bool
         Chi-square per degree of freedom with the noise stated or estimated beforehand, and whether it is far from 1.
     model_error : float
@@ -127,6 +132,8 @@ class LikelihoodFit:
     gains: dict[str, float]
     delays: dict[str, float]
     sensor_deviations: Floats
+    disturbances: tuple[Disturbance, ...]
+    waveforms: Floats
     noise: dict[str, float]
     chi_square: float
     chi_square_off: bool
@@ -211,6 +218,11 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
         },
         frames=tuple(frames),
         random=tuple(options.random),
+        disturbances=Disturbance.of(
+            {names.get(name, name): seconds for name, seconds in options.drifts.items()},
+            {names.get(name, name): frequency for name, frequency in options.hums.items()},
+            [frame.record for frame in frames],
+        ),
     )
 
 
@@ -234,14 +246,19 @@ def _fitted(
     fit, p = explained.fit, segments.system.parameters.size
     ratios = explained.error_ratios
     frame, point = sensing.frames[0], fit.point
+    constants = len(sensing.offsets)
+    deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
+    sized = slice(constants, len(point.offsets))
     return LikelihoodFit(
         values=point.theta,
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
-        offsets=_by_channel(sensing.offsets, point.offsets, frame),
+        offsets=_by_channel(sensing.offsets, point.offsets[:constants], frame),
         gains=_by_channel(sensing.gains, point.gains, frame),
         delays=_by_channel(sensing.delays, point.delays, frame),
-        sensor_deviations=np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0)),
+        sensor_deviations=np.delete(deviations, sized),
+        disturbances=sensing.disturbances,
+        waveforms=np.stack([point.offsets[constants:], deviations[sized]]),
         noise=_found_noise(segments, fit, tuple(frame.names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,

@@ -30,6 +30,10 @@ class LikelihoodOptions:
         Standard deviations to which offsets and delays are known beforehand, in SI units by channel.
     shifts : mapping of str to float, optional
         Parts in s of delays that have been taken out of the records.
+    drifts : mapping of str to float or None, optional
+        Channels with an unknown slow drift, and the lengths of its pieces in s.
+    hums : mapping of str to float, optional
+        Frequencies in Hz of hums of unknown amplitude and phase, by channel.
     random : sequence of RandomForce, optional
         Random forces on masses.
     loss : Loss, optional
@@ -57,6 +61,8 @@ class LikelihoodOptions:
     offset_deviations: Mapping[str, float] = field(default_factory=dict)
     delay_deviations: Mapping[str, float] = field(default_factory=dict)
     shifts: Mapping[str, float] = field(default_factory=dict)
+    drifts: Mapping[str, float | None] = field(default_factory=dict)
+    hums: Mapping[str, float] = field(default_factory=dict)
     random: Sequence[RandomForce] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True

@@ -95,7 +95,8 @@ def shooting_problem(
         unit[system.shapes.columns] = np.maximum(
             unit[system.shapes.columns], np.where(np.isfinite(priors), priors, 0.0)
         )
-    offset_units = [sensing.noise[0].get(name, 1.0) for name in sensing.offsets]
+    waveforms = [name for each in sensing.disturbances for name in [each.channel] * each.count]
+    offset_units = [sensing.noise[0].get(name, 1.0) for name in (*sensing.offsets, *waveforms)]
     scales = Scales(
         sensing.sigma,
         np.append(
@@ -114,7 +115,7 @@ def shooting_problem(
     point = Iterate(
         np.concatenate([nodes, np.zeros((len(masses), nodes.shape[1]))]),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
-        np.zeros(len(sensing.offsets)),
+        np.zeros(len(offset_units)),
         np.ones(len(sensing.gains)),
         np.zeros(len(sensing.delays)),
     )

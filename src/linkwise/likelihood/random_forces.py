@@ -122,7 +122,12 @@ def _positive(value: float | None, what: str, unit: str) -> float | None:
 
 
 def refuse_beside_random_forces(
-    delays: Sequence[str], admitted: Sequence[str], *, robust: bool, records: Sequence[Record]
+    delays: Sequence[str],
+    admitted: Sequence[str],
+    disturbed: Sequence[str],
+    *,
+    robust: bool,
+    records: Sequence[Record],
 ) -> None:
     """IdentificationError for what is not estimated, or not tested, beside random forces."""
     of_links = [name for record in records for name in record.channels if name.startswith(("f:", "state:"))]
@@ -137,6 +142,7 @@ def refuse_beside_random_forces(
             f"errors of sensors to be admitted ({', '.join(admitted)})",
             "name the channels (offsets, gains)",
         ),
+        (disturbed, f"drift or hum of {', '.join(disturbed)}", "filter these channels"),
         (robust, "a robust loss", "mark outliers as missing (mark_missing)"),
         (of_links, ", ".join(of_links), "leave these channels out of the record"),
     )

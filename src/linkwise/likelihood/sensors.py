@@ -11,9 +11,10 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import RandomForce
 from linkwise.likelihood.shooting.prior import Prior
-from linkwise.likelihood.shooting.segmentation import cut_segments, in_moving_coordinates
+from linkwise.likelihood.shooting.segmentation import cut, cut_segments, in_moving_coordinates
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.waveforms import Disturbance, Waveforms
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -46,6 +47,8 @@ class SensorModel:
         Where the records are in coordinates that move, what these are.
     random : tuple of RandomForce
         Random forces on masses.
+    disturbances : tuple of Disturbance
+        Drifts and hums of channels.
     """
 
     offsets: tuple[str, ...]
@@ -57,6 +60,7 @@ class SensorModel:
     delay_priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     frames: tuple[FramedRecord, ...] = ()
     random: tuple[RandomForce, ...] = ()
+    disturbances: tuple[Disturbance, ...] = ()
 
     @classmethod
     def of(
@@ -105,10 +109,11 @@ class SensorModel:
         """
         starts = [0.0 if p.start is None else p.start for p in parameters]
         late = np.array([self.delay_priors.get(name, (0.0, np.inf)) for name in self.delays]).reshape(-1, 2)
-        mean = np.concatenate([starts, np.zeros(len(self.offsets)), np.ones(len(self.gains)), late[:, 0]])
+        waveforms = sum(each.count for each in self.disturbances)
+        offsets = [self.offset_deviations.get(name, np.inf) for name in self.offsets] + [np.inf] * waveforms
+        mean = np.concatenate([starts, np.zeros(len(offsets)), np.ones(len(self.gains)), late[:, 0]])
         sigma = [p.sigma for p in parameters]
         gains = [self.calibration.get(name, np.inf) for name in self.gains]
-        offsets = [self.offset_deviations.get(name, np.inf) for name in self.offsets]
         prior = Prior(mean, np.concatenate([sigma, offsets, gains, late[:, 1]]))
         return prior if prior.count else None
 
@@ -164,10 +169,32 @@ class SensorModel:
         )
         segments = replace(
             segments,
-            sensors=replace(segments.sensors, delay=self._delays(records[0].responses)),
+            sensors=replace(
+                segments.sensors,
+                delay=self._delays(records[0].responses),
+                waveforms=sum(each.count for each in self.disturbances),
+            ),
             prior=self.prior(structure.parameters),
+            waveforms=self._waveforms(records),
         )
         return in_moving_coordinates(segments, self.frames)
+
+    def _waveforms(self, records: Sequence[Record]) -> Waveforms | None:
+        """What the disturbances add to the samples, each in its own record; None without any."""
+        if not self.disturbances:
+            return None
+        responses = records[0].responses
+        channel = [responses.index(each.channel) for each in self.disturbances for _ in range(each.count)]
+        parts = [
+            cut(
+                np.concatenate(
+                    [each.shapes(record) * (each.record == number) for each in self.disturbances], axis=1
+                ),
+                self.samples,
+            )
+            for number, record in enumerate(records)
+        ]
+        return Waveforms(np.array(channel), np.nan_to_num(np.concatenate(parts, axis=2)))
 
     def _delays(self, channels: Sequence[str]) -> Indices:
         """(C,) index of the unknown delay of each channel, -1 for none."""

@@ -73,6 +73,7 @@ def _separable(segments: Segments) -> bool:
         and not hosts
         and not sensors.gains
         and not sensors.delays
+        and not sensors.waveforms
     )
 
 

@@ -245,9 +245,7 @@ def whitened_jacobian(
     if errors is not None:
         for number, channel in enumerate(errors.channel):
             jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
-    for channel in np.flatnonzero(sensors.offset >= 0):
-        column = width + sensors.offset[channel]
-        jacobian[:, :, channel, column] = whiten[:, channel].T * scales.theta[p + sensors.offset[channel]]
+    _add_offsets(jacobian[..., width:], segments, scales, whiten, part)
     _calibrate_gains(jacobian, segments, misfit, scales, root, part)
     _add_delays(jacobian, segments, misfit, scales, whiten, part)
     ends = np.zeros((K, m, P))
@@ -256,6 +254,19 @@ def whitened_jacobian(
     ends[:, 2 * n :, :moving] = tangent.memory.transpose(2, 0, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _add_offsets(columns: Floats, segments: Segments, scales: Scales, whiten: Single, part: slice) -> None:
+    """The columns of constant offsets, and of waveforms behind them, among those of the errors of sensors."""
+    sensors = segments.sensors
+    units = scales.theta[segments.system.parameters.size :]
+    for channel in np.flatnonzero(sensors.offset >= 0):
+        number = sensors.offset[channel]
+        columns[:, :, channel, number] = whiten[:, channel].T * units[number]
+    if segments.waveforms is not None:
+        for number, channel in enumerate(segments.waveforms.channel.tolist(), start=sensors.constants):
+            values = segments.waveforms.values[:, number - sensors.constants, part]
+            columns[:, :, channel, number] = (whiten[:, channel] * values).T * units[number]
 
 
 def _shown(
@@ -324,6 +335,9 @@ def _calibrate_gains(
             predicted = predicted + segments.carried[0, :, channel, part] / sigma
         if sensors.offset[channel] >= 0:
             predicted = predicted - point.offsets[sensors.offset[channel]] / sigma
+        if segments.waveforms is not None:
+            added = segments.waveforms.added(int(channel), point.offsets[sensors.constants :])
+            predicted = predicted - added[:, part] / sigma
         jacobian[:, :, channel, :motion_columns] *= np.float32(factors[channel])
         for number in np.flatnonzero(sensors.gain[channel]):
             unit = scales.theta[first + number] / factors[channel]

@@ -114,6 +114,9 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         residuals[:, channel] -= (factors[channel] - 1.0) * shown
     for channel in np.flatnonzero(sensors.offset >= 0):
         residuals[:, channel] -= point.offsets[sensors.offset[channel]]
+    if segments.waveforms is not None:
+        for channel in np.unique(segments.waveforms.channel).tolist():
+            residuals[:, channel] -= segments.waveforms.added(channel, point.offsets[sensors.constants :])
     residuals *= segments.observed
     residuals /= scales.sigma[:, None]
     if segments.relative_noise is not None:

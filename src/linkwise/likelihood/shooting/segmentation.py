@@ -121,7 +121,7 @@ def _carried(frames: Sequence[FramedRecord], samples: int) -> Floats | None:
     for frame in frames:
         nothing = np.zeros((2, len(frame.record)))
         shown = np.stack([frame.carried.get(name, nothing) for name in frame.names.values()], axis=2)
-        parts.append(np.stack([_pieces(values, samples) for values in shown]))
+        parts.append(np.stack([cut(values, samples) for values in shown]))
     return np.nan_to_num(np.concatenate(parts, axis=3))
 
 
@@ -237,11 +237,24 @@ def require_units_of_states(record: Record, structure: Structure) -> None:
 
 def _piece(record: Record, channels: tuple[str, ...], samples: int) -> Floats:
     """(samples, C, K) of one record, NaN behind its end."""
-    return _pieces(record.select(channels).values, samples)
+    return cut(record.select(channels).values, samples)
 
 
-def _pieces(values: Floats, samples: int) -> Floats:
-    """(samples, C, K) of values (N, C), NaN behind their end."""
+def cut(values: Floats, samples: int) -> Floats:
+    """Cut series into segments.
+
+    Parameters
+    ----------
+    values : array of shape (N, C)
+        The series.
+    samples : int
+        Samples in a segment.
+
+    Returns
+    -------
+    array of shape (samples, C, K)
+        The segments; NaN behind the end of the series.
+    """
     count = -(-len(values) // samples)
     padded = np.full((count * samples, values.shape[1]), np.nan)
     padded[: len(values)] = values

@@ -20,6 +20,7 @@ from linkwise.likelihood.shooting.flow import Inputs, Trajectories
 from linkwise.likelihood.shooting.prior import Prior
 from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.system import NumericSystem, System
+from linkwise.likelihood.shooting.waveforms import Waveforms
 
 X, V, A, F, S = 0, 1, 2, 3, 4
 """Kinds of sensors: displacement, velocity and acceleration of a mass, force in a link, state of a link."""
@@ -30,7 +31,8 @@ class Sensors:
     """`kind` (C,) is X, V, A, F or S, `mass` (C,) the number of a mass, or of a link or a state in the order of the system.
 
     From n on it is the number of a point of a host, which moves by its row in `shapes` (c, n); `points` (c,) are their
-    numbers among the points of the system. `offset`, `delay` (C,) are indices of its unknown errors, -1 for none.
+    numbers among the points of the system. `offset`, `delay` (C,) are indices of its unknown errors, -1 for none;
+    `waveforms` is how many there are beside.
 
     A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
     g): ones where a factor acts on the channel, else zeros.
@@ -43,6 +45,7 @@ class Sensors:
     delay: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
     shapes: Floats | None = None
     points: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
+    waveforms: int = 0
 
     def at(self, mechanics: NumericSystem) -> Sensors:
         """The sensors with the shapes of hosts that a system has at its parameters."""
@@ -78,8 +81,14 @@ class Sensors:
         return np.asarray(self.kind < F)
 
     @property
-    def offsets(self) -> int:
+    def constants(self) -> int:
+        """Unknown constant offsets."""
         return int(self.offset.max(initial=-1)) + 1
+
+    @property
+    def offsets(self) -> int:
+        """Unknown offsets: constant ones, then sizes of waveforms."""
+        return self.constants + self.waveforms
 
     @property
     def gains(self) -> int:
@@ -119,7 +128,7 @@ class Segments:
     says which neighbouring segments are continuous; `relative_noise` (C, K) is the noise of a channel over `Scales.sigma`,
     None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
-    `random` are random forces among the states, None without any.
+    `random` are random forces among the states, None without any; `waveforms` what sensors add over time, None without any.
     """
 
     system: System
@@ -135,6 +144,7 @@ class Segments:
     prior: Prior | None = None
     carried: Floats | None = None
     random: RandomStates | None = None
+    waveforms: Waveforms | None = None
 
     @property
     def count(self) -> int:
@@ -174,6 +184,7 @@ class Segments:
             relative_noise=None if self.relative_noise is None else self.relative_noise[:, which],
             carried=None if self.carried is None else self.carried[..., which],
             random=None if self.random is None else self.random.chosen(which),
+            waveforms=None if self.waveforms is None else self.waveforms.chosen(which),
         )
 
     @cached_property
@@ -191,7 +202,7 @@ class Segments:
 @dataclass(frozen=True, eq=False)
 class Iterate:
     """The unknowns: nodes (2n + S, K) in m, m/s and units of states, theta (p,), offsets (o,), gains (g,) and delays (l,) in s
-    of sensors.
+    of sensors. Behind the constant offsets are the sizes of waveforms.
     """
 
     nodes: Floats

@@ -1,0 +1,62 @@
+"""Options for what sensors add to their signals over time: slow drift, and hum of the mains."""
+
+from __future__ import annotations
+
+import click
+
+import linkwise as lw
+from linkwise.cli.options import split
+
+
+def _drifts(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, float | None] | None:
+    """Channels, and the time of a piece in s where one is stated."""
+    found: dict[str, float | None] = {}
+    for text in texts:
+        name, value = split(text, "--drift", "x:m1=2s") if "=" in text else (text.strip(), None)
+        _add(found, "--drift", name, None if value is None else _quantity("--drift", text, value, "s"))
+    return found or None
+
+
+def _hums(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> dict[str, float] | None:
+    """Frequencies in Hz by channel."""
+    found: dict[str, float] = {}
+    for text in texts:
+        name, value = split(text, "--hum", "x:m1=50Hz")
+        _add(found, "--hum", name, _quantity("--hum", text, value, "Hz"))
+    return found or None
+
+
+def _add(found: dict[str, float | None] | dict[str, float], option: str, name: str, value: object) -> None:
+    if name in found:
+        raise click.UsageError(f"{option} is given twice for {name!r}.")
+    found[name] = value  # type: ignore[assignment]
+
+
+def _quantity(option: str, text: str, value: str, unit: str) -> float:
+    try:
+        return lw.to_si(value, unit)
+    except lw.LinkwiseError as error:
+        raise click.UsageError(f"{option} {text}: {error}") from error
+
+
+DISTURBANCE_OPTIONS = (
+    click.option(
+        "--drift",
+        "drifts",
+        metavar="CHANNEL[=TIME]",
+        multiple=True,
+        callback=_drifts,
+        help="A slow drift of this channel is found with the laws, in pieces of a line of this length, 8 without one (ml). "
+        "Repeatable.",
+    ),
+    click.option(
+        "--hum",
+        "hums",
+        metavar="CHANNEL=HZ",
+        multiple=True,
+        callback=_hums,
+        help="A hum of this frequency in the channel: its amplitude and phase are found with the laws (ml). Repeatable.",
+    ),
+)

@@ -1,0 +1,113 @@
+"""What sensors add to their signals over time, in known shapes of unknown size: drift by pieces of a line, and hum.
+
+A drift is a line of pieces, each of which rises from 0 to 1 after the one before and stays there. A hum is a cosine and a
+sine of one frequency, of which amplitude and phase follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.errors import IdentificationError
+from linkwise.records.record import Record
+from linkwise.text import near_miss
+
+PIECES, MOST_PIECES = 8, 64
+"""Pieces of a drift in each record, and the most that may be asked for: more would follow the motion itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waveforms:
+    """`values` (M, w, K) at the samples, per unit of the size, that w waveforms add to their `channel` (w,)."""
+
+    channel: Indices
+    values: Floats
+
+    def chosen(self, which: Indices) -> Waveforms:
+        """Those in some of the segments."""
+        return Waveforms(self.channel, self.values[..., which])
+
+    def added(self, channel: int, sizes: Floats) -> Floats:
+        """(M, K) what waveforms of these `sizes` (w,) add to a channel."""
+        own = self.channel == channel
+        return np.asarray(np.einsum("w,mwk->mk", sizes[own], self.values[:, own]))
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """A drift, or a hum of some `frequency` in Hz, of a channel in the record number `record`, in `count` waveforms."""
+
+    channel: str
+    record: int
+    count: int
+    frequency: float | None = None
+
+    @classmethod
+    def of(
+        cls, drifts: Mapping[str, float | None], hums: Mapping[str, float], records: Sequence[Record]
+    ) -> tuple[Disturbance, ...]:
+        """Those of some channels in every record, each with sizes of its own; `drifts` has the lengths of pieces in s.
+
+        Raises IdentificationError for a channel that no record has as a response, pieces that are too many, and a frequency
+        beyond half the rate.
+        """
+        responses = records[0].responses
+        for name in (*drifts, *hums):
+            if name not in responses:
+                raise IdentificationError(
+                    f"no drift or hum of {name} can be estimated{near_miss(name, responses)}: the record has the sensors "
+                    f"{', '.join(responses)}"
+                )
+        for name, seconds in drifts.items():
+            longest = max(record.duration for record in records)
+            if seconds is not None and not longest / MOST_PIECES <= seconds < np.inf:
+                raise IdentificationError(
+                    f"the pieces of the drift of {name} must be {longest / MOST_PIECES:.3g} s long at least, got {seconds:g} "
+                    f"s: more than {MOST_PIECES} of them would follow the motion"
+                )
+        for name, frequency in hums.items():
+            half = min(record.rate for record in records) / 2.0
+            if not 0.0 < frequency < half:
+                raise IdentificationError(
+                    f"the hum of {name} must have a frequency between 0 and half the rate, {half:g} Hz, got {frequency:g} Hz"
+                )
+        return tuple(
+            each
+            for number, record in enumerate(records)
+            for each in (
+                *(cls(name, number, _pieces(record, seconds)) for name, seconds in drifts.items()),
+                *(cls(name, number, 2, frequency) for name, frequency in hums.items()),
+            )
+        )
+
+    def shapes(self, record: Record) -> Floats:
+        """(N, count) its waveforms at the samples of a record."""
+        elapsed = record.time - record.start
+        if self.frequency is not None:
+            phase = 2.0 * np.pi * self.frequency * elapsed
+            return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        pieces = elapsed / max(record.duration, np.finfo(float).tiny) * self.count
+        return np.clip(pieces[:, None] - np.arange(self.count), 0.0, 1.0)
+
+    def told(self, sizes: Floats, deviations: Floats, unit: str) -> str:
+        """A sentence on what was found, from the sizes (count,) and their standard deviations."""
+        error = float(np.sqrt(np.mean(deviations**2)))
+        if self.frequency is not None:
+            amplitude = float(np.hypot(*sizes))
+            return (
+                f"{self.channel} has a hum of {amplitude:.4g} {unit} at {self.frequency:g} Hz (estimated with the other "
+                f"unknowns, standard error {error:.2g})."
+            )
+        path = np.concatenate([[0.0], np.cumsum(sizes)])
+        return (
+            f"{self.channel} drifts over {np.ptp(path):.4g} {unit} (estimated with the other unknowns in {self.count} pieces, "
+            f"standard error of each {error:.2g})."
+        )
+
+
+def _pieces(record: Record, seconds: float | None) -> int:
+    return PIECES if seconds is None else max(1, round(record.duration / seconds))
