@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar, TypedDict, final
@@ -17,9 +17,10 @@ from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.fit_remarks import fit_remarks
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
-from linkwise.likelihood.low_signal import is_loosened, tightest_smooth_fit
+from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.prescribed.estimate import rig_estimate
 from linkwise.likelihood.profile import profile_ends
@@ -41,18 +42,12 @@ from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.residual import weak_residual
-
-_LOOSENED = (
-    "If the motion had to follow the laws exactly, noise would leave the likelihood many optima, of which a search finds one. "
-    "The motion was let depart from the laws by a small part of the noise, and the intervals are wider for that."
-)
 
 
 class LikelihoodKeywords(TypedDict, total=False):
@@ -294,7 +289,7 @@ def estimate_of(
         compute_motion=partial(_motion, fit, identified, records),
         record=records[0],
         more_records=tuple(records[1:]),
-        remarks=(*_remarks(fit, delays or {}), *map(_of_faint_mode, faint)),
+        remarks=fit_remarks(fit, delays or {}, faint),
         profile=partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
@@ -365,54 +360,3 @@ def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None
             np.stack([np.interp(record.time, equations.time, column) for column in windows.T], axis=1)
         )
     return np.concatenate(columns)
-
-
-def _of_faint_mode(name: str) -> str:
-    return f"{name} is hardly determined by the record, whose noise hides the mode: its interval is what was known beforehand."
-
-
-def _remarks(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[str, ...]:
-    """What was found of the sensors, with standard deviations, and other values that are as likely."""
-    told = [
-        *(
-            f"{name} is off by {value:.4g} throughout (estimated with the other unknowns"
-            for name, value in fit.offsets.items()
-        ),
-        *(
-            f"{name} shows {value:.6g} of its motion (estimated with the other unknowns"
-            for name, value in fit.gains.items()
-        ),
-        *(
-            f"{name} is late by {1e3 * value:.4g} ms (estimated with the other unknowns"
-            for name, value in delays.items()
-        ),
-    ]
-    units = [""] * (len(fit.offsets) + len(fit.gains)) + [" ms"] * len(delays)
-    deviations = fit.sensor_deviations * np.where([bool(unit) for unit in units], 1e3, 1.0)
-    of_sensors = [
-        f"{text}, standard error {deviation:.2g}{unit})."
-        for text, deviation, unit in zip(told, deviations, units, strict=True)
-    ]
-    names = fit.segments.system.parameters.names
-    tied = [
-        "Another set of values explains the records as well: "
-        f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
-        for values in fit.others
-    ]
-    loosened = [_LOOSENED] if is_loosened(fit) else []
-    return (
-        *(force.description for force in fit.random_forces),
-        *of_sensors,
-        *_disturbances(fit),
-        *loosened,
-        *tied,
-    )
-
-
-def _disturbances(fit: LikelihoodFit) -> Iterator[str]:
-    """What was found of drifts and hums."""
-    first = 0
-    for each in fit.disturbances:
-        sizes, deviations = fit.waveforms[:, first : first + each.count]
-        yield each.told(sizes, deviations, Channel.parse(each.channel).unit)
-        first += each.count
