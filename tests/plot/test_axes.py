@@ -25,7 +25,7 @@ Draw = Callable[..., Axes]
 PICTURES = (
     "absorption", "crossings", "distortion", "energy", "evidence", "force", "graph", "histories", "level_modes",
     "level_response", "loop", "map", "path", "prediction", "prediction_error", "prediction_profile", "prediction_spectrum",
-    "ring_down", "runners_up", "spectrum", "study",
+    "ring_down", "runners_up", "spectrum", "study", "surface",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -66,6 +66,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
         "distortion": (periodic,), "level_modes": (tapped,), "level_response": (tapped,), "ring_down": (tapped,),
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
         "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "loop": (fitted, "nes1"),
+        "surface": (fitted, "nes1"),
         "map": (swept, "sinks_share"),
         "prediction": (validated, "x:m1"), "prediction_error": (validated, "x:m1"),
         "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),

@@ -1,10 +1,10 @@
 """Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
-`force`, `loop`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `prediction`, `prediction_error`,
-`prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map`, `level_modes`, `level_response`,
-`distortion`, `ring_down` and `study` draw one picture on one Axes. Functions whose names end in `_figure` put these pictures
-together as the commands write them. All take results and compute nothing. Names load on first use, so that matplotlib is
-imported when something is drawn.
+`force`, `loop`, `surface`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `prediction`,
+`prediction_error`, `prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map`, `level_modes`,
+`level_response`, `distortion`, `ring_down` and `study` draw one picture on one Axes. Functions whose names end in `_figure`
+put these pictures together as the commands write them. All take results and compute nothing. Names load on first use, so that
+matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     )
     from linkwise.plot.link_force import force, force_figure
     from linkwise.plot.link_loop import loop, loop_figure
+    from linkwise.plot.link_surface import surface, surface_figure
     from linkwise.plot.study_accuracy import accuracy_figure, study
     from linkwise.plot.style import save
     from linkwise.plot.time_histories import histories, histories_figure
@@ -93,6 +94,8 @@ __all__ = [
     "spectra_figure",
     "spectrum",
     "study",
+    "surface",
+    "surface_figure",
 ]
 
 # The module that each name lives in; a test keeps it equal to the imports that only type checkers see.
@@ -117,6 +120,7 @@ _HOMES = {
     ),
     "link_force": ("force", "force_figure"),
     "link_loop": ("loop", "loop_figure"),
+    "link_surface": ("surface", "surface_figure"),
     "study_accuracy": ("accuracy_figure", "study"),
     "style": ("save",),
     "time_histories": ("histories", "histories_figure"),

@@ -1,0 +1,133 @@
+"""The restoring-force surface of a link: its force over elongation and rate, where the record visited it."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.errors import StructureError
+from linkwise.estimates.estimate import Estimate
+from linkwise.plot.downsample import scattered
+from linkwise.plot.palette import TRUE, scale
+from linkwise.plot.style import axes_for, axes_inches, sheet, wrapped
+from linkwise.plot.titles import force_title
+
+_GRID = 81  # points of the surface either way
+_MARGIN = 0.05  # of the visited ranges, around them
+
+
+def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw the identified force of a link over its elongation and rate as a map, with the motion of the record.
+
+    Where no sample lies near the law is an extrapolation.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        An answer of `linkwise.identify`; of a discovery its ``estimate``.
+    link : str
+        Name of a link without memory.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes; a colour bar is set
+        beside them.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: elongation in m and rate in m/s, or in thousands or thousandths of them as the axis labels say.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link, or it has memory, so that its force is no function of elongation and rate.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> ax = lw.plot.surface(fit, "nes1")
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('elongation d, mm', 'rate v, m/s')
+    """
+    found = estimate.link(link)
+    if found.link.law.states:
+        raise StructureError(
+            "has memory, so that its force is no function of elongation and rate; draw its loops",
+            f'link "{link}"',
+        )
+    index = [each.name for each in estimate.structure.links].index(link)
+    ranges = [np.array(found.d_range), np.array(found.v_range)]
+    widths = [_MARGIN * float(np.ptp(each)) for each in ranges]
+    d, v = (
+        np.linspace(each[0] - width, each[1] + width, _GRID)
+        for each, width in zip(ranges, widths, strict=True)
+    )
+    force = np.broadcast_to(found.link.force(*np.meshgrid(d, v)), (_GRID, _GRID))
+    to_d, unit_d = scale(float(np.abs(d).max()), "m")
+    to_v, unit_v = scale(float(np.abs(v).max()), "m/s")
+    largest = float(np.abs(force).max())
+    to_f, unit_f = scale(largest, "N")
+    some = scattered(len(estimate.motion.d))
+    with axes_for(ax, colorbars=True) as axes:
+        bound = max(largest * to_f, np.finfo(float).tiny)
+        mesh = axes.pcolormesh(
+            d * to_d, v * to_v, force * to_f, cmap="RdBu_r", vmin=-bound, vmax=bound, rasterized=True
+        )
+        axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
+        if np.any(force > 0.0) and np.any(force < 0.0):
+            axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
+        axes.plot(
+            estimate.motion.d[some, index] * to_d,
+            estimate.motion.v[some, index] * to_v,
+            ".",
+            color=TRUE,
+            markersize=1.2,
+            alpha=0.5,
+            rasterized=True,
+            label="motion of the record",
+        )
+        axes.set_xlabel(f"elongation d, {unit_d}")
+        axes.set_ylabel(f"rate v, {unit_v}")
+        axes.set_title(wrapped(force_title(found.link), axes_inches(axes)[0]))
+        if legend:
+            axes.legend()
+    return axes
+
+
+def surface_figure(estimate: Estimate, link: str) -> Figure:
+    """The restoring-force surface of a link on a figure of its own.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What `linkwise.identify` returned.
+    link : str
+        Name of a link without memory.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link, or it has memory.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> len(lw.plot.surface_figure(fit, "nes1").axes)  # one for the colours
+    2
+    """
+    with sheet(colorbars=True, height=4.2) as (figure, [axes]):
+        surface(estimate, link, ax=axes)
+    return figure

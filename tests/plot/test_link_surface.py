@@ -1,0 +1,37 @@
+"""The restoring-force surface of a link."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.collections import QuadMesh
+
+import linkwise as lw
+
+
+def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
+    axes = lw.plot.surface(fitted, "nes1")
+    [mesh] = [each for each in axes.collections if isinstance(each, QuadMesh)]
+    corners = np.asarray(mesh.get_coordinates())
+    shown = np.asarray(mesh.get_array()).ravel()
+    link = fitted.link("nes1")
+    low, high = link.d_range
+    assert corners[..., 0].min() < 1e3 * low and corners[..., 0].max() > 1e3 * high  # in mm
+    largest = max(abs(float(link.link.force(d, v))) for d in link.d_range for v in link.v_range)
+    assert np.abs(shown).max() >= largest
+    motion = axes.lines[0]
+    assert np.ptp(np.asarray(motion.get_xdata(), dtype=float)) == pytest.approx(1e3 * (high - low), rel=0.05)
+
+
+def test_a_link_with_memory_has_no_surface() -> None:
+    law = lw.Law.parse("k*d + F*z", states={"z": "(v - abs(v)*z)/x0"})
+    numbers = {
+        "k": lw.Coefficient.number(400.0),
+        "F": lw.Coefficient.number(1.0),
+        "x0": lw.Coefficient.number(1e-3),
+    }
+    rig = lw.Structure("rig", (), (lw.Link("damper", ("base", "ground"), law, numbers),))
+    record = lw.simulate(rig, duration=2.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
+    fit = lw.identify(record, rig.unknown("damper.k"))
+    with pytest.raises(lw.StructureError, match="has memory, so that its force is no function"):
+        lw.plot.surface(fit, "damper")
