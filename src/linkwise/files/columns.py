@@ -209,7 +209,7 @@ def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tup
     near = get_close_matches(mass, known_masses, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}? " if near else ""
     raise RecordError(
-        f"the structure has no mass {mass!r}; {hint}it has {_list(list(known_masses))}",
+        f"the structure has no mass {mass!r}; {hint}it has {_list(list(known_masses)) or 'none'}",
         file,
         table.header_line,
         choice.name,

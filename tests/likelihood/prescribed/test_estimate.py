@@ -67,6 +67,32 @@ def test_a_law_without_states() -> None:
     assert fit.links[0].frequencies == ()
 
 
+def test_starts_are_searched_for_in_the_part_of_a_long_record_that_moves_most() -> None:
+    """A rest of 50 s comes before the motion; the search is in 4096 samples of 15 000."""
+    base = "0.5*(1 + tanh(4*(t - 51)))*(0.01*sin(5*t)*sin(0.7*t) + 0.003*sin(17*t))"
+    long = lw.simulate(hysteretic(), duration=75.0, rate=200.0, base=base)
+    fit = lw.identify(measured(long, 1), hysteretic().unknown("damper"))
+    assert fit.trusted and fit.samples > 14_990
+    for name, value in BOUC_WEN.items():
+        found = fit.coefficient(f"damper.{name}")
+        assert found.standard_error is not None
+        assert abs(found.value - value) < 4.0 * found.standard_error
+
+
+def test_friction_of_bristles_is_found_without_starts() -> None:
+    values = {"s0": 2e5, "s1": 100.0, "s2": 500.0, "Fc": 60.0, "Fs": 90.0, "vs": 5e-3}
+    numbers = {name: lw.Coefficient.number(value) for name, value in values.items()}
+    link = lw.named_law("lugre").link("damper", ("base", "ground"), numbers)
+    structure = lw.Structure("rig", (), (link,))
+    unknown = lw.Structure("rig", (), (lw.named_law("lugre").link("damper", ("base", "ground")),))
+    fit = lw.identify(measured(run(structure), 1, displacement=1e-7), unknown)
+    assert fit.trusted, str(fit)
+    for name, value in values.items():
+        found = fit.coefficient(f"damper.{name}")
+        assert found.standard_error is not None
+        assert abs(found.value - value) < 4.0 * found.standard_error
+
+
 def test_a_missing_state_is_told(record: lw.Record) -> None:
     wrong = rig("k*d + c*v", {"k": 1.0, "c": 1.0}).unknown("damper")
     fit = lw.identify(measured(record, 1), wrong)

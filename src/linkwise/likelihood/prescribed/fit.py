@@ -14,8 +14,9 @@ from linkwise.likelihood.prescribed.problem import RigProblem
 from linkwise.likelihood.prescribed.search import Minimum, bounds, minima, minimise
 from linkwise.progress import Progress
 
+_SEARCHED = 4096  # samples of a record in which starts are searched for
 _MOST_SUBSTEPS = 32
-_DISCRETISED = 0.05  # of the residuals: what the steps between samples may change
+_DISCRETISED = 0.5  # of the residuals over the root of their number: what finer steps may change, far below errors of noise
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
 _REWEIGHTED = 3
@@ -79,8 +80,11 @@ def rig_fit(
         ]
     )
     measured = np.concatenate([problem.cell(number) for number in range(len(problem.states))])
-    even = np.full(len(cells), 1.0 / max(float(np.nanstd(measured)), np.finfo(float).tiny))
-    found = minima(problem, given, even, progress) or [minimise(problem, np.zeros(problem.size), even)]
+    level = max(float(np.nanstd(measured)), np.finfo(float).tiny)
+    found = minima(problem.shortened(_SEARCHED), given, level, progress)
+    found = [_at_start(problem, minimum) for minimum in found]
+    if not found:
+        found = [minimise(problem, np.zeros(problem.size), np.full(len(cells), 1.0 / level))]
     problem, best = refined(problem, found[0], cells)
     deviations, model = _levels(problem, best, cells)
     for _ in range(_REWEIGHTED):
@@ -95,6 +99,15 @@ def rig_fit(
     )
     fit = RigFit(problem, best, covariance, free, residuals, deviations, model, chi_square, determined)
     return replace(fit, others=_others(fit, found[1:]))
+
+
+def _at_start(problem: RigProblem, minimum: Minimum) -> Minimum:
+    """A minimum found in parts of the records, from states of 0 at the start of whole records."""
+    if max(len(problem.cell(number)) for number in range(len(problem.states))) <= _SEARCHED:
+        return minimum
+    unknowns = minimum.unknowns.copy()
+    unknowns[problem.first_state :] = 0.0
+    return replace(minimum, unknowns=unknowns, paths=problem.paths(unknowns))
 
 
 def _levels(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[Floats, float]:
@@ -117,7 +130,7 @@ def refined(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[RigPr
         change = finer.residuals(minimum.unknowns, finer.paths(minimum.unknowns)) - problem.residuals(
             minimum.unknowns, minimum.paths
         )
-        if not np.sqrt(np.mean(change**2)) > _DISCRETISED * size:
+        if not np.sqrt(np.mean(change**2)) > _DISCRETISED * size / np.sqrt(len(residuals)):
             return problem, minimum
         if finer.records[0].motion.substeps > _MOST_SUBSTEPS:
             return problem, minimum

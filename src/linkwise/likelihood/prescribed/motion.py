@@ -66,6 +66,16 @@ class PrescribedMotion:
         """The motion with other nodes between the samples."""
         return PrescribedMotion.of(self.spline, substeps, self.sigma)
 
+    def part(self, first: int, count: int) -> PrescribedMotion:
+        """The motion at `count` samples from the `first` on."""
+        spline = replace(self.spline, coefficients=self.spline.coefficients[first : first + count + 4])
+        return PrescribedMotion.of(spline, self.substeps, self.sigma)
+
+    def liveliest(self, count: int) -> int:
+        """First of the `count` samples in a row that move most."""
+        power = np.concatenate([[0.0], np.cumsum(self.v[:: self.substeps] ** 2)])
+        return int(np.argmax(power[count:] - power[:-count]))
+
     def noise_draws(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
         """(J, count) what draws of the sensor's noise do to d and v at the nodes."""
         samples = len(self.spline.coefficients) - 4

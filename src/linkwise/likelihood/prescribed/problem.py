@@ -48,6 +48,16 @@ class RigProblem:
         finer = (replace(record, motion=record.motion.with_substeps(substeps)) for record in self.records)
         return replace(self, records=tuple(finer))
 
+    def shortened(self, most: int) -> RigProblem:
+        """The problem with the liveliest parts of its records, of so many samples at most."""
+        parts = []
+        for record in self.records:
+            count = min(most, len(next(iter(record.cells.values()))))
+            first = record.motion.liveliest(count)
+            cells = {link: force[first : first + count] for link, force in record.cells.items()}
+            parts.append(Forces(record.motion.part(first, count), cells))
+        return replace(self, records=tuple(parts))
+
     @cached_property
     def links(self) -> tuple[int, ...]:
         """Numbers of the links with a load cell."""

@@ -99,13 +99,17 @@ def bounds(problem: RigProblem) -> tuple[Floats, Floats]:
 
 
 def minima(
-    problem: RigProblem, given: Mapping[str, float], weights: Floats, progress: Progress
+    problem: RigProblem, given: Mapping[str, float], level: float, progress: Progress
 ) -> list[Minimum]:
-    """Minima found from trials of the sizes that units imply, the lowest first; `given` starts by name are kept near."""
+    """Minima found from trials of the sizes that units imply, the lowest first; `given` starts by name are kept near.
+
+    Residuals are relative to a `level` in N.
+    """
     linear = [p for p in problem.parameters if _is_linear(problem, p)]
     curved = [p for p in problem.parameters if p not in linear]
     motion = problem.records[0].motion
-    force = float(np.std(problem.residuals(np.zeros(problem.size), problem.paths(np.zeros(problem.size)))))
+    left = problem.residuals(np.zeros(problem.size), problem.paths(np.zeros(problem.size)))
+    force, weights = float(np.std(left)), np.full(len(left), 1.0 / level)
     sizes = unit_sizes(curved, motion.d, motion.v, force or 1.0)
     rng = np.random.default_rng(_SEED)
     trials = []
