@@ -155,3 +155,12 @@ def test_numbers_take_the_place_of_parameters() -> None:
 def test_names_that_are_no_parameters_are_refused(text: str, reason: str) -> None:
     with pytest.raises(lw.IdentificationError, match=re.escape(reason)):
         parse_terms(text)
+
+
+def test_names_that_a_stated_law_has_are_changed() -> None:
+    """A stated gap must stay what it is beside one that is found."""
+    [term] = parse_terms("gap")
+    beside = term.beside({"d_g", "k"})
+    assert beside.text == "max(d - d_g_added, 0) + min(d + d_g_added, 0)"
+    assert beside.parameters == ("d_g_added",)
+    assert term.beside({"k"}) is term

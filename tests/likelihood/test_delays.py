@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.sensor_priors import errors_to_find, uncounted
+from linkwise.likelihood.sensor_unknowns import answer_with_sensors
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.shooting.flow import Trajectories
 from linkwise.likelihood.shooting.late_sensors import late_motion
 from linkwise.likelihood.shooting.loss import Gaussian
@@ -165,6 +168,50 @@ def test_a_base_that_is_late_is_admitted_as_a_response_that_is_early() -> None:
     assert (first.kind, first.where) == ("delay", "a:base")
     fit = lw.identify(record, asked, admit=["delay"])
     assert told(fit, "a:m1")[0] == pytest.approx(-0.002, abs=8e-4)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A fit that explains nothing, of a delay below half a sample."""
+
+    chi_square: float
+    status: AnnealingStatus = AnnealingStatus.CONVERGED
+    chi_square_off: bool = True
+    model_error: float = 0.0
+    delays: Mapping[str, float] = field(default_factory=lambda: {"a:m1": 1e-3})
+    diagnosis: tuple[lw.Cause, ...] = ()
+
+
+def shifts_tried(answers: Callable[[int], Found]) -> tuple[Found, list[int]]:
+    """The fit that was kept and the shifts in samples that were looked at, from a search with these `answers`."""
+    record = shaken(1.0, 0.0)
+    tried: list[int] = []
+
+    def search(records: Sequence[lw.Record], options: LikelihoodOptions) -> Found:
+        tried.append(round(options.shifts["a:m1"] * 120.0))
+        return answers(tried[-1])
+
+    options = LikelihoodOptions(delays=["a:m1"])
+    kept = answer_with_sensors(search, [record], options, (), lambda fit, records, delays: fit)
+    return kept, tried
+
+
+def test_shifts_without_a_fit_are_passed_over() -> None:
+    def answers(shift: int) -> Found:
+        if shift == 1:
+            raise lw.IdentificationError("the motion runs to infinity")
+        return Found(float(abs(shift + 3)))
+
+    kept, tried = shifts_tried(answers)
+    assert kept.chi_square == 0.0
+    assert tried[:3] == [0, 1, -1]
+
+
+def test_an_interrupt_ends_the_search_over_shifts() -> None:
+    stopped = Found(9.0, status=AnnealingStatus.INTERRUPTED)
+    kept, tried = shifts_tried(lambda shift: stopped if shift == 1 else Found(1.0))
+    assert kept is stopped
+    assert tried == [0, 1]
 
 
 def test_the_delay_of_the_only_input_is_that_of_the_responses() -> None:

@@ -72,6 +72,13 @@ def test_amplitude_and_range_are_told_with_standard_errors() -> None:
     assert float(drift[3]) == pytest.approx(np.ptp(DRIFT) * sigma, rel=0.05)
 
 
+def test_a_channel_may_have_several_hums_and_be_named_alone() -> None:
+    record = disturbed(HUM + DRIFT + 2.0 * np.sin(2.0 * np.pi * 150.0 * TIME), seed=27)
+    fit = lw.identify(record, ASKED, drifts="x:m2", hums={"x:m2": [50.0, 150.0]})
+    assert fit.trusted
+    assert sum("has a hum of" in line for line in fit.findings) == 2
+
+
 def test_every_record_has_sizes_of_its_own() -> None:
     records = [disturbed(DRIFT, seed=23), disturbed(-2.0 * HUM, seed=24, start=7.0)]
     fit = lw.identify(records, ASKED, drifts=["x:m2"], hums={"x:m2": 50.0})
@@ -83,7 +90,7 @@ def test_every_record_has_sizes_of_its_own() -> None:
 def test_columns_are_the_derivatives_of_the_residuals() -> None:
     """By central differences, exact for a cost that is quadratic in the sizes; columns are in single precision."""
     theta = np.array([present(CHAIN.coefficient(parameter.name).value) for parameter in ASKED.parameters])
-    options = LikelihoodOptions(drifts={"x:m2": None}, hums={"x:m1": 50.0}, gains=["x:m2"], steps=3)
+    options = LikelihoodOptions(drifts={"x:m2": None}, hums={"x:m1": [50.0]}, gains=["x:m2"], steps=3)
     fit = likelihood_fit([disturbed(DRIFT, seed=25)], ASKED, theta, options=options)
     segments, point, scales = fit.segments, fit.optimum.point, fit.optimum.scales
     point = replace(point, offsets=point.offsets + 3.0 * scales.theta[len(theta) :][: len(point.offsets)])
@@ -109,6 +116,9 @@ def test_columns_are_the_derivatives_of_the_residuals() -> None:
     [
         ({"drifts": ["x:m3"]}, "no drift or hum of x:m3 can be estimated; did you mean"),
         ({"drifts": {"x:m2": 1e-3}}, "the pieces of the drift of x:m2 must be 0.0312 s long at least, got 0.001 s"),
+        ({"drifts": {"x:m2": -1.0}}, "the pieces of the drift of x:m2 must have a positive length in s, got -1.0"),
+        ({"hums": ["x:m2"]}, "hums takes frequencies in Hz by channel, as in"),
+        ({"hums": {"x:m2": "50"}}, "hums takes frequencies in Hz by channel, as in"),
         ({"hums": {"x:m2": 600.0}}, "a frequency between 0 and half the rate, 500 Hz, got 600 Hz"),
         ({"drifts": ["x:m2"], "ambient": ["m1"]}, "random forces and drift or hum of x:m2 cannot be found together"),
     ],

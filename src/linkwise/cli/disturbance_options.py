@@ -15,23 +15,21 @@ def _drifts(
     found: dict[str, float | None] = {}
     for text in texts:
         name, value = split(text, "--drift", "x:m1=2s") if "=" in text else (text.strip(), None)
-        _add(found, "--drift", name, None if value is None else _quantity("--drift", text, value, "s"))
+        if name in found:
+            raise click.UsageError(f"--drift is given twice for {name!r}.")
+        found[name] = None if value is None else _quantity("--drift", text, value, "s")
     return found or None
 
 
-def _hums(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> dict[str, float] | None:
+def _hums(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, tuple[float, ...]] | None:
     """Frequencies in Hz by channel."""
-    found: dict[str, float] = {}
+    found: dict[str, tuple[float, ...]] = {}
     for text in texts:
         name, value = split(text, "--hum", "x:m1=50Hz")
-        _add(found, "--hum", name, _quantity("--hum", text, value, "Hz"))
+        found[name] = (*found.get(name, ()), _quantity("--hum", text, value, "Hz"))
     return found or None
-
-
-def _add(found: dict[str, float | None] | dict[str, float], option: str, name: str, value: object) -> None:
-    if name in found:
-        raise click.UsageError(f"{option} is given twice for {name!r}.")
-    found[name] = value  # type: ignore[assignment]
 
 
 def _quantity(option: str, text: str, value: str, unit: str) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 import linkwise as lw
+from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs
 
 _EXAMPLES = {"gain": "x:m1=1.02", "offset": "x:m1=0.3mm", "delay": "a:base=2ms"}
@@ -55,7 +56,12 @@ class ReadingOptions:
             try:  # instruments that were started together name their columns alike
                 return read(file, replace(mapping, channels={**times, **mapping.channels}))
             except lw.RecordError:
-                return read(file, mapping)
+                other = read(file, mapping)
+                if times:
+                    tell(
+                        f"note: {file} has no times in the column {next(iter(times.values()))}: its own are taken."
+                    )
+                return other
 
         record = read(None, mappings[None])
         others = [read_other(file, mapping) for file, mapping in mappings.items() if file is not None]

@@ -241,10 +241,7 @@ def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
     candidates = [
         term for term in terms if term.law.expression not in stated and (grounded or not term.is_constant)
     ]
-    return [
-        Term(term.text, f"{term.coefficient}_added") if term.coefficient in taken else term
-        for term in candidates
-    ]
+    return [term.beside(taken) for term in candidates]
 
 
 def _links(pair: Pair, terms: Sequence[Term], parameters: Mapping[str, Coefficient]) -> tuple[Link, ...]:

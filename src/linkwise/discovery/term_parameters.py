@@ -93,17 +93,17 @@ def select_with_parameters(
     ranges = _ranges(motions, rates, search.candidates)
     best = _freed(*_with_better_values(search, selection, ranges))
     for attempt in range(len(_FIRST)):
-        if best[1].is_exact or selection.fit.status is AnnealingStatus.INTERRUPTED:
+        if best[1].is_exact or _interrupted(best[1]):
             break
         candidates = first_values(motions, rates, search.candidates, attempt)
         other = replace(search, candidates=candidates)
         try:
             found = _freed_at_once(other, chosen)
-            if attempt > 0 and not found[1].is_exact:
+            if attempt > 0 and not found[1].is_exact and not _interrupted(found[1]):
                 found = _freed(*_with_better_values(other, select_structure(other, chosen), ranges))
         except IdentificationError:
             continue
-        if _is_better(found[1], best[1]):
+        if _interrupted(found[1]) or _is_better(found[1], best[1]):
             best = found
     return best
 
@@ -120,7 +120,7 @@ def _with_better_values(
 ) -> tuple[TermSearch, Selection]:
     """The search and its selection once no other value of a parameter would be better."""
     for _ in range(_ROUNDS):
-        if selection.fit.status is AnnealingStatus.INTERRUPTED:
+        if _interrupted(selection):
             break
         better = _better_values(search, selection, ranges)
         if not better:
@@ -130,6 +130,8 @@ def _with_better_values(
             candidates=replace(search.candidates, values={**search.candidates.values, **better}),
         )
         again = _attempted(changed, selection.chosen | better.keys())
+        if again is not None and _interrupted(again):
+            return changed, again
         if again is None or (selection.converged and not _is_better(again, selection)):
             break
         search, selection = changed, again
@@ -243,10 +245,16 @@ def _freed(search: TermSearch, selection: Selection) -> tuple[TermSearch, Select
         freed = _from_values(search, free, selection.structure, selection.fit.values, deviations)
         for others in (left, {strongest}):
             found = _attempted(freed, selection.chosen - (left - others))
+            if found is not None and _interrupted(found):
+                return freed, found
             if found is not None and _explains_as_much(found, selection):
                 search, selection = freed, found
                 break
     return search, selection
+
+
+def _interrupted(selection: Selection) -> bool:
+    return selection.fit.status is AnnealingStatus.INTERRUPTED
 
 
 def _attempted(search: TermSearch, chosen: frozenset[str]) -> Selection | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -112,6 +112,26 @@ class Term:
         return Term(
             _NAME.sub(lambda name: _number(values.get(name[0]), name[0]), self.text), self.coefficient
         )
+
+    def beside(self, taken: Collection[str]) -> Term:
+        """The term for a law that has names already.
+
+        Parameters
+        ----------
+        taken : collection of str
+            Names of coefficients.
+
+        Returns
+        -------
+        Term
+            The same function, its coefficient and parameters named otherwise where theirs are taken.
+        """
+        text = _NAME.sub(
+            lambda name: f"{name[0]}_added" if name[0] in {*taken} & {*self.parameters} else name[0],
+            self.text,
+        )
+        coefficient = f"{self.coefficient}_added" if self.coefficient in taken else self.coefficient
+        return self if (text, coefficient) == (self.text, self.coefficient) else Term(text, coefficient)
 
     @property
     def unit(self) -> str:

@@ -50,8 +50,8 @@ def identify(
     progress : Progress
         Called with a `ProgressReport` at every step of "ml"; the others are done at once.
     **options
-        Options of "ml": `starts`, `offsets`, `gains`, `calibration`, `delays`, `ambient`, `input_noise`, `admit` and `loss`,
-        as in `MaximumLikelihood`.
+        Options of "ml": `starts`, `offsets`, `gains`, `calibration`, `delays`, `drifts`, `hums`, `ambient`, `input_noise`,
+        `admit` and `loss`, as in `MaximumLikelihood`.
 
     Returns
     -------

@@ -35,6 +35,7 @@ from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.shape_parameters import held_where_unseen
+from linkwise.likelihood.shooting.waveforms import frequencies_by_channel, lengths_by_channel
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
@@ -59,7 +60,7 @@ class LikelihoodKeywords(TypedDict, total=False):
     calibration: Mapping[str, float] | None
     delays: Sequence[str]
     drifts: Sequence[str] | Mapping[str, float | None]
-    hums: Mapping[str, float]
+    hums: Mapping[str, float | Sequence[float]]
     ambient: Deviations
     input_noise: Deviations
     admit: Sequence[str]
@@ -91,8 +92,9 @@ class MaximumLikelihood(Estimator):
     drifts : sequence of str or mapping of str to float or None, optional
         Channels with a slow drift, which is estimated with the rest as a line of pieces of this length in s, from 0 at the
         start of each record; of 8 pieces without one.
-    hums : mapping of str to float, optional
-        Frequencies in Hz of hums, by channel; their amplitude and phase in each record are estimated with the rest.
+    hums : mapping of str to float or sequence of float, optional
+        Frequencies in Hz of hums, one or several, by channel; their amplitude and phase in each record are estimated with
+        the rest.
     ambient : sequence of str or mapping of str to float or None, optional
         Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
         other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found for the masses in a sequence, and for
@@ -128,7 +130,7 @@ class MaximumLikelihood(Estimator):
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: Sequence[str] = ()
     drifts: Sequence[str] | Mapping[str, float | None] = ()
-    hums: Mapping[str, float] = field(default_factory=dict)
+    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     ambient: Deviations = ()
     input_noise: Deviations = ()
     admit: Sequence[str] = ()
@@ -172,8 +174,8 @@ class MaximumLikelihood(Estimator):
         )
         options = LikelihoodOptions(
             **sensors,
-            drifts=self.drifts if isinstance(self.drifts, Mapping) else dict.fromkeys(self.drifts or ()),
-            hums=self.hums or {},
+            drifts=lengths_by_channel(self.drifts),
+            hums=frequencies_by_channel(self.hums),
             random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             loss=self.loss,
             progress=progress,

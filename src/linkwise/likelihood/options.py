@@ -32,7 +32,7 @@ class LikelihoodOptions:
         Parts in s of delays that have been taken out of the records.
     drifts : mapping of str to float or None, optional
         Channels with an unknown slow drift, and the lengths of its pieces in s.
-    hums : mapping of str to float, optional
+    hums : mapping of str to sequence of float, optional
         Frequencies in Hz of hums of unknown amplitude and phase, by channel.
     random : sequence of RandomForce, optional
         Random forces on masses.
@@ -62,7 +62,7 @@ class LikelihoodOptions:
     delay_deviations: Mapping[str, float] = field(default_factory=dict)
     shifts: Mapping[str, float] = field(default_factory=dict)
     drifts: Mapping[str, float | None] = field(default_factory=dict)
-    hums: Mapping[str, float] = field(default_factory=dict)
+    hums: Mapping[str, Sequence[float]] = field(default_factory=dict)
     random: Sequence[RandomForce] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True

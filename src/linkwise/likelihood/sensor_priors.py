@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import isinf
+from math import hypot, isinf
 from typing import Any
 
 from linkwise.errors import IdentificationError
@@ -101,7 +101,7 @@ def _of_responses(record: Record) -> dict[str, SensorUncertainty]:
         if name in record.inputs and known.delay:
             for response in of_responses(record, name):
                 own = stated.get(response, SensorUncertainty())
-                stated[response] = replace(own, delay=max(own.delay, known.delay))
+                stated[response] = replace(own, delay=hypot(own.delay, known.delay))
     return stated
 
 

@@ -214,9 +214,12 @@ class _ShiftedFit(Generic[Fit]):
         """By which fits at other shifts are ordered: a model error stands for what the laws leave."""
         return self.fit.chi_square_off, self.fit.model_error, self.fit.chi_square
 
-    def beside(self, name: str, samples: int) -> _ShiftedFit[Fit]:
-        """The fit with a channel shifted by some samples more."""
-        return self.shifts.fitted({**self.late, name: self.late[name] + samples})
+    def beside(self, name: str, samples: int) -> _ShiftedFit[Fit] | None:
+        """The fit with a channel shifted by some samples more; None where there is none, as the motion runs to infinity."""
+        try:
+            return self.shifts.fitted({**self.late, name: self.late[name] + samples})
+        except IdentificationError:
+            return None
 
 
 def _settled(shifts: _Shifts[Fit], late: Mapping[str, int]) -> _ShiftedFit[Fit]:
@@ -248,12 +251,20 @@ def _at_best_shift(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
     if not (found.fit.chi_square_off or found.fit.model_error > 0.0):
         return found
     best = _nearest(found, name)
-    if best.fit.chi_square_off:
-        others = [found.beside(name, samples) for samples in _FAR]
-        nearest = min(others, key=lambda other: other.misfit)
-        if nearest.misfit < best.misfit:
-            return _nearest(nearest, name)
-    return best
+    if not best.fit.chi_square_off or _interrupted(best):
+        return best
+    others = []
+    for samples in _FAR:
+        other = found.beside(name, samples)
+        if other is not None and _interrupted(other):
+            return other
+        others += [] if other is None else [other]
+    nearest = min(others, key=lambda other: other.misfit, default=best)
+    return _nearest(nearest, name) if nearest.misfit < best.misfit else best
+
+
+def _interrupted(found: _ShiftedFit[Fit]) -> bool:
+    return found.fit.status is AnnealingStatus.INTERRUPTED
 
 
 def _nearest(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
@@ -262,10 +273,12 @@ def _nearest(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
     for direction in (forward, -forward):
         best = found
         for _ in range(_SHIFTS):
-            if best.fit.status is AnnealingStatus.INTERRUPTED:
+            if _interrupted(best):
                 return best
             other = best.beside(name, direction)
-            if not other.misfit < best.misfit:
+            if other is not None and _interrupted(other):
+                return other
+            if other is None or not other.misfit < best.misfit:
                 break
             best = other
         if best is not found:

@@ -48,9 +48,14 @@ class Disturbance:
 
     @classmethod
     def of(
-        cls, drifts: Mapping[str, float | None], hums: Mapping[str, float], records: Sequence[Record]
+        cls,
+        drifts: Mapping[str, float | None],
+        hums: Mapping[str, Sequence[float]],
+        records: Sequence[Record],
     ) -> tuple[Disturbance, ...]:
-        """Those of some channels in every record, each with sizes of its own; `drifts` has the lengths of pieces in s.
+        """Those of some channels in every record, each with sizes of its own.
+
+        `drifts` has the lengths of pieces in s, `hums` frequencies in Hz.
 
         Raises IdentificationError for a channel that no record has as a response, pieces that are too many, and a frequency
         beyond half the rate.
@@ -69,8 +74,8 @@ class Disturbance:
                     f"the pieces of the drift of {name} must be {longest / MOST_PIECES:.3g} s long at least, got {seconds:g} "
                     f"s: more than {MOST_PIECES} of them would follow the motion"
                 )
-        for name, frequency in hums.items():
-            half = min(record.rate for record in records) / 2.0
+        half = min(record.rate for record in records) / 2.0
+        for name, frequency in ((name, each) for name, several in hums.items() for each in several):
             if not 0.0 < frequency < half:
                 raise IdentificationError(
                     f"the hum of {name} must have a frequency between 0 and half the rate, {half:g} Hz, got {frequency:g} Hz"
@@ -80,7 +85,7 @@ class Disturbance:
             for number, record in enumerate(records)
             for each in (
                 *(cls(name, number, _pieces(record, seconds)) for name, seconds in drifts.items()),
-                *(cls(name, number, 2, frequency) for name, frequency in hums.items()),
+                *(cls(name, number, 2, each) for name, several in hums.items() for each in several),
             )
         )
 
@@ -111,3 +116,64 @@ class Disturbance:
 
 def _pieces(record: Record, seconds: float | None) -> int:
     return PIECES if seconds is None else max(1, round(record.duration / seconds))
+
+
+def lengths_by_channel(drifts: str | Sequence[str] | Mapping[str, float | None]) -> dict[str, float | None]:
+    """Channels that drift, with the lengths of pieces in s where they are stated.
+
+    Parameters
+    ----------
+    drifts : str, sequence of str or mapping of str to float or None
+        A channel, several, or the lengths by channel.
+
+    Returns
+    -------
+    dict of str to float or None
+        The lengths by channel.
+
+    Raises
+    ------
+    IdentificationError
+        If a length is no positive number.
+    """
+    if not isinstance(drifts, Mapping):
+        return dict.fromkeys((drifts,) if isinstance(drifts, str) else drifts or ())
+    for name, seconds in drifts.items():
+        if seconds is not None and not (_is_number(seconds) and seconds > 0.0):
+            raise IdentificationError(
+                f"the pieces of the drift of {name} must have a positive length in s, got {seconds!r}"
+            )
+    return dict(drifts)
+
+
+def frequencies_by_channel(hums: Mapping[str, float | Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    """Frequencies of hums in Hz by channel.
+
+    Parameters
+    ----------
+    hums : mapping of str to float or sequence of float
+        One frequency or several.
+
+    Returns
+    -------
+    dict of str to tuple of float
+        The frequencies.
+
+    Raises
+    ------
+    IdentificationError
+        If they are not numbers by channel.
+    """
+    found = {}
+    for name, several in hums.items() if isinstance(hums, Mapping) else [(hums, None)]:
+        each: object = (several,) if _is_number(several) else several
+        if isinstance(each, str) or not isinstance(each, Sequence) or not all(map(_is_number, each)):
+            raise IdentificationError(
+                f'hums takes frequencies in Hz by channel, as in {{"x:m1": 50.0}}, got {hums!r}'
+            )
+        found[str(name)] = tuple(float(frequency) for frequency in each)
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
