@@ -120,6 +120,22 @@ def test_what_a_comparison_needs_is_told() -> None:
         lw.compare_levels([noise, noise])
 
 
+def test_records_that_differ_in_their_channels_are_refused() -> None:
+    with pytest.raises(lw.IdentificationError, match="x:m1 is missing, and a:m1 is not in the first"):
+        lw.compare_levels([tap(1.0, 0.0, "x:m1"), tap(2.0, 0.0)])
+
+
+def test_the_order_of_levels_does_not_depend_on_the_length_of_records() -> None:
+    weak, strong = tap(1.0, 0.0).with_noise(40.0, seed=1), tap(1.5, 0.0).with_noise(40.0, seed=2)
+    found = lw.compare_levels(
+        [weak[:400], strong]
+    )  # 2 s and 6 s: the strong one has the lower root mean square
+    assert found.levels == pytest.approx([1.0, 1.5], rel=1e-9)  # N, the peaks, on samples at 0.1 s
+    document = found.to_dict()
+    assert [each["force_peak"] for each in document["levels"]] == found.levels.tolist()
+    assert "peak force, N" in str(found)
+
+
 @pytest.mark.usefixtures("unrendered")
 def test_inspect_compares_levels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -128,9 +144,7 @@ def test_inspect_compares_levels(
     for name, size in (("soft", 0.1), ("hard", 2.0)):
         lw.write_record(tap(size, 4e9).with_noise(40.0, seed=1), f"{name}.csv")
     assert run(["inspect", "hard.csv", "soft.csv", "--levels", "-o", "levels"]) == 0
-    assert (
-        "Not linear from 0.09" in capsys.readouterr().out
-    )  # N, of the hard tap: 2 N sqrt(sqrt(pi/2) 0.01 s / 6 s)
+    assert "Not linear from a peak force of 2 N on" in capsys.readouterr().out  # the peak of the hard tap
     document = json.loads((tmp_path / "levels" / "inspection.json").read_text())
     assert document["levels"]["first_nonlinear"] == "hard.csv"
     page = (tmp_path / "levels" / "report.html").read_text()

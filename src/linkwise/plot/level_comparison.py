@@ -13,7 +13,7 @@ from linkwise.plot.palette import MEASURED, SERIES
 from linkwise.plot.style import axes_for, label, legend_below, literal, log_scale, sheet
 
 _RANGE = (0.15, 1.0)  # of lightness, of the lowest and the highest level
-_FORCE = "root mean square of the force, N"
+_FORCE = "peak force, N"
 
 
 def level_modes(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkwise.errors import RecordError
+from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.result import LevelComparison
@@ -29,11 +29,12 @@ def compare_levels(
     """Compare records of one test at several levels: is the structure linear, and from which level on is it not?
 
     The linear modes that explain each record best are followed from the lowest level up. In a linear structure they stay.
+    The level of a record is the peak of its forces, which does not depend on how long the record goes on after a tap.
 
     Parameters
     ----------
     records : sequence of Record
-        Two records or more with the same channels, applied forces (N) among them; their levels are told by the forces.
+        Two records or more with the same channels, applied forces (N) among them, whose peaks are the levels.
     modes : int, optional
         Number of modes that are followed; by default those that the lowest level shows, the 6 that respond most.
     progress : Progress
@@ -74,6 +75,7 @@ def compare_levels(
     """
     if len(records) < 2:
         raise RecordError(f"levels are compared between two records or more, got {len(records)}")
+    _require_same_channels(records)
     measured = [ModalMeasurement.of([record], scaled=False) for record in records]
     levels = np.array([_level(record) for record in records])
     order = np.argsort(levels, kind="stable")
@@ -117,9 +119,21 @@ def compare_levels(
 
 
 def _level(record: Record) -> float:
-    """Root mean square of all forces."""
+    """The largest magnitude of all forces."""
     forces = [record.channel(name) for name in record.inputs if name.startswith("force:")]
-    return float(np.sqrt(sum(float(np.mean(force**2)) for force in forces)))
+    return max(float(np.abs(force).max()) for force in forces)
+
+
+def _require_same_channels(records: Sequence[Record]) -> None:
+    first = records[0].channels
+    for number, record in enumerate(records[1:], start=2):
+        differences = [f"{name} is missing" for name in first if name not in record.channels]
+        differences += [f"{name} is not in the first" for name in record.channels if name not in first]
+        if differences:
+            raise IdentificationError(
+                "levels are compared between records with the same channels; of "
+                f"{record.source or f'record {number}'}, {', and '.join(differences)}"
+            )
 
 
 def _followed(found: RefinedModes) -> list[int]:

@@ -28,7 +28,7 @@ class LevelComparison(NotebookView):
     labels : tuple of str
         The records.
     levels : array of shape (R,)
-        Root mean square of the force of each, in N.
+        Peak of the force of each, in N.
     frequencies, damping : array of shape (R, n)
         Of the linear modes that explain each record best, in Hz and as parts of the critical damping.
     frequency_errors, damping_errors : array of shape (R, n)
@@ -126,7 +126,7 @@ class LevelComparison(NotebookView):
             "levels": [
                 {
                     "record": label,
-                    "force_rms": float(self.levels[number]),
+                    "force_peak": float(self.levels[number]),
                     "unexplained": float(self.left[number]),
                     "moved": list(self.moved(number)),
                     "modes": [

@@ -24,10 +24,12 @@ def headline(comparison: LevelComparison) -> str:
     first = comparison.first_nonlinear
     top = comparison.levels[-1]
     if first is None:
-        return f"Linear up to {top:.3g} N: no mode moves with the level by more than its errors."
+        return (
+            f"Linear up to a peak force of {top:.3g} N: no mode moves with the level by more than its errors."
+        )
     modes = ", ".join(str(mode) for mode in comparison.moved(first))
     return (
-        f"Not linear from {comparison.levels[first]:.3g} N on ({comparison.labels[first]}): mode {modes} "
+        f"Not linear from a peak force of {comparison.levels[first]:.3g} N on ({comparison.labels[first]}): mode {modes} "
         f"differ{'s' if len(comparison.moved(first)) == 1 else ''} from {comparison.levels[0]:.3g} N by more than errors."
     )
 
@@ -35,7 +37,7 @@ def headline(comparison: LevelComparison) -> str:
 def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level and mode."""
     rows: list[tuple[str, ...]] = [
-        ("level", "force, N", "mode", "frequency, Hz", "std. error", "damping, %", "std. error", "moved")
+        ("level", "peak force, N", "mode", "frequency, Hz", "std. error", "damping, %", "std. error", "moved")
     ]
     for level, label in enumerate(comparison.labels):
         moved = comparison.moved(level)
@@ -60,7 +62,7 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
 def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level with a periodic force."""
     rows: list[tuple[str, ...]] = [
-        ("distortion of", "force, N", "period, s", "odd, dB", "even, dB", "noise, dB")
+        ("distortion of", "peak force, N", "period, s", "odd, dB", "even, dB", "noise, dB")
     ]
     for level, each in zip(comparison.levels, comparison.distortions, strict=True):
         if each is not None:
