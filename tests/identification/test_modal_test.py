@@ -118,6 +118,16 @@ def test_what_a_modal_test_needs_is_told() -> None:
         lw.identify_host(noise)
 
 
+def test_the_name_of_a_host_is_that_of_its_channels() -> None:
+    record = tapped()
+    with pytest.raises(lw.IdentificationError, match='is of the host "beam", not of "blade"'):
+        lw.identify_host(record, name="blade")
+    own = [each.replace("beam.", "") for each in record.channels]
+    short = lw.Record(0.0, 400.0, tuple(own), record.values)
+    assert ModalMeasurement.of([record], "beam").host == "beam"
+    assert ModalMeasurement.of([short], "blade").host == "blade"
+
+
 def test_motion_of_a_mode_is_that_of_a_simulation() -> None:
     record = lw.simulate(
         lw.Structure(

@@ -23,7 +23,11 @@ _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
 
 @click.command()
 @click.argument("files", metavar="FILE...", type=FILE, nargs=-1, required=True)
-@click.option("--name", help="Name of the host; by default that of the first file.")
+@click.option(
+    "--name",
+    help="Name of the host; by default that of the first file. With --modes, by default the part before the dot of the "
+    "channels, as beam of a:beam.tip: where they have one, another name is refused.",
+)
 @click.option("--mass", metavar="NAME", help="The mass matrix in FILE, by default M or mass.")
 @click.option("--stiffness", metavar="NAME", help="The stiffness matrix in FILE, by default K or stiffness.")
 @click.option(

@@ -73,8 +73,8 @@ class ModalMeasurement:
     ) -> ModalMeasurement:
         """Those of `records`, whose channels are at points of the host `name`; without a name, of the one that all share.
 
-        Raises IdentificationError if forces or responses are missing or, where shapes are to be `scaled`, none is at the
-        point of the other.
+        Raises IdentificationError if channels are of a host of another name, if forces or responses are missing or, where
+        shapes are to be `scaled`, none is at the point of the other.
         """
         responses = [each for each in records[0].responses if Channel.parse(each).kind in "xva"]
         forces = [each for each in records[0].inputs if Channel.parse(each).kind == "force"]
@@ -83,7 +83,7 @@ class ModalMeasurement:
                 raise IdentificationError("the records of a modal test must have the same channels")
             _check(record, responses, forces)
         places = [Channel.parse(each).mass for each in (*responses, *forces)]
-        host = name or _shared_host(places)
+        host = _host_named(name, places)
         own = [place.removeprefix(f"{host}.") for place in places]
         points = tuple(dict.fromkeys(own))
         numbers = np.array([points.index(point) for point in own])
@@ -120,6 +120,20 @@ def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> N
             raise IdentificationError(f"channel {name} has missing samples; forces must be complete")
     if not any(record.channel(name).any() for name in forces):
         raise IdentificationError("the applied force is zero throughout; record what was applied")
+
+
+def _host_named(name: str | None, places: Sequence[str]) -> str:
+    """The `name`, which that before the dot of a place must not contradict; without one, that which all places share."""
+    if name is None:
+        return _shared_host(places)
+    for place in places:
+        host, dot, _ = place.partition(".")
+        if dot and host != name:
+            raise IdentificationError(
+                f'{place} is of the host "{host}", not of "{name}": points of a host are named as the channels of its '
+                f'records; leave the name out, or name the channels "{name}.POINT"'
+            )
+    return name
 
 
 def _shared_host(places: Sequence[str]) -> str:

@@ -53,7 +53,8 @@ def identify_host(
     modes : int, optional
         Number of modes; by default as many as the records show by the Bayesian information criterion.
     name : str, optional
-        Name of the host; by default the part before the dot that all channels share.
+        Name of the host; by default the part before the dot that all channels share. Where channels have one, no other is
+        taken, since no channel would be at the points of the host.
     progress : Progress
         Called with a `ProgressReport` at every mode.
 
@@ -65,7 +66,8 @@ def identify_host(
     Raises
     ------
     IdentificationError
-        If the records have no force or no motion, no motion at a point of a force, or too few samples.
+        If the records have no force or no motion, no motion at a point of a force, too few samples, or channels of a host of
+        another name.
 
     See Also
     --------
