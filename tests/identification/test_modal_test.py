@@ -11,7 +11,7 @@ import pytest
 import linkwise as lw
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.oscillators import SampledForce, free_motion
-from linkwise.modal.output_error import _OutputError
+from linkwise.modal.output_error import _OutputError, _searched
 from linkwise.modal.pursuit import PursuedModes
 
 number = lw.Coefficient.number
@@ -126,6 +126,40 @@ def test_the_name_of_a_host_is_that_of_its_channels() -> None:
     short = lw.Record(0.0, 400.0, tuple(own), record.values)
     assert ModalMeasurement.of([record], "beam").host == "beam"
     assert ModalMeasurement.of([short], "blade").host == "blade"
+
+
+@pytest.mark.parametrize("ratio", [np.inf, 1.5])
+def test_a_search_that_finds_no_lower_cost_has_not_converged(
+    ratio: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, theta, noise = _problem_beside_the_optimum()
+    cost = problem.equations(theta, noise).cost
+    monkeypatch.setattr(_OutputError, "cost", lambda *_: ratio * cost)
+    found, converged = _searched(problem, theta, noise)
+    assert not converged
+    assert np.array_equal(found, theta)
+
+
+def test_a_search_that_starts_at_the_optimum_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, theta, noise = _problem_beside_the_optimum()
+    theta, converged = _searched(problem, theta, noise)
+    assert converged
+    cost = problem.equations(theta, noise).cost
+    monkeypatch.setattr(_OutputError, "cost", lambda *_: cost)  # as where only rounding is left to gain
+    assert _searched(problem, theta, noise)[1]
+
+
+def _problem_beside_the_optimum() -> tuple[_OutputError, np.ndarray, np.ndarray]:
+    measured = ModalMeasurement.of([tapped().with_noise(40.0, seed=1)])
+    problem = _OutputError(measured, 3)
+    theta = np.zeros(3 * problem.width + 6 + 2)  # free motions and offsets at rest
+    theta[: 3 * problem.width] = np.concatenate(
+        [
+            [1.001 * f, DAMPING, *(SHAPES[point][r] for point in measured.points)]
+            for r, f in enumerate(FREQUENCIES)
+        ]
+    )
+    return problem, theta, problem.levels(theta)
 
 
 def test_motion_of_a_mode_is_that_of_a_simulation() -> None:

@@ -23,7 +23,7 @@ from linkwise.modal.measured import MeasuredRun, ModalMeasurement
 from linkwise.modal.pursuit import PursuedModes
 
 _STEPS = 60
-_CONVERGED = 1e-6  # of the cost of one sample: a step that gains less ends the search
+_CONVERGED = 1e-6  # of the cost: a step that gains less ends the search
 _DIFFERENCE = 1e-5  # relative, of frequencies and of damping
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-6, 0.9
 _BLOCKS = 40  # of a record, between which scores scatter
@@ -89,23 +89,29 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
 
 
 def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, bool]:
-    """Levenberg-Marquardt steps with given levels of noise."""
+    """Levenberg-Marquardt steps with given levels of noise, and whether they converged.
+
+    Where no step lowers the cost, they did if the first step promised to lower it by less than what ends the search.
+    """
     equations, damping = problem.equations(theta, noise), _FIRST_DAMPING
     for _ in range(_STEPS):
+        promised: float | None = None
         scale = np.maximum(equations.curvature.diagonal(), np.finfo(float).tiny)
         while True:
             matrix = equations.curvature + np.diag(damping * scale)
             size = np.sqrt(np.outer(scale, scale))
             step = np.linalg.solve(matrix / size, equations.slope / np.sqrt(scale)) / np.sqrt(scale)
+            if promised is None:
+                promised = float(equations.slope @ step)
             trial = problem.within(theta + step)
             cost = problem.cost(trial, noise)
             if cost < equations.cost:
                 break
             damping *= 10.0
             if damping > _MOST_DAMPING:
-                return theta, True
+                return theta, promised < _CONVERGED * equations.cost
         gained, theta = equations.cost - cost, trial
-        if gained < _CONVERGED * problem.samples * max(cost / problem.samples, np.finfo(float).tiny):
+        if gained < _CONVERGED * cost:
             return theta, True
         equations, damping = problem.equations(theta, noise), max(0.1 * damping, 1e-9)
     return theta, False
@@ -148,11 +154,6 @@ class _OutputError:
     def width(self) -> int:
         """Parameters of a mode."""
         return 2 + len(self.measured.points)
-
-    @property
-    def samples(self) -> int:
-        """Number of samples that are there."""
-        return sum(int(np.isfinite(run.responses).sum()) for run in self.measured.runs)
 
     @property
     def _of_run(self) -> int:
