@@ -230,6 +230,8 @@ def read_posterior(folder: str | Path) -> Posterior:
             lines = list(csv.reader(file))
     except OSError:
         raise RecordError(_missing(folder), path) from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RecordError(f"is damaged ({error}); identify the record again", path) from None
     entries = [_entry(path, number, line) for number, line in enumerate(lines[1:], start=2)]
     names = tuple(dict.fromkeys(first for first, *_ in entries))
     index = {name: number for number, name in enumerate(names)}

@@ -44,6 +44,10 @@ def errors_to_find(
     """
     stated = _stated(records)
     asked = dict(calibration or {})
+    inputs = records[0].inputs
+    delays = [
+        each for name in delays for each in ((name in inputs and of_responses(records[0], name)) or (name,))
+    ]
     named = {
         name: known.gain
         for name, known in stated.items()

@@ -190,3 +190,28 @@ def test_other_doors_refuse_a_rig() -> None:
     ):
         with pytest.raises(lw.StructureError, match="links alone on a rig are not supported"):
             door()
+
+
+@pytest.mark.parametrize(
+    ("term", "value", "named"),
+    [("q*d**3", 3e6, "d**3"), ("q*v*abs(v)", 300.0, "v*abs(v)"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")],
+)
+def test_a_missing_term_that_noise_hides_takes_trust(term: str, value: float, named: str) -> None:
+    """Chi-square is within chance of 1; a coefficient was up to 54 standard errors off, and trusted."""
+    values = {"k": 2000.0, "c": 50.0}
+    true = rig(f"k*d + c*v + {term}", {**values, "q": value})
+    fit = lw.identify(measured(run(true), 1, force=2.0), rig("k*d + c*v", values).unknown("damper"))
+    assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,)
+    assert fit.diagnosis[0].kind == "term"
+    assert any(cause.term == named for cause in fit.diagnosis)
+    assert fit.coefficient("damper.k").standard_error is None
+
+
+def test_a_late_load_cell_takes_trust(record: lw.Record) -> None:
+    """By a sample: the damping was six standard errors off, and negative."""
+    noisy = measured(record, 1)
+    late = np.column_stack([np.roll(noisy.channel("f:damper"), 1), noisy.channel("x:base")])[1:]
+    delayed = lw.Record(0.0, record.rate, ("f:damper", "x:base"), late)
+    fit = lw.identify(delayed, hysteretic().unknown("damper"))
+    assert not fit.trusted
+    assert any(cause.kind == "delay" and cause.where == "f:damper" for cause in fit.diagnosis)

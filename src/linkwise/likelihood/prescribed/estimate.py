@@ -13,7 +13,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.likelihood.prescribed.diagnosis import offset_causes
+from linkwise.likelihood.prescribed.diagnosis import rig_causes
 from linkwise.likelihood.prescribed.fit import RigFit, rig_fit
 from linkwise.likelihood.prescribed.judgement import judged
 from linkwise.likelihood.prescribed.problem import RigProblem
@@ -50,8 +50,13 @@ def rig_estimate(
         cells = tuple(link for link in forces[0].cells if cell_name(structure, link) in found)
         problem = RigProblem(structure, forces, cells, BASE_CHANNEL in found)
         fit = rig_fit(problem, noise, starts, progress)
-        causes = offset_causes(fit)
-        if "offset" not in admitted or not causes or causes[0].where in found:
+        causes = rig_causes(fit)
+        if (
+            not causes
+            or causes[0].kind not in admitted
+            or causes[0].kind != "offset"
+            or causes[0].where in found
+        ):
             return _estimate(fit, structure, records, noise, causes)
         found.append(causes[0].where)
 

@@ -40,6 +40,13 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
             f"{explained}; that is too much for intervals: a term or a state is missing.",
             share,
         )
+    if causes and not causes[0].is_instrument:
+        return (
+            Verdict.SYSTEMATIC_MISFIT,
+            f"{explained}, but {causes[0].description} is missing: with it a coefficient would differ by "
+            f"{causes[0].shift:.2g} of its standard errors, so no interval is given. Offer the term, or a law with memory.",
+            share,
+        )
     if causes:
         return (
             Verdict.MEASUREMENT_ERROR,
