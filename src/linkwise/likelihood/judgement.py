@@ -113,10 +113,12 @@ def _with_hidden_term(
     """
     if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < _LARGEST_TERM):
         return verdict, f"{message}{_likeliest((hidden.cause,))}{_moved((hidden.cause,))}"
+    named = bool(hidden.cause.shifted) and hidden.change > 0.0
+    change = f", and change {hidden.cause.shifted} by {100.0 * hidden.change:.2g} %" if named else ""
     return Verdict.SYSTEMATIC_MISFIT, (
         "The structure explains the record only where the motion departs from it a little. Held closer, most of what is left "
-        f"follows the motion: {_would_explain(hidden.cause)}, and change {hidden.cause.shifted} by "
-        f"{100.0 * hidden.change:.2g} %. Intervals would not count that, so none is given; a term is missing."
+        f"follows the motion: {_would_explain(hidden.cause)}{change}. Intervals would not count that, so none is given; a "
+        "term is missing."
     )
 
 
