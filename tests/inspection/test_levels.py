@@ -98,6 +98,21 @@ def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, 
     assert levels[kind] > levels[other] + 10.0
 
 
+def test_what_of_the_start_has_not_died_out_is_called_scatter() -> None:
+    runs = [
+        lw.simulate(
+            oscillator(), forces={"m1": f"{size}*sin(2*pi*4*t)"}, duration=4.0, rate=400.0, sensors=["a:m1"]
+        )
+        for size in (1.0, 2.0)
+    ]
+    found = lw.compare_levels(runs, modes=1)
+    own = found.distortions[0]
+    # without noise: the motion of the start decays by exp(-c t / (2 m)), to a third from 2 s to 4 s, and alone scatters
+    assert own is not None and own.noise > -60.0
+    assert "scatter, dB" in str(found) and "noise, dB" not in str(found)
+    assert [line.get_label() for line in lw.plot.distortion(found).lines] == ["odd", "even", "scatter"]
+
+
 def test_distortion_of_a_linear_structure_is_noise() -> None:
     force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"
     record = lw.simulate(

@@ -211,7 +211,7 @@ def level_responses_figure(comparison: LevelComparison) -> Figure:
 
 
 def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | None = None) -> Axes:
-    """Draw odd and even distortion, and noise, over the level of a periodic force.
+    """Draw odd and even distortion, and the scatter of periods, over the level of a periodic force.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     ... ]
     >>> found = lw.compare_levels([run.with_noise(40.0, seed=1) for run in runs], modes=1)
     >>> [line.get_label() for line in lw.plot.distortion(found).lines]
-    ['odd', 'even', 'noise']
+    ['odd', 'even', 'scatter']
     """
     kinds = (("odd", SERIES[1], "s"), ("even", SERIES[0], "o"), ("noise", MEASURED, "x"))
     with axes_for(ax) as axes:
@@ -249,10 +249,11 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
                 for level, each in zip(comparison.levels, comparison.distortions, strict=True)
                 if each is not None and getattr(each, name) is not None
             ]
+            text = "scatter" if name == "noise" else name
             if points:
                 levels, powers = np.array(points).T
                 axes.plot(
-                    levels, powers, color=colour, marker=marker, markersize=4, linewidth=1.0, label=name
+                    levels, powers, color=colour, marker=marker, markersize=4, linewidth=1.0, label=text
                 )
         log_scale(axes, "x")
         axes.set_xlabel(_FORCE)
@@ -263,7 +264,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
 
 
 def distortion_figure(comparison: LevelComparison) -> Figure:
-    """Odd and even distortion and noise over the level on a figure of its own.
+    """Odd and even distortion, and the scatter of periods, over the level on a figure of its own.
 
     Parameters
     ----------

@@ -90,7 +90,8 @@ def _level_sections(levels: LevelComparison) -> dict[str, Section]:
         sections["distortion"] = Section(
             "Distortion",
             [
-                "Power over that of the response where the periodic force excites nothing; noise is the scatter of periods."
+                "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, "
+                "and what of the start has not died out."
             ],
             rows=distortion_rows(levels),
             figure=partial(distortion_figure, levels),

@@ -1,8 +1,9 @@
-"""Odd and even distortion of the response to a periodic force, and its noise.
+"""Odd and even distortion of the response to a periodic force, and its scatter from period to period.
 
 A linear structure answers at the frequencies of the force alone. Where these are odd multiples of the reciprocal of the
 period, what even terms of the laws add is at even multiples, and what odd terms add at odd multiples that the force leaves
-out. The scatter from period to period is noise.
+out. The scatter from period to period is noise, and what of the motion at the start has not died out in the second half of
+the periods, which alone counts; that motion is at all frequencies, even and odd multiples among them.
 
 References
 ----------
@@ -38,7 +39,8 @@ class Distortion:
         Power at odd and even multiples that the force leaves out, over that of the response, in dB; None where the force
         excites even multiples, or leaves none out.
     noise : float
-        Power of the scatter from period to period, over that of the response, in dB.
+        Power of the scatter from period to period, over that of the response, in dB: noise, and what of the start has not died
+        out. Odd or even distortion below it may be a part of these.
 
     Examples
     --------

@@ -62,7 +62,7 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
 def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level with a periodic force."""
     rows: list[tuple[str, ...]] = [
-        ("distortion of", "peak force, N", "period, s", "odd, dB", "even, dB", "noise, dB")
+        ("distortion of", "peak force, N", "period, s", "odd, dB", "even, dB", "scatter, dB")
     ]
     for level, each in zip(comparison.levels, comparison.distortions, strict=True):
         if each is not None:
