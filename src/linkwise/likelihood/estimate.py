@@ -31,7 +31,7 @@ from linkwise.likelihood.random_forces import (
 )
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.sensor_priors import errors_to_find
-from linkwise.likelihood.sensor_unknowns import answer_with_sensors
+from linkwise.likelihood.sensor_unknowns import answer_with_sensors, require_known_kinds
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.shape_parameters import held_where_unseen
@@ -203,23 +203,29 @@ class MaximumLikelihood(Estimator):
             calibration=self.calibration,
             delays=self.delays,
         )
-        named = (self.drifts, self.hums, self.ambient, self.input_noise)
-        asked = (
-            *found["gains"],
-            *found["calibration"],
-            *found["delays"],
-            *(name for each in named for name in each or ()),
-        )
-        if asked or not isinstance(self.loss, Gaussian):
-            what = f"gains, delays, drift, hum or noise of inputs ({asked[0]})" if asked else "a robust loss"
+        admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
+        require_known_kinds((found["offsets"], found["gains"], found["delays"]), admitted)
+        asked = {
+            "gains": found["gains"],
+            "calibration": found["calibration"],
+            "delays": found["delays"],
+            "drift": self.drifts,
+            "hum": self.hums,
+            "random forces": self.ambient,
+            "noise of inputs": self.input_noise,
+            "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
+        }
+        named = [f"{what} ({', '.join(names)})" for what, names in asked.items() if names]
+        named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
+        if named:
             raise IdentificationError(
-                f"{what}: not supported for links alone on a rig, of which offsets of sensors can be found"
+                f"{', '.join(named)}: not supported for links alone on a rig, of which offsets of sensors can be found"
             )
         return rig_estimate(
             records,
             structure,
             offsets=found["offsets"],
-            admitted=(self.admit,) if isinstance(self.admit, str) else self.admit,
+            admitted=admitted,
             starts=dict(self.starts or {}),
             progress=progress,
         )

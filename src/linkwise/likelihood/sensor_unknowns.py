@@ -102,20 +102,7 @@ def answer_with_sensors(
     An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
     that is named twice, and a delay that cannot be found.
     """
-    for named in (options.offsets, options.gains, options.delays):
-        if isinstance(named, Mapping):
-            raise IdentificationError(
-                f"errors of sensors to be found are channels, got {named!r}; take known delays out (without_delays), and "
-                "known gains and offsets"
-            )
-        repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
-        if repeated:
-            raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
-    for kind in admitted:
-        if kind not in ADMISSIBLE:
-            raise IdentificationError(
-                f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}'
-            )
+    require_known_kinds((options.offsets, options.gains, options.delays), admitted)
     while True:
         answer, interrupted = _with_delays(search, records, options, report)
         instruments = [cause for cause in answer.diagnosis if cause.is_instrument]
@@ -131,6 +118,24 @@ def answer_with_sensors(
         ):
             return answer
         options = _widened(options, kind, tuple(dict.fromkeys((*present, *more))))
+
+
+def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[str]) -> None:
+    """Raise IdentificationError for a kind of error that cannot be admitted, and a channel named twice for one kind."""
+    for named in channels:
+        if isinstance(named, Mapping):
+            raise IdentificationError(
+                f"errors of sensors to be found are channels, got {named!r}; take known delays out (without_delays), and "
+                "known gains and offsets"
+            )
+        repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
+        if repeated:
+            raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
+    for kind in admitted:
+        if kind not in ADMISSIBLE:
+            raise IdentificationError(
+                f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}'
+            )
 
 
 def of_responses(record: Record, channel: str) -> tuple[str, ...]:

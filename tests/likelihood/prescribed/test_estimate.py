@@ -166,6 +166,11 @@ REFUSED: dict[str, tuple[dict[str, str], dict[str, Any], str]] = {
     "no motion": ({"drop": "x:base"}, {}, "identified from the displacement of its base, x:base"),
     "no force": ({"drop": "f:damper"}, {}, "has no load cell of its link: give channel f:damper"),
     "gain": ({}, {"gains": ["f:damper"]}, "not supported for links alone on a rig"),
+    "calibration": ({}, {"calibration": {"f:damper": 0.01}}, r"^calibration \(f:damper\): not supported"),
+    "drift": ({}, {"drifts": ["x:base"]}, r"^drift \(x:base\): not supported"),
+    "unknown kind": ({}, {"admit": ["bogus"]}, 'unknown error of a sensor "bogus"'),
+    "other kind": ({}, {"admit": ["delay"]}, r"to be admitted \(delay\): not supported"),
+    "twice": ({}, {"offsets": ["f:damper", "f:damper"]}, "f:damper is named twice"),
     "robust": ({}, {"loss": lw.Student()}, "a robust loss: not supported for links alone on a rig"),
     "offset": ({}, {"offsets": ["x:m1"]}, "no offset of x:m1 can be found"),
     "weak": ({}, {"method": "weak"}, 'links alone on a rig are not supported in method "weak"'),
@@ -180,6 +185,51 @@ def test_what_is_refused(
     kept = [name for name in record.channels if name != change.get("drop")]
     with pytest.raises((lw.IdentificationError, lw.StructureError), match=message):
         lw.identify(record.select(kept), hysteretic().unknown("damper"), **options)
+
+
+ROOT, ROOTS = "k*sqrt(g + d)", {"k": 300.0, "g": 0.0135}  # the base moves by up to 0.013 m to either side
+
+
+@pytest.mark.filterwarnings("error")
+def test_values_with_which_a_law_is_not_finite_are_no_minimum() -> None:
+    """Most trials of g are below the displacement, where the law has no value."""
+    fit = lw.identify(measured(run(rig(ROOT, ROOTS)), 1), rig(ROOT, ROOTS).unknown("damper"))
+    assert fit.trusted, str(fit)
+    for name, value in ROOTS.items():
+        found = fit.coefficient(f"damper.{name}")
+        assert found.standard_error is not None
+        assert abs(found.value - value) < 4.0 * found.standard_error
+
+
+@pytest.mark.filterwarnings("error")
+def test_starts_with_which_a_law_is_not_finite_are_refused() -> None:
+    noisy = measured(run(rig(ROOT, ROOTS)), 1)
+    with pytest.raises(lw.IdentificationError, match="no values were found with which the law of damper"):
+        lw.identify(noisy, rig(ROOT, ROOTS).unknown("damper"), starts={"damper.g": 1e-4})
+
+
+def test_records_with_different_load_cells_are_refused() -> None:
+    links = [replace(rig("k*d", {"k": 2000.0}).links[0], name=name) for name in ("a", "b")]
+    structure = lw.Structure("rig", (), tuple(links))
+    both = run(structure, 2.0)
+    one = both.select(["x:base", "f:a"])[:300]
+    for records in ([both, one], [one, both]):
+        with pytest.raises(lw.IdentificationError, match="same channels, and f:b is not in record"):
+            lw.identify(records, structure.unknown("a"))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("channel", "value", "message"),
+    [("f:damper", np.nan, "f:damper has no sample"), ("x:base", 0.01, "x:base does not change")],
+)
+def test_channels_that_tell_nothing_are_refused(
+    record: lw.Record, channel: str, value: float, message: str
+) -> None:
+    values = record.values.copy()
+    values[:, record.channels.index(channel)] = value
+    with pytest.raises(lw.IdentificationError, match=message):
+        lw.identify(replace(record, values=values, simulated=None), hysteretic().unknown("damper"))
 
 
 def test_other_doors_refuse_a_rig() -> None:

@@ -17,7 +17,13 @@ from linkwise.likelihood.prescribed.diagnosis import rig_causes
 from linkwise.likelihood.prescribed.fit import RigFit, rig_fit
 from linkwise.likelihood.prescribed.judgement import judged
 from linkwise.likelihood.prescribed.problem import RigProblem
-from linkwise.likelihood.prescribed.records import BASE_CHANNEL, cell_name, cell_noise, rig_forces
+from linkwise.likelihood.prescribed.records import (
+    BASE_CHANNEL,
+    cell_name,
+    cell_noise,
+    require_same_cells,
+    rig_forces,
+)
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -38,6 +44,7 @@ def rig_estimate(
     `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
     """
     forces = tuple(rig_forces(record, structure) for record in records)
+    require_same_cells(forces, structure)
     noise = cell_noise(records, structure)
     offered = [BASE_CHANNEL, *(cell_name(structure, link) for link in forces[0].cells)]
     for name in offsets:

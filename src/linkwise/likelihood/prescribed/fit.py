@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.prescribed.covariance import covariance_of
 from linkwise.likelihood.prescribed.motion import PrescribedMotion
 from linkwise.likelihood.prescribed.problem import RigProblem
@@ -85,6 +86,9 @@ def rig_fit(
     found = [_at_start(problem, minimum) for minimum in found]
     if not found:
         found = [minimise(problem, np.zeros(problem.size), np.full(len(cells), 1.0 / level))]
+    found = [each for each in found if _is_finite(problem, each)]
+    if not found:
+        raise IdentificationError(_not_finite(problem))
     problem, best = refined(problem, found[0], cells)
     deviations, model = _levels(problem, best, cells)
     for _ in range(_REWEIGHTED):
@@ -94,6 +98,8 @@ def rig_fit(
     freedom = max(int(np.count_nonzero(residuals)) - problem.size, 1)
     chi_square = float(np.sum((residuals / deviations) ** 2)) / freedom
     free = _inside(problem, best.unknowns)
+    if not np.isfinite(problem.jacobian(best.paths)).all():
+        raise IdentificationError(_not_finite(problem))
     covariance, determined = covariance_of(
         problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
     )
@@ -108,6 +114,19 @@ def _at_start(problem: RigProblem, minimum: Minimum) -> Minimum:
     unknowns = minimum.unknowns.copy()
     unknowns[problem.first_state :] = 0.0
     return replace(minimum, unknowns=unknowns, paths=problem.paths(unknowns))
+
+
+def _is_finite(problem: RigProblem, minimum: Minimum) -> bool:
+    """Whether the laws are finite along the whole motions."""
+    return bool(np.isfinite(problem.residuals(minimum.unknowns, minimum.paths)).all())
+
+
+def _not_finite(problem: RigProblem) -> str:
+    names = ", ".join(problem.structure.links[link].name for link in problem.links)
+    return (
+        f"no values were found with which the law of {names} and its derivatives are finite along the recorded motion; give "
+        "starting values with which they are, or bounds of its coefficients"
+    )
 
 
 def _levels(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[Floats, float]:
@@ -130,6 +149,8 @@ def refined(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[RigPr
         change = finer.residuals(minimum.unknowns, finer.paths(minimum.unknowns)) - problem.residuals(
             minimum.unknowns, minimum.paths
         )
+        if not np.isfinite(change).all():
+            return problem, minimum
         if not np.sqrt(np.mean(change**2)) > _DISCRETISED * size / np.sqrt(len(residuals)):
             return problem, minimum
         if finer.records[0].motion.substeps > _MOST_SUBSTEPS:

@@ -127,13 +127,15 @@ class RigProblem:
         return float(unknowns[len(self.parameters) + self.cell_offsets.index(link)])
 
     def residuals(self, unknowns: Floats, paths: Sequence[LinkPath]) -> Floats:
-        """Measured less modelled forces (R,) in N at all samples, 0 where a sample is missing."""
+        """Measured less modelled forces (R,) in N, 0 where a sample is missing and NaN where a law is not finite."""
         rows = []
         for number, ((record, link, _), path) in enumerate(zip(self.states, paths, strict=True)):
             every = self.records[record].motion.substeps
             force = path.force()[::every]
-            rows.append(self.cell(number) - self.offset(link, unknowns) - force)
-        return np.nan_to_num(np.concatenate(rows), nan=0.0)
+            measured = self.cell(number) - self.offset(link, unknowns)
+            left = np.where(np.isfinite(force), measured - force, np.nan)
+            rows.append(np.where(np.isfinite(measured), left, 0.0))
+        return np.concatenate(rows)
 
     def jacobian(self, paths: Sequence[LinkPath]) -> Floats:
         """(R, u) derivatives of the modelled forces by the unknowns."""

@@ -42,11 +42,20 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
         raise IdentificationError(
             f"{len(values)} samples are too few for links on a rig, which need {_FEWEST}"
         )
+    if not np.ptp(values) > 0.0:
+        raise IdentificationError(
+            f"{name} does not change: the force in a link that does not move tells nothing of its law"
+        )
     cells = {
         number: record.channel(cell_name(structure, number))
         for number in range(len(structure.links))
         if cell_name(structure, number) in record.channels
     }
+    for number, force in cells.items():
+        if not np.isfinite(force).any():
+            raise IdentificationError(
+                f"channel {cell_name(structure, number)} has no sample that is a number"
+            )
     for parameter in structure.parameters:
         unseen = [index for index, _ in parameter.members if index not in cells]
         if len(unseen) == len(parameter.members):
@@ -55,6 +64,17 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
                 f"{cell_name(structure, unseen[0])}, the force in it"
             )
     return Forces(prescribed_motion(record), cells)
+
+
+def require_same_cells(records: Sequence[Forces], structure: Structure) -> None:
+    """Raise IdentificationError where a load cell is in one record and not in another."""
+    for number in range(len(structure.links)):
+        lacking = [index for index, each in enumerate(records, start=1) if number not in each.cells]
+        if 0 < len(lacking) < len(records):
+            raise IdentificationError(
+                f"records that are taken together must hold the same channels, and {cell_name(structure, number)} is not in "
+                f"record {lacking[0]} of {len(records)}"
+            )
 
 
 def prescribed_motion(record: Record) -> PrescribedMotion:

@@ -19,7 +19,9 @@ _TRIALS = 60
 _REFINED = 6  # trials that are followed
 _STEPS = 60  # of a search from a trial
 _LAST_STEPS = 300
-_RUNAWAY = 1e6  # residual, relative to the forces, of a trial whose states run away
+_RUNAWAY = (
+    1e6  # residual, relative to the forces, of a trial whose states run away or whose laws are not finite
+)
 _SEED = 12
 
 
@@ -61,8 +63,10 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
         found = follower.paths(unknowns)
         if not all(path.converged for path in found):
             return np.full(len(weights) + len(prior), _RUNAWAY)
-        rows = weights * problem.residuals(unknowns, found)
-        rows = np.clip(np.nan_to_num(rows, nan=_RUNAWAY), -_RUNAWAY, _RUNAWAY)
+        left = np.where(weights > 0.0, problem.residuals(unknowns, found), 0.0)
+        if not np.isfinite(left).all():
+            return np.full(len(weights) + len(prior), _RUNAWAY)
+        rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
         return np.concatenate([rows, certainty * (prior - unknowns[: len(prior)])])
 
     def jacobian(unknowns: Floats) -> Floats:
@@ -109,7 +113,7 @@ def minima(
     curved = [p for p in problem.parameters if p not in linear]
     motion = problem.records[0].motion
     left = problem.residuals(np.zeros(problem.size), problem.paths(np.zeros(problem.size)))
-    force, weights = float(np.std(left)), np.full(len(left), 1.0 / level)
+    force, weights = float(np.std(np.nan_to_num(left))), np.full(len(left), 1.0 / level)
     sizes = unit_sizes(curved, motion.d, motion.v, force or 1.0)
     rng = np.random.default_rng(_SEED)
     trials = []
