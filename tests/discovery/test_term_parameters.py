@@ -85,3 +85,13 @@ def test_values_that_no_fit_found_are_not_to_be_trusted(monkeypatch: pytest.Monk
     found = lw.discover(recorded(FRICTION, 20.0, 15), MASSES, terms="v, d, friction")
     assert lw.Verdict.TERMS_MAY_BE_MISSING in found.verdicts
     assert any("No fit found the parameters of m2-m1.F" in remark for remark in found.remarks)
+
+
+def test_friction_that_gives_energy_stands_in_for_another_damping() -> None:
+    """Quadratic damping, which was not offered: negative friction was beyond doubt, and c 8 standard errors off."""
+    quadratic = pair("k*d + c*v + c2*v*abs(v)", {"k": 400.0, "c": 0.3, "c2": 0.5})
+    record = recorded(quadratic, 28.0, 3)
+    found = lw.discover(record, MASSES, terms="linear, d**3, friction")
+    assert lw.Verdict.TERMS_MAY_BE_MISSING in found.verdicts
+    assert any("damping in m2-m1 one gives energy" in remark for remark in found.remarks)
+    assert lw.discover(record, MASSES, terms="linear, d**3, v*abs(v)").trusted

@@ -15,7 +15,13 @@ from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.coloured_noise import select_coloured
 from linkwise.discovery.data_checks import DataChecks, check_data
 from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark
-from linkwise.discovery.evidence import exchange_remarks, runners_up, selection_path, term_evidence
+from linkwise.discovery.evidence import (
+    exchange_remarks,
+    opposed_damping,
+    runners_up,
+    selection_path,
+    term_evidence,
+)
 from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
@@ -59,6 +65,10 @@ _STATED_WRONG = (
 _NO_VALUES = (
     "No fit found the parameters of {}, which have numbers of a grid: what was found beside them may be false. Offer fewer "
     "terms, or terms with numbers."
+)
+_OPPOSED = (
+    "Of the terms of damping in {} one gives energy that another takes: together they stand in for a form of damping that was "
+    "not offered, such as v*abs(v). Offer more forms, or fewer of these."
 )
 _UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
 
@@ -347,7 +357,9 @@ def _doubts_of_search(
 ) -> list[tuple[Verdict, str]]:
     """What takes trust from a search, each with a sentence."""
     valueless = without_values(screened.candidates, selection)
+    opposed = opposed_damping(selection, screened.candidates)
     search = [
+        (bool(opposed), Verdict.TERMS_MAY_BE_MISSING, _OPPOSED.format(" and ".join(opposed))),
         (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),

@@ -20,6 +20,7 @@ from linkwise.model.link import BASE, GROUND
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
 _RUNNERS_UP = 10
 _NAMED = 6  # exchanges that remarks name
+_NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
 
 
 def term_evidence(
@@ -82,6 +83,22 @@ def term_evidence(
     return (
         *sorted(kept, key=lambda term: -term.margin),
         *sorted(dropped, key=lambda term: term.margin),
+    )
+
+
+def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, ...]:
+    """The links with terms of damping of which one gives energy: together they stand in for another form of damping."""
+    inside = list(range(len(selection.structure.parameters)))
+    solution = selection.quadratic.solve(inside)
+    damping: dict[int, list[float]] = {}
+    for k, z in zip(inside, solution.z, strict=True):
+        entry = candidates.by_name.get(selection.quadratic.names[k])
+        if entry is not None and entry.offered.is_damping:
+            damping.setdefault(entry.pair, []).append(float(z))
+    return tuple(
+        candidates.pairs[pair].name
+        for pair, found in damping.items()
+        if len(found) > 1 and min(found) < -_NEGATIVE
     )
 
 
