@@ -189,6 +189,16 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
         ("beta*d**3", "beta*d**5", r"the law of nes1 is not as in result\.json"),
         ("alpha = -", "alpha = -1", r"nes1\.alpha is not as in result\.json"),
         ("mass = 1.0", "mass = 1.01", r"the mass of m1 is not as in result\.json"),
+        (
+            'between = ["m1", "ground"]',
+            'between = ["m2", "ground"]',
+            r"between of spring1 is not as in result\.json",
+        ),
+        (
+            "[[link]]",
+            '[[link]]\nname = "more"\nbetween = ["m1", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n\n[[link]]',
+            r"link more is not as in result\.json",
+        ),
     ],
 )
 def test_errors_of_an_edited_structure_are_refused(

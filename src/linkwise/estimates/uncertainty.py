@@ -254,6 +254,7 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
         links = {link["name"]: link for link in result["links"]}
         found = {name: mass["value"] for name, mass in result["masses"].items()}
         laws = {name: str(link["law"]) for name, link in links.items()}
+        ends = {name: tuple(link["between"]) for name, link in links.items()}
         values = {
             name: {key: each["value"] for key, each in link["coefficients"].items()}
             for name, link in links.items()
@@ -272,11 +273,17 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
             if laws.get(link.name, link.law.text) != link.law.text
         ),
         *(
+            f"between of {link.name}"
+            for link in structure.links
+            if ends.get(link.name, link.between) != link.between
+        ),
+        *(
             f"{link.name}.{name}"
             for link in structure.links
             for name, value in link.values.items()
             if values.get(link.name, {}).get(name, value) != value
         ),
+        *(f"link {x.name}" for x in structure.links if x.name not in (*links, *structure.modes)),
         *(f"link {name}" for name in links if name not in {link.name for link in structure.links}),
     ]
     if edited:
