@@ -264,7 +264,7 @@ def test_channels_of_links_are_refused() -> None:
 
 
 def test_noise_of_an_input_that_no_record_has_is_refused() -> None:
-    with pytest.raises(lw.IdentificationError, match="the record has no applied force"):
+    with pytest.raises(lw.IdentificationError, match="no noise of an input can be estimated"):
         lw.identify(ambient(1, 20.0, seed=2), chain(1).unknown("all"), input_noise=["force:m1"])
     with pytest.raises(lw.IdentificationError, match='ambient are for method "ml"'):
         lw.identify(ambient(1, 20.0, seed=2), chain(1).unknown("all"), method="weak", ambient="all")

@@ -1,4 +1,4 @@
-"""Options for random forces: ambient ones, which no channel shows, and noise of the channels of applied forces."""
+"""Options for random forces: ambient ones, which no channel shows, and noise of the channels of inputs."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import click
 
 import linkwise as lw
 from linkwise.cli.options import split
+from linkwise.records.channel import Channel
 
 
-def _random_forces(unit: str, example: str) -> Callable[..., dict[str, float | None] | None]:
-    """A callback that reads names with or without a deviation in `unit`: those without one are to be found."""
+def _random_forces(
+    unit_of: Callable[[str], str], example: str
+) -> Callable[..., dict[str, float | None] | None]:
+    """A callback that reads names with or without a deviation in their unit: those without one are to be found."""
 
     def read(
         context: click.Context, option: click.Parameter, texts: tuple[str, ...]
@@ -20,7 +23,9 @@ def _random_forces(unit: str, example: str) -> Callable[..., dict[str, float | N
         for text in texts:
             if "=" in text:
                 name, value = split(text, option.opts[0], example)
-                found: dict[str, float | None] = {name: _in_unit(value, unit, option.opts[0], example)}
+                found: dict[str, float | None] = {
+                    name: _in_unit(value, unit_of(name), option.opts[0], example)
+                }
             else:
                 found = dict.fromkeys(part.strip() for part in text.split(","))
             twice = [name for name in found if name in stated]
@@ -38,7 +43,7 @@ def _in_unit(text: str, unit: str, option: str, example: str) -> float:
         return float(text)
     except ValueError:
         pass
-    if unit != "N":
+    if "sqrt" in unit:
         raise click.UsageError(f"{option} takes a number in {unit}, as in {example}, got {text!r}.")
     try:
         return lw.to_si(text, unit)
@@ -46,12 +51,20 @@ def _in_unit(text: str, unit: str, option: str, example: str) -> float:
         raise click.UsageError(f"{option} {text!r}: {error}") from error
 
 
+def _unit_of_channel(name: str) -> str:
+    """The SI unit of an input; N where the name is none, which the search for it tells."""
+    try:
+        return Channel.parse(name).unit
+    except lw.LinkwiseError:
+        return "N"
+
+
 RANDOM_FORCE_OPTIONS = (
     click.option(
         "--ambient",
         metavar="MASS[=DENSITY]",
         multiple=True,
-        callback=_random_forces("N/sqrt(Hz)", "m1=0.5"),
+        callback=_random_forces(lambda _: "N/sqrt(Hz)", "m1=0.5"),
         help="Masses that a random force acts on which no channel shows, as m1,m2 or all; its one-sided amplitude spectral "
         "density in N/sqrt(Hz) is found where none is given (ml). Repeatable.",
     ),
@@ -59,8 +72,8 @@ RANDOM_FORCE_OPTIONS = (
         "--input-noise",
         metavar="CHANNEL[=SIGMA]",
         multiple=True,
-        callback=_random_forces("N", "force:m1=0.5"),
-        help="Applied forces whose channel has noise, as force:m1 or all; its standard deviation, in N or with a unit, is "
-        "found where none is given (ml). Repeatable.",
+        callback=_random_forces(_unit_of_channel, "force:m1=0.5"),
+        help="Inputs whose channel has noise, as force:m1, a:base, x:base or all; its standard deviation, in the channel's SI "
+        "unit or with a unit, is found where none is given (ml). Repeatable.",
     ),
 )

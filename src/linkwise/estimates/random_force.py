@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RandomForceEstimate:
-    """A random force on a mass: an ambient one, or the noise of the channel of the applied force.
+    """A random force on a mass: an ambient one, or the noise of the channel of an applied force or of the base.
 
     Attributes
     ----------
@@ -16,11 +16,13 @@ class RandomForceEstimate:
     ambient : bool
         Whether it is an ambient force.
     deviation : float
-        Standard deviation in N of samples of it at the rate of the first record.
+        Standard deviation of samples of it at the rate of the first record, in its unit.
     spectral_density : float
-        One-sided amplitude spectral density in N/sqrt(Hz).
+        One-sided amplitude spectral density, in that unit over sqrt(Hz).
     found : bool
         Whether it was found; else it was stated.
+    unit : str
+        N of a force, m or m/s^2 of a base.
 
     Examples
     --------
@@ -35,6 +37,7 @@ class RandomForceEstimate:
     deviation: float
     spectral_density: float
     found: bool
+    unit: str = "N"
 
     @property
     def description(self) -> str:
@@ -42,7 +45,7 @@ class RandomForceEstimate:
         origin = "found with the other unknowns" if self.found else "as stated"
         if self.ambient:
             return f"An ambient force on {self.where} of {self.spectral_density:.3g} N/sqrt(Hz), {origin}, is counted in."
-        return f"Noise of {self.where} of {self.deviation:.3g} N, {origin}, is counted in."
+        return f"Noise of {self.where} of {self.deviation:.3g} {self.unit}, {origin}, is counted in."
 
     def to_dict(self) -> dict[str, str | float | bool]:
         """What result.json holds of it.
@@ -56,8 +59,8 @@ class RandomForceEstimate:
             "where": self.where,
             "kind": "ambient" if self.ambient else "input noise",
             "deviation": self.deviation,
-            "deviation_unit": "N",
+            "deviation_unit": self.unit,
             "spectral_density": self.spectral_density,
-            "spectral_density_unit": "N/sqrt(Hz)",
+            "spectral_density_unit": f"{self.unit}/sqrt(Hz)",
             "found": self.found,
         }

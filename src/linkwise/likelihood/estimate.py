@@ -100,8 +100,8 @@ class MaximumLikelihood(Estimator):
         other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found for the masses in a sequence, and for
         those mapped to None; ``"all"`` stands for every mass.
     input_noise : sequence of str or mapping of str to float or None, optional
-        Channels of applied forces with white noise, such as ``"force:m1"``, and its standard deviation in N, found where there
-        is none; ``"all"`` stands for every applied force.
+        Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
+        in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts.
     admit : sequence of {"gain", "offset", "delay"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.

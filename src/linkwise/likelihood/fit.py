@@ -334,7 +334,7 @@ def _annealed(
         final_q=max(schedule.final_q, options.tightest),
     )
     if segments.random is not None:
-        tight = relaxation(segments, problem.scales, start.theta)
+        tight = relaxation(segments, problem.scales, start)
         schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
     fit = annealer(segments, start, problem.scales, schedule)
     limited = options.steps < AnnealingSchedule.max_steps

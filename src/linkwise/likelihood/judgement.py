@@ -18,13 +18,16 @@ from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel import BASE, Channel
 from linkwise.signals.outliers import outliers_exceed_noise
 from linkwise.verdict import Verdict
 
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error that is trusted. Intervals include the error to first order; the
 neglected second order is 1 % of the forces at this limit, a tenth of what they include."""
+_NOISIEST_INPUT = (
+    0.15  # of an input: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
+)
 _LARGEST_TERM = 0.05
 """Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
 would change by more than an engineer can neglect."""
@@ -141,15 +144,15 @@ def _verdict(
     explained = _explained(fit, share, coloured)
     if fit.chi_square_off:
         return _mismatch(fit, causes)
+    if noisy:
+        return Verdict.UNEXPLAINED_FORCES, (
+            f"{explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _NOISIEST_INPUT:.0f} % of it: "
+            f"it stands for errors of the laws, which intervals would take for noise.{_likeliest(causes)}"
+        )
     if causes and causes[0].is_instrument:
         return Verdict.MEASUREMENT_ERROR, (
             f"{explained}, but {_would_explain(causes[0])}, more than any missing term. Coefficients would be wrong by more "
             "than their intervals say, so none is given: correct it, or estimate it with the other unknowns."
-        )
-    if noisy:
-        return Verdict.UNEXPLAINED_FORCES, (
-            f"{explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _LARGEST_ERROR:.0f} % of the force: "
-            f"it stands for errors of the laws, which intervals would take for noise.{_likeliest(causes)}"
         )
     if share > _LARGEST_ERROR:
         return Verdict.UNEXPLAINED_FORCES, (
@@ -210,16 +213,19 @@ def _explained(fit: LikelihoodFit, share: float, coloured: Sequence[str]) -> str
 
 
 def _noisy_inputs(fit: LikelihoodFit, masses: Sequence[str]) -> list[str]:
-    """Channels of applied forces with more noise, as it was found, than laws may be wrong by."""
-    applied = fit.segments.inputs.force
-    if applied is None:
-        return []
-    powers = np.mean(applied[:, 0] ** 2, axis=(0, 2))
-    rms = {f"force:{name}": float(np.sqrt(power)) for name, power in zip(masses, powers, strict=True)}
+    """Channels of inputs with more noise, as it was found, than measured inputs have."""
+    inputs, rms = fit.segments.inputs, {}
+    if inputs.force is not None:
+        powers = np.mean(inputs.force[:, 0] ** 2, axis=(0, 2))
+        rms = {f"force:{name}": float(np.sqrt(power)) for name, power in zip(masses, powers, strict=True)}
+    if inputs.frame is not None:
+        rms[f"a:{BASE}"] = float(np.sqrt(np.mean(inputs.frame[:, 0] ** 2)))
+    if inputs.base is not None:
+        rms[f"x:{BASE}"] = float(np.sqrt(np.mean(inputs.base[:, 0, 0] ** 2)))
     return [
         force.where
         for force in fit.random_forces
-        if force.found and not force.ambient and force.deviation > _LARGEST_ERROR * rms[force.where]
+        if force.found and not force.ambient and force.deviation > _NOISIEST_INPUT * rms[force.where]
     ]
 
 

@@ -47,7 +47,7 @@ _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow s
 _LOOSEST = 0.02  # relaxation
 
 
-def relaxation(segments: Segments, scales: Scales, theta: Floats) -> float:
+def relaxation(segments: Segments, scales: Scales, point: Iterate) -> float:
     """The relaxation q of the flow that is small beside the random forces, and no smaller than rounding needs.
 
     Parameters
@@ -56,23 +56,36 @@ def relaxation(segments: Segments, scales: Scales, theta: Floats) -> float:
         The records in segments, with random forces.
     scales : Scales
         Units of the states.
-    theta : array of shape (p,)
-        The parameters.
+    point : Iterate
+        The states and the parameters.
 
     Returns
     -------
     float
         The relaxation.
     """
+    nodes, theta = point.nodes, point.theta
     random = segments.random
     assert random is not None
     n = len(segments.system.incidence)
     mechanics = segments.system.at(theta)
-    links = segments.system.state_links[random.rows - 2 * n]
-    gain = np.abs(mechanics.gain[:, links])  # (n, r)
+    states = random.rows - 2 * n
+    gain = np.abs(mechanics.gain[:, segments.system.state_links[states]])  # (n, r)
+    gain[:, states == segments.system.base_error] = _gain_of_base(segments, nodes, theta)[:, None]
     kick = np.einsum("nr,rk->nrk", gain, random.deviation * segments.step * segments.steps).mean(axis=2)
     ratio = (kick / scales.state[n : 2 * n, None])[gain > 0.0]
-    return float(np.clip(_HIDDEN * ratio.min(), AnnealingSchedule.final_q, _LOOSEST))
+    return float(np.clip(_HIDDEN * ratio.min(initial=np.inf), AnnealingSchedule.final_q, _LOOSEST))
+
+
+def _gain_of_base(segments: Segments, nodes: Floats, theta: Floats) -> Floats:
+    """(n,) root mean square of the accelerations of masses by a displacement of the base, along the `nodes`."""
+    system, mechanics = segments.system, segments.system.at(theta)
+    motion = system.incidence.T @ nodes[: 2 * len(system.incidence)].reshape(2, -1, nodes.shape[-1])
+    if segments.inputs.base is not None:
+        motion += system.base[:, None] * segments.inputs.base[0, 0, :, None]
+    slopes = mechanics.partials(motion[0], motion[1], nodes[2 * len(system.incidence) :])
+    pulls = mechanics.gain @ (system.base[:, None] * slopes.by_d)
+    return np.asarray(np.sqrt(np.mean(pulls**2, axis=1)))
 
 
 def marginal_fit(
@@ -107,7 +120,7 @@ def marginal_fit(
             return segments, replace(fit, path=path)
         logs, before = _extrapolated(logs, before)
         segments, start, scales = _changed(segments, fit, logs, slope, border)
-        q = relaxation(segments, scales, start.theta)
+        q = relaxation(segments, scales, start)
         fit = annealer(segments, start, scales, AnnealingSchedule(initial_q=q, final_q=q))
         path = (*path, *fit.path)
     return segments, replace(fit, path=path, status=AnnealingStatus.EXHAUSTED)

@@ -10,11 +10,10 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.marginal import parts_of
-from linkwise.likelihood.random_forces import with_random_forces
+from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.score_test import CandidateForce
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.shooting.system import System
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
@@ -82,7 +81,7 @@ def _with_term(structure: Structure, force: CandidateForce, size: float) -> Stru
 
 
 def _log_determinant(part: Optimum, structure: Structure, masses: Sequence[str]) -> float:
-    system = System.of(with_random_forces(structure, masses))
+    system = system_with(structure, masses)
     segments = replace(part.segments, system=system)
     misfit = evaluate(segments, part.point, part.scales, part.loss)
     factor = linearise(segments, misfit, part.scales, part.loss).equations(part.q).factor()

@@ -9,7 +9,12 @@ from functools import cache, partial
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.random_forces import first_deviations, with_random_forces
+from linkwise.likelihood.random_forces import (
+    first_deviations,
+    shown_directly,
+    system_with,
+    with_random_forces,
+)
 from linkwise.likelihood.room import require_room
 from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.shooting.loss import Gaussian
@@ -17,7 +22,6 @@ from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
-from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.model.structure import Structure
@@ -81,14 +85,18 @@ def shooting_problem(
     IdentificationError
         If it needs more memory than is free.
     """
-    masses = [force.mass for force in sensing.random]
-    system = System.of(with_random_forces(structure, masses))
+    places = [force.place for force in sensing.random]
+    system = system_with(structure, places)
     count = sum(-(-len(record) // sensing.samples) for record in records)
     require_room(count, structure.size, system.dimension, system.parameters.size)
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
     starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
-    deviations = first_deviations(sensing.random, records[0], valued, starts[0].v)
+    deviations = (
+        first_deviations(sensing.random, sensing.frames[0], valued, starts[0].v)
+        if sensing.random
+        else np.zeros(0)
+    )
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
     if system.shapes is not None:  # which may be small, beside a node
         priors = np.array([parameter.sigma for parameter in structure.parameters])[system.shapes.columns]
@@ -113,13 +121,13 @@ def shooting_problem(
     )
     nodes = segment_nodes(starts, sensing.samples)
     point = Iterate(
-        np.concatenate([nodes, np.zeros((len(masses), nodes.shape[1]))]),
+        np.concatenate([nodes, np.zeros((len(places), nodes.shape[1]))]),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
         np.zeros(len(offset_units)),
         np.ones(len(sensing.gains)),
         np.zeros(len(sensing.delays)),
     )
-    cut = partial(sensing.segments, records, with_random_forces(structure, masses), system)
+    cut = partial(sensing.segments, records, with_random_forces(structure, places), system)
     segments = _fine_segments(cut, point, scales)
     if sensing.random:
         segments = replace(segments, random=_random_states(segments, sensing, deviations, records[0].step))
@@ -134,6 +142,7 @@ def _random_states(segments: Segments, sensing: SensorModel, deviations: Floats,
         rows=np.arange(segments.system.dimension - len(deviations), segments.system.dimension),
         deviation=deviations[:, None] * np.where(ambient[:, None], rate, 1.0),
         found=np.array([force.deviation is None for force in sensing.random]),
+        shown=shown_directly(sensing.random, sensing.frames[0]),
     )
 
 

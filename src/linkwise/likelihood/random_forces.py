@@ -1,4 +1,10 @@
-"""Random forces that no channel shows, or shows with noise: which masses they act on, and the structure with them."""
+"""Random forces that no channel shows, or shows with noise: which masses they act on, and the structure with them.
+
+Noise of the recorded motion of the base is such a force, too. In coordinates relative to the base, an error e of its
+acceleration is a force m e on every mass, and -e in what an absolute accelerometer shows beside these coordinates. In
+coordinates at rest, an error of its displacement is an elongation of all links that end there; that part of it which acts
+through its rate, on dampers, is left out: at resonance it is the damping ratio times two of the rest.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +17,15 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.random_force import RandomForceEstimate
+from linkwise.likelihood.shooting.system import System
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
-from linkwise.model.link import GROUND, Link
+from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.link_state import LinkState
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.text import near_miss
 
 ALL = "all"
@@ -24,31 +33,43 @@ _INPUT = "force:"
 _FIRST_GUESS = (
     0.3  # of the force of inertia, by root mean square: where the search for an ambient force starts
 )
-_FIRST_NOISE = 0.01  # of a force channel: where the search for its noise starts
+_FIRST_NOISE = 0.01  # of an input: where the search for the noise of its channel starts
 _HELD_STATE = Law.parse("-z", {"z": LinkState("0*rate*z", unit="N")})
 """Law of a link to the ground that carries a force; the force is constant within a segment."""
+
+_OF_BASE = (f"x:{BASE}", f"a:{BASE}")
 
 Deviations: TypeAlias = Mapping[str, float | None] | Sequence[str]
 
 
 @dataclass(frozen=True)
 class RandomForce:
-    """A white random force on a mass.
+    """A white random force on a mass, or the noise of the base.
 
     Attributes
     ----------
-    mass : str
-        The mass.
+    place : str
+        The mass, or the channel of the base.
     deviation : float or None
-        Of the noise of a channel of the applied force the standard deviation of a sample in N, of an ambient force its
+        Of the noise of a channel the standard deviation of a sample in N, or in the unit of the base; of an ambient force its
         one-sided amplitude spectral density in N/sqrt(Hz); None if it is to be found.
     ambient : bool
         Whether it is an ambient force.
     """
 
-    mass: str
+    place: str
     deviation: float | None
     ambient: bool
+
+    @property
+    def of_base(self) -> bool:
+        """Whether it is the noise of a channel of the base."""
+        return self.place in _OF_BASE
+
+    @property
+    def where(self) -> str:
+        """The mass of an ambient force, else the channel."""
+        return self.place if self.ambient or self.of_base else f"{_INPUT}{self.place}"
 
     def of_samples(self, rate: float) -> float:
         """Standard deviation in N of samples at `rate`, NaN where it is to be found."""
@@ -60,9 +81,10 @@ class RandomForce:
 def random_forces(
     ambient: Deviations, input_noise: Deviations, record: Record, structure: Structure
 ) -> tuple[RandomForce, ...]:
-    """The random forces that a user states, in the order of the masses.
+    """The random forces that a user states, in the order of the masses, that of the base last.
 
-    Raises IdentificationError for an unknown mass or channel, a deviation that is not positive, and a mass named in both.
+    Raises IdentificationError for an unknown mass or channel, a deviation that is not positive, a mass named in both, and
+    noise of the base that cannot be counted in.
     """
     names = structure.places
     if structure.hosts and (ambient or input_noise):
@@ -78,23 +100,54 @@ def random_forces(
             )
         forces[name] = RandomForce(name, _positive(value, f"the ambient force on {name}", "N/sqrt(Hz)"), True)
     channels = [channel for channel in record.inputs if channel.startswith(_INPUT)]
+    moving = exciting_base(record, structure) if input_noise else None
+    channels += [] if moving is None else [moving]
     if input_noise and not channels:
         raise IdentificationError(
-            "no noise of an applied force can be estimated: the record has no applied force; an ambient force needs no channel"
+            "no noise of an input can be estimated: the record has no applied force, and no motion of a base that the "
+            "structure stands on; an ambient force needs no channel"
         )
     for channel, value in _each(input_noise, channels).items():
         if channel not in channels:
             raise IdentificationError(
-                f"no noise of {channel}{near_miss(channel, channels)} can be estimated: the applied forces in the record are "
-                f"{', '.join(channels)}"
+                f"no noise of {channel}{near_miss(channel, channels)} can be estimated: the inputs that act on the "
+                f"structure are {', '.join(channels)}"
             )
         name = channel.removeprefix(_INPUT)
         if name in forces:
             raise IdentificationError(
                 f"noise of {channel} and an ambient force on {name} are the same to the mass: state one of them"
             )
-        forces[name] = RandomForce(name, _positive(value, f"the noise of {channel}", "N"), False)
-    return tuple(forces[name] for name in names if name in forces)
+        unit = Channel.parse(channel).unit
+        forces[name] = RandomForce(name, _positive(value, f"the noise of {channel}", unit), False)
+        if channel == moving:
+            _require_white(channel, record)
+    return tuple(forces[name] for name in (*names, *_OF_BASE) if name in forces)
+
+
+def exciting_base(record: Record, structure: Structure) -> str | None:
+    """The channel of the base by which it acts on the structure; None where it does not."""
+    named = [f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in record.inputs]
+    acts = (
+        any(BASE in link.between for link in structure.links)
+        or framed(record, structure).acceleration is not None
+    )
+    return named[0] if named and acts else None
+
+
+def _require_white(channel: str, record: Record) -> None:
+    """IdentificationError where noise of the base is not white in what it does to the masses and sensors."""
+    if channel == f"v:{BASE}":
+        raise IdentificationError(
+            f"noise of {channel} cannot be counted in: what moves the masses is its derivative, in which each sample of noise "
+            f"undoes the one before; give the acceleration, a:{BASE}, or the displacement, x:{BASE}"
+        )
+    rates = [name for name in record.responses if name.startswith(("rel:v", "rel:a"))]
+    if channel == f"x:{BASE}" and rates:
+        raise IdentificationError(
+            f"noise of {channel} cannot be counted in beside {rates[0]}, to which its derivative is added: leave {channel} "
+            f"out, and give the acceleration, a:{BASE}"
+        )
 
 
 def _each(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
@@ -151,19 +204,47 @@ def refuse_beside_random_forces(
             raise IdentificationError(f"random forces and {what} cannot be found together yet: {instead}")
 
 
-def with_random_forces(structure: Structure, masses: Sequence[str]) -> Structure:
-    """The structure with a link to the ground that carries the random force of each of the `masses`; last among its links."""
-    if not masses:
+def with_random_forces(structure: Structure, places: Sequence[str]) -> Structure:
+    """The structure with a link to the ground that carries each of the random forces; last among its links.
+
+    `places` are masses, and channels of the base, whose link `system_with` makes one of all masses.
+    """
+    if not places:
         return structure
     still = {name: Coefficient.number(0.0) for name in _HELD_STATE.coefficients}
     taken = {link.name for link in structure.links}
     links = []
-    for mass in masses:
-        name = f"random_{mass}"
+    for place in places:
+        name = f"random_{place.replace(':', '_')}"
         while name in taken:
             name += "_"
+        mass = structure.places[0] if place in _OF_BASE else place
         links.append(Link(name, (mass, GROUND), _HELD_STATE, still))
     return replace(structure, links=(*structure.links, *links))
+
+
+def system_with(structure: Structure, places: Sequence[str]) -> System:
+    """The system of `with_random_forces`; an error of the acceleration of the base acts on all masses, in m/s^2."""
+    system = System.of(with_random_forces(structure, places))
+    incidence = system.incidence.copy()
+    error = None
+    for number, place in enumerate(places, start=len(structure.links)):
+        if place in _OF_BASE:
+            state = next(i for i, (link, _) in enumerate(system.states) if link == number)
+            moved = place == f"a:{BASE}"
+            incidence[:, system.state_links[state]] = system.parameters.mass_constant if moved else 0.0
+            error = error if moved else state
+    return replace(system, incidence=incidence, base_error=error)
+
+
+def shown_directly(forces: Sequence[RandomForce], frame: FramedRecord) -> Floats | None:
+    """(C, r) what the channels of a record show of the random forces beside the motion; None for nothing."""
+    shown = np.zeros((len(frame.names), len(forces)))
+    carrying = np.array([name in frame.carried for name in frame.names.values()])
+    for number, force in enumerate(forces):
+        if force.of_base:
+            shown[carrying, number] = -1.0 if force.place == f"a:{BASE}" else 1.0
+    return shown if shown.any() else None
 
 
 def force_estimates(
@@ -173,32 +254,36 @@ def force_estimates(
     density = deviations * np.sqrt(2.0 / rate)
     return tuple(
         RandomForceEstimate(
-            where=force.mass if force.ambient else f"{_INPUT}{force.mass}",
+            where=force.where,
             ambient=force.ambient,
             deviation=float(deviations[number]),
             spectral_density=float(density[number]),
             found=force.deviation is None,
+            unit=Channel.parse(force.place).unit if force.of_base else "N",
         )
         for number, force in enumerate(forces)
     )
 
 
 def first_deviations(
-    forces: Sequence[RandomForce], record: Record, structure: Structure, velocities: Floats
+    forces: Sequence[RandomForce], frame: FramedRecord, structure: Structure, velocities: Floats
 ) -> Floats:
-    """(r,) standard deviations of samples in N: those stated, else where a search starts.
+    """(r,) standard deviations of samples in their units: those stated, else where a search starts.
 
-    `velocities` (n, N) are those of the masses in `record`.
+    `velocities` (n, N) are those of the masses in the record of the `frame`.
     """
+    record = frame.record
     out = []
     for force in forces:
         deviation = force.of_samples(record.rate)
         if np.isnan(deviation) and force.ambient:
-            index = structure.mass_names.index(force.mass)
+            index = structure.mass_names.index(force.place)
             inertia = structure.mass_values[index] * np.gradient(velocities[index], record.step)
             deviation = _FIRST_GUESS * float(np.sqrt(np.mean(inertia**2)))
         elif np.isnan(deviation):
-            applied = record.channel(f"{_INPUT}{force.mass}")
+            moved = force.place == f"a:{BASE}"
+            applied = frame.acceleration if moved else record.channel(force.where)
+            assert applied is not None
             deviation = _FIRST_NOISE * float(np.sqrt(np.mean(applied**2)))
         out.append(max(deviation, float(np.finfo(float).tiny) ** 0.25))
     return np.array(out)

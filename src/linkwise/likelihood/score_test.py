@@ -141,7 +141,11 @@ def candidates_along(
 ) -> tuple[CandidateForces, Floats]:
     """`candidate_forces` along the orbit of `misfit`."""
     ends, middles = states_at_ends_and_middles(
-        misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
+        misfit.trajectories,
+        segments.flow_steps_per_tangent,
+        segments.step,
+        segments.inputs,
+        segments.system.base_error,
     )
     points = segments.system.at(misfit.point.theta).points
     ends, middles = (_with_points(motion, points) for motion in (ends, middles))
@@ -168,11 +172,12 @@ def candidates_along(
 
 
 def states_at_ends_and_middles(
-    orbit: Trajectories, refine: int, step: Floats, inputs: Inputs
+    orbit: Trajectories, refine: int, step: Floats, inputs: Inputs, base_error: int | None = None
 ) -> tuple[Floats, Floats]:
     """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
 
-    The base and the ground follow the masses. The middles follow from x, v and a at both ends, to the sixth order.
+    The base, less the state `base_error`, and the ground follow the masses. The middles follow from x, v and a at both ends,
+    to the sixth order.
     """
     coarse = orbit.thinned(refine)
     h = step * refine
@@ -180,6 +185,10 @@ def states_at_ends_and_middles(
     ends[:, 1] /= h
     middles[:, 1] /= h
     base_ends, base_middles = _base(inputs, refine, len(ends), ends.shape[-1])
+    if base_error is not None:
+        base_ends = base_ends - np.stack([coarse.memory, 0.0 * coarse.memory], axis=1)[:, :, [base_error]]
+        between = coarse.middle_memory
+        base_middles = base_middles - np.stack([between, 0.0 * between], axis=1)[:, :, [base_error]]
     return _with_base_and_ground(ends, base_ends), _with_base_and_ground(middles, base_middles)
 
 

@@ -238,7 +238,7 @@ class _Stages:
         for i, (row, above) in enumerate(self.combined):
             np.matmul(row, above, out=row_of_motion)
             np.multiply(v, self.rate, out=v)
-            _add_base(mechanics, motion, self.inputs, j, STAGE_POINT[i])
+            _add_base(mechanics, motion, self.inputs, (j, STAGE_POINT[i]), memory)
             if len(memory):
                 self.inside[:] = memory + np.tensordot(STAGE_ROWS[i, 1, 2 : 2 + i], slopes[:i], 1)
             if i == 0:
@@ -274,7 +274,7 @@ class _Stages:
         """Elongations and accelerations at the end of the last step."""
         np.matmul(self.into_links, orbit.states[steps], out=self.motion)
         self.motion[1] *= self.rate
-        _add_base(self.mechanics, self.motion, self.inputs, steps - 1, 4)
+        _add_base(self.mechanics, self.motion, self.inputs, (steps - 1, 4), orbit.memory[steps])
         orbit.links[steps] = self.motion
         self.inside[:] = orbit.memory[steps]
         self.evaluate()
@@ -290,6 +290,12 @@ def at_ends_and_middles(points: Floats, refine: int) -> tuple[Floats, Floats]:
     return ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0]
 
 
-def _add_base(mechanics: NumericSystem, motion: Floats, inputs: Inputs, j: int, point: int) -> None:
+def _add_base(
+    mechanics: NumericSystem, motion: Floats, inputs: Inputs, place: tuple[int, int], memory: Floats
+) -> None:
+    """Add what the base stretches at a `place`, the step and its point; the error of its record is a constant state."""
+    system = mechanics.system
     if inputs.base is not None:
-        motion += mechanics.system.base[:, None] * inputs.base[j, point, :, None]
+        motion += system.base[:, None] * inputs.base[*place, :, None]
+    if system.base_error is not None:
+        motion[0] -= system.base[:, None] * memory[system.base_error]

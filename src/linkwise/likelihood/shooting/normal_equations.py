@@ -242,6 +242,8 @@ def whitened_jacobian(
                 factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
                 rows = _shown(motions, kind, chosen[kind], sensors, misfit.point, rates[V]) * factor[:, None]
                 jacobian[:, sample, chosen[kind], :moving] = rows.transpose(2, 0, 1)
+    if segments.random is not None and segments.random.shown is not None:
+        _add_shown_forces(jacobian, segments.random, scales, whiten)
     if errors is not None:
         for number, channel in enumerate(errors.channel):
             jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
@@ -254,6 +256,16 @@ def whitened_jacobian(
     ends[:, 2 * n :, :moving] = tangent.memory.transpose(2, 0, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
+    """What sensors show of random forces directly, in segments of one sample."""
+    assert random.shown is not None
+    for channel, number in np.argwhere(random.shown):
+        row = random.rows[number]
+        jacobian[:, 0, channel, row] += whiten[0, channel] * np.float32(
+            random.shown[channel, number] * scales.state[row]
+        )
 
 
 def _add_offsets(columns: Floats, segments: Segments, scales: Scales, whiten: Single, part: slice) -> None:

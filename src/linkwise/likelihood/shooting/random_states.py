@@ -27,6 +27,8 @@ class RandomStates:
         marginal likelihood, which is linear around the optimum.
     origin : array of shape (P,) or None
         Where that part is counted as zero.
+    shown : array of shape (C, r) or None
+        What the sensors show of them directly, besides the motion that follows; None for nothing.
     """
 
     rows: Indices
@@ -34,6 +36,7 @@ class RandomStates:
     found: Bools
     slope: Floats | None = None
     origin: Floats | None = None
+    shown: Floats | None = None
 
     def cost(self, nodes: Floats, border: Floats) -> float:
         """What the forces among `nodes` (2n + S, K) and the slope along `border` (P,) add to the cost."""

@@ -93,6 +93,8 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     ):
         chosen = np.flatnonzero(sensors.kind == kind)
         residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
+    if segments.random is not None and segments.random.shown is not None:
+        residuals[0] -= segments.random.shown @ point.nodes[segments.random.rows]
     for channel in sensors.late:
         shown, _ = late_motion(
             shown_orbit,

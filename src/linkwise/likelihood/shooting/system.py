@@ -76,6 +76,8 @@ class System:
         How each point of a host moves, in the order of their numbers, -3 first, with the shapes that the structure states.
     shapes : ShapeParameters or None
         The shapes among the parameters.
+    base_error : int or None
+        Number among the S states of the error of the recorded displacement of the base, which the links there lack.
     """
 
     incidence: Floats
@@ -87,6 +89,7 @@ class System:
     states: tuple[tuple[int, str], ...]
     points: Floats
     shapes: ShapeParameters | None = None
+    base_error: int | None = None
 
     @property
     def dimension(self) -> int:

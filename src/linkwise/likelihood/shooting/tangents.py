@@ -6,13 +6,13 @@ They only set search directions and standard errors: order 4, in single precisio
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.shooting.system import NumericSystem
+from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.likelihood.shooting.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single, TangentForces
 
@@ -84,7 +84,7 @@ def tangents(
     P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
     starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs)
     transfer = Transfer.of(mechanics.incidence, mechanics.gain, mechanics.link_gain)
-    return march(transfer, starts, middles, *units_of_states(scale, step, n, P))
+    return march(transfer.stretched(mechanics.system), starts, middles, *units_of_states(scale, step, n, P))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,16 +99,26 @@ class Transfer:
         Accelerations of masses by link forces.
     link_gain : array of shape (L, L)
         Accelerations of elongations by link forces.
+    by_state : tuple of int and array of shape (L, 1, 1), or None
+        The number of a constant state that stretches links, and their elongations by it.
     """
 
     into_links: Single
     gain: Single
     link_gain: Single
+    by_state: tuple[int, Single] | None = None
 
     @classmethod
     def of(cls, incidence: Floats, gain: Floats, link_gain: Floats) -> Transfer:
         """From the incidence (n, L) of the links and the gains."""
-        return cls(*(np.ascontiguousarray(a, np.float32) for a in (incidence.T, gain, link_gain)))
+        into_links, *gains = (np.ascontiguousarray(a, np.float32) for a in (incidence.T, gain, link_gain))
+        return cls(into_links, gains[0], gains[1])
+
+    def stretched(self, system: System) -> Transfer:
+        """The same with the error of the recorded displacement of the base, where it is a state."""
+        if system.base_error is None:
+            return self
+        return replace(self, by_state=(system.base_error, -system.base[:, None, None].astype(np.float32)))
 
 
 def march(
@@ -141,6 +151,9 @@ def march(
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
     for j in range(middles.steps):
         _times(into_links, state, stack[:2])
+        if transfer.by_state is not None:
+            number, elongations = transfer.by_state
+            stack[0] += elongations * inner[number]
         starts(j, stack[:2], inner, pulls[0], rates[0])
         _times(gain, pulls[0], acceleration)
         starts.inertia(j, acceleration)

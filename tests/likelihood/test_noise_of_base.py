@@ -1,0 +1,177 @@
+"""Noise of the recorded motion of a base, which acts on all masses, or on all links at the base."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from present import present
+
+import linkwise as lw
+from linkwise.likelihood.fit import sensor_model
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.problem import shooting_problem
+from linkwise.likelihood.random_forces import random_forces
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.signals.base_frame import framed
+from linkwise.verdict import Verdict
+
+RATE, DURATION = 100.0, 6.0
+NOISE = 0.02  # of the base, relative
+ERRORS = 5.0  # standard errors that an estimate may be off: 6e-7 of chance for each
+KNOWN = lw.Coefficient.number
+
+
+def storeys(lower: str = "k*d + c*v") -> lw.Structure:
+    """Two storeys, the upper of which a spring joins to the base as well."""
+    values = {"k": 900.0, "c": 1.0, "k3": 4e5}
+
+    def link(name: str, between: tuple[str, str], law: str) -> lw.Link:
+        terms = lw.Law.parse(law)
+        return lw.Link(name, between, terms, {name: KNOWN(values[name]) for name in terms.coefficients})
+
+    masses = (lw.Mass("m1", KNOWN(1.0)), lw.Mass("m2", KNOWN(0.5)))
+    links = (
+        link("lower", ("m1", "base"), lower),
+        link("upper", ("m2", "m1"), "k*d + c*v"),
+        link("stay", ("m2", "base"), "k*d"),
+    )
+    return lw.Structure("storeys", masses, links)
+
+
+def oscillator(end: str) -> lw.Structure:
+    law = lw.Law.parse("k*d + c*v")
+    link = lw.Link("l1", ("m1", end), law, {"k": KNOWN(900.0), "c": KNOWN(1.0)})
+    return lw.Structure("oscillator", (lw.Mass("m1", KNOWN(2.0)),), (link,))
+
+
+@cache
+def on_noisy_base(sensors: tuple[str, ...], lower: str, seed: int) -> lw.Record:
+    """Responses with noise at 40 dB on a base in random motion from 1 to 12 Hz, whose channel has noise of `NOISE`."""
+    rng, count = np.random.default_rng(seed), round(DURATION * RATE) + 1
+    frequency = np.fft.rfftfreq(count, 1.0 / RATE)
+    spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 1.0) & (frequency < 12.0))
+    motion = np.fft.irfft(spectrum, count)
+    base = lw.Sampled(0.0, RATE, 3e-3 * motion / motion.std())
+    clean = lw.simulate(storeys(lower), duration=DURATION, rate=RATE, base=base, sensors=sensors)
+    record = clean.with_noise(40.0, seed=seed)
+    values = record.values.copy()
+    column = values[:, next(i for i, name in enumerate(record.channels) if name.endswith(":base"))]
+    column += NOISE * column.std() * rng.standard_normal(count)
+    return replace(record, values=values)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "lower", "seed"),
+    [
+        (("rel:x", "a:base"), "k*d + c*v + k3*d**3", 1),
+        (("a", "a:base"), "k*d + c*v", 2),
+        (("x", "x:base"), "k*d + c*v + k3*d**3", 3),
+        (("rel:x", "x:base"), "k*d + c*v", 4),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, tuple) else None,
+)
+def test_coefficients_are_within_their_errors_and_the_noise_is_found(
+    sensors: tuple[str, ...], lower: str, seed: int
+) -> None:
+    record = on_noisy_base(sensors, lower, seed)
+    fit = lw.identify(record, storeys(lower).unknown("all"), input_noise="all")
+    assert fit.trusted, fit.message
+    for parameter in fit.parameters:
+        found = fit.coefficient(parameter.name)
+        error = found.value - present(storeys(lower).coefficient(parameter.name).value)
+        assert abs(error) < ERRORS * present(found.standard_error), parameter.name
+    [noise] = fit.random_forces
+    channel = sensors[-1]
+    assert (noise.where, noise.ambient, noise.found) == (channel, False, True)
+    assert noise.unit == noise.to_dict()["deviation_unit"] == ("m/s^2" if channel == "a:base" else "m")
+    # of 600 samples the record determines more than 50: scatter below 1 / sqrt(100), five times that
+    assert noise.deviation == pytest.approx(NOISE * record.channel(channel).std(), rel=0.5)
+    assert noise.description in fit.findings
+
+
+def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
+    mass, deviation = 2.0, 0.2
+    rng = np.random.default_rng(5)
+    acceleration = np.convolve(rng.standard_normal(600), np.ones(5), "same")
+    force = lw.Sampled(0.0, RATE, -mass * acceleration, band_limited=True)
+    moved = lw.simulate(oscillator("ground"), forces={"m1": force}, duration=5.99, rate=RATE)
+    x = moved.with_noise(40.0, seed=5).channel("x:m1")
+    measured = acceleration + deviation * rng.standard_normal(600)
+    on_base = lw.Record(0.0, RATE, ("rel:x:m1", "a:base"), np.column_stack([x, measured]))
+    pushed = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.column_stack([x, -mass * measured]))
+    one = lw.identify(on_base, oscillator("base").unknown("all"), input_noise={"a:base": deviation})
+    other = lw.identify(
+        pushed, oscillator("ground").unknown("all"), input_noise={"force:m1": mass * deviation}
+    )
+    assert one.trusted, one.message
+    # the same equations; searches end within a twentieth of a standard error of the optimum
+    errors = np.sqrt(one.covariance.diagonal())
+    np.testing.assert_allclose(one.values, other.values, atol=0.1 * float(errors.min()))
+    np.testing.assert_allclose(errors, np.sqrt(other.covariance.diagonal()), rtol=0.02)
+
+
+@pytest.mark.parametrize("sensors", [("a", "a:base"), ("x", "x:base"), ("rel:x", "x:base")])
+def test_sensitivities_to_the_noise_agree_with_differences(sensors: tuple[str, ...]) -> None:
+    record, structure = on_noisy_base(sensors, "k*d + c*v", 6), storeys()
+    frames = [framed(record, structure)]
+    options = LikelihoodOptions(random=random_forces((), "all", record, structure))
+    problem = shooting_problem(
+        [frames[0].record], structure, np.zeros(0), None, sensor_model(frames, options)
+    )
+    segments, scales, loss = problem.segments, problem.scales, Gaussian()
+    random = present(segments.random)
+    [row] = random.rows.tolist()
+    linear = linearise(segments, evaluate(segments, problem.start, scales, loss), scales, loss)
+    by_segment = linear.equations(1.0).diagonal[:, row, row] - (scales.state[row] / random.deviation[0]) ** 2
+    moved = problem.start.nodes.copy()
+    moved[row] += scales.state[row]
+    nodes = [
+        evaluate(segments, replace(problem.start, nodes=each), scales, loss)
+        for each in (problem.start.nodes, moved)
+    ]
+    squares = np.sum((nodes[1].residuals - nodes[0].residuals) ** 2, axis=(0, 1))
+    defects = np.sum((nodes[1].defects - nodes[0].defects) ** 2, axis=0)
+    # linear laws; sensitivities are of order 4 in steps that are fine enough for a fifth of a per cent, so twice that
+    np.testing.assert_allclose(by_segment[:-1], squares[:-1] + defects, rtol=4e-3)
+
+
+def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:
+    record = on_noisy_base(("rel:x", "a:base"), "k*d + c*v", 7)
+    values = record.values.copy()
+    values[:, -1] += 0.3 * values[:, -1].std() * np.random.default_rng(7).standard_normal(len(values))
+    fit = lw.identify(replace(record, values=values), storeys().unknown("all"), input_noise=["a:base"])
+    assert fit.fit_verdicts == (Verdict.UNEXPLAINED_FORCES,)
+    assert "the noise found of a:base exceeds" in fit.message
+
+
+@pytest.mark.parametrize(
+    ("sensors", "noise", "words"),
+    [
+        (
+            ("rel:x", "v:base"),
+            "all",
+            "noise of v:base cannot be counted in: what moves the masses is its derivative",
+        ),
+        (("rel:v", "x:base"), "all", "noise of x:base cannot be counted in beside rel:v:m1"),
+        (("rel:x", "a:base"), {"a:base": -1.0}, "the noise of a:base must be a positive number in m/s^2"),
+        (("x", "x:base"), ["a:base"], "the inputs that act on the structure are x:base"),
+    ],
+)
+def test_what_cannot_be_is_refused(sensors: tuple[str, ...], noise: object, words: str) -> None:
+    record = on_noisy_base(sensors, "k*d + c*v", 8)
+    with pytest.raises(lw.IdentificationError) as error:
+        lw.identify(record, storeys().unknown("all"), input_noise=noise)  # type: ignore[arg-type]
+    assert words in str(error.value)
+
+
+def test_a_base_that_nothing_stands_on_is_refused() -> None:
+    time = np.arange(200) / RATE
+    columns = np.column_stack([1e-3 * np.cos(21.2 * time), 1e-3 * np.sin(9.0 * time)])
+    record = lw.Record(0.0, RATE, ("x:m1", "x:base"), columns)
+    with pytest.raises(lw.IdentificationError, match="no motion of a base that the structure stands on"):
+        lw.identify(record, oscillator("ground").unknown("all"), input_noise="all")
