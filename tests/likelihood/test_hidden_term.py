@@ -29,7 +29,7 @@ def test_a_hidden_term_names_the_coefficient_that_it_changes_and_none_else(
     shifted: str, change: float, said: str
 ) -> None:
     fit = cast(LikelihoodFit, SimpleNamespace(model_error=0.0))
-    hidden = HiddenTerm(replace(CAUSE, shifted=shifted), change)
+    hidden = HiddenTerm(replace(CAUSE, shifted=shifted), change, fit)
     verdict, message = _with_hidden_term(fit, lw.Verdict.CONVERGED, "", hidden)
     assert verdict is lw.Verdict.SYSTEMATIC_MISFIT
     assert f"would lower -2 log likelihood {said}Intervals would" in message

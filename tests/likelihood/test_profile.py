@@ -111,7 +111,7 @@ def test_ends_at_a_bound(fit: lw.Estimate, record: lw.Record) -> None:
     [
         ({}, "link.m", r'"link\.m" was not identified; the unknowns were link\.k, link\.c'),
         ({"profile": None, "method": "weak"}, "link.k", 'method "weak" has none: use "ml"'),
-        ({"profile": None}, "link.k", "the terms that a discovery dropped"),
+        ({"profile": None}, "link.k", "terms that are missing or that a discovery dropped"),
         (
             {"fit_verdicts": (lw.Verdict.NOT_CONVERGED,), "message": "Why."},
             "link.k",

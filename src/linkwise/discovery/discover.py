@@ -305,10 +305,11 @@ def _discovery(
     estimate = estimate_of(selection.structure, fit, records, delays)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
+    missing = estimate.for_dropped_terms
     estimate = replace(
         estimate,
         covariance=estimate.covariance + dropped.covariance,
-        for_dropped_terms=dropped.covariance,
+        for_dropped_terms=dropped.covariance + (0.0 if missing is None else missing),
         profile=None,
     )
     firm = estimate.trusted and selection.settled

@@ -78,7 +78,8 @@ class Estimate(JudgedView):
     links_in_doubt : frozenset of str
         Links of a discovery that others may stand for; their coefficients have no intervals.
     for_dropped_terms : array of shape (p, p) or None
-        The part of the covariance of a discovery that allows for terms dropped; predictions without these do not have it.
+        The part of the covariance that allows for terms that a discovery dropped, or that explain a model error;
+        predictions without these do not have it.
 
     Examples
     --------

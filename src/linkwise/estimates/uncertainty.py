@@ -42,7 +42,7 @@ class Posterior:
     lower, upper : array of shape (p,)
         Their bounds.
     for_dropped_terms : array of shape (p, p) or None
-        The part of the covariance that allows for terms that a discovery dropped.
+        The part of the covariance that allows for terms that a discovery dropped or a diagnosis names.
 
     See Also
     --------
@@ -115,7 +115,7 @@ class Posterior:
     def beside_terms_kept(self) -> Floats:
         """(p, p) the covariance for a prediction by the terms of the structure alone.
 
-        The coefficients of a discovery may be farther off than this, but only together with dropped terms that make up for it
+        The coefficients may be farther off than this, but only together with terms dropped or missing that make up for it
         in the motions of the record.
         """
         return self.covariance if self.for_dropped_terms is None else self.covariance - self.for_dropped_terms
@@ -168,7 +168,7 @@ class Posterior:
 def write_covariance(posterior: Posterior, path: Path) -> None:
     """Write the covariance as CSV: the upper triangle without zeros, two names and a number in each line.
 
-    A fourth column has the part for dropped terms, of a discovery.
+    A fourth column has the part for terms dropped or missing, where there is one.
 
     Parameters
     ----------

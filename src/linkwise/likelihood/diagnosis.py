@@ -64,6 +64,11 @@ def diagnose(
     return tuple(sorted((*tested, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
 
 
+def least_gain(causes: int) -> float:
+    """What the gain of one among so many `causes` exceeds where it is significant."""
+    return _CHANCE + 2.0 * float(np.log(max(causes, 1)))
+
+
 def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
     """What was known beforehand of a parameter, or of an error of a sensor, and the records contradict."""
     segments, point = fit.segments, fit.optimum.point
@@ -134,7 +139,7 @@ def _diagnosed(
     at_filter = [each.kind for each in hypotheses].index("filter")
     attenuation = sizes[at_filter] * relative_to_gain(filtered, errors)
     small[at_filter] = 0.0 < attenuation < _LARGEST  # a low pass, which sensors and their amplifiers are
-    limit = _CHANCE + 2.0 * np.log(len(gains))
+    limit = least_gain(len(gains))
     significant = small & (gains > limit)
     significant[at_filter] = small[at_filter] and gains[at_filter] > _CHANCE_OF_FILTER
     found = replace(
@@ -175,7 +180,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     return tuple(
         _cause(hypotheses[number], tests, number, powers)
         for number in sorted(smooth, key=lambda number: -tests.gains[number])
-        if tests.gains[number] > _CHANCE + 2.0 * np.log(len(smooth))
+        if tests.gains[number] > least_gain(len(smooth))
         and hypotheses[number].term not in present[hypotheses[number].where]  # which rounding alone leaves
     )
 

@@ -281,6 +281,7 @@ def estimate_of(
     identified = structure.with_values(values)
     judgement = assess(fit, identified, records[0].channels)
     covariance, faint = with_faint_modes(fit, identified)
+    missing = judgement.for_missing_terms
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),
@@ -289,7 +290,7 @@ def estimate_of(
         given_structure=structure,
         parameters=structure.parameters,
         values=fit.values,
-        covariance=covariance,
+        covariance=covariance if missing is None else covariance + missing,
         free=fit.free,
         noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
         chi_square_per_sample=fit.chi_square,
@@ -298,10 +299,11 @@ def estimate_of(
         record=records[0],
         more_records=tuple(records[1:]),
         remarks=fit_remarks(fit, delays or {}, faint),
-        profile=partial(profile_ends, fit.optimum),
+        profile=partial(profile_ends, fit.optimum) if missing is None else None,
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
+        for_dropped_terms=missing,
     )
 
 

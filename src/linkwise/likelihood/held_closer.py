@@ -32,10 +32,14 @@ _MOST = 0.5  # of what is left there
 
 @dataclass(frozen=True)
 class HiddenTerm:
-    """The `cause`, and by how much of its value the term would change the coefficient that it changes most: `change`."""
+    """The `cause`, and by how much of its value the term would change the coefficient that it changes most: `change`.
+
+    `held` is the fit that is held closer.
+    """
 
     cause: Cause
     change: float
+    held: LikelihoodFit
 
     @property
     def dissipates(self) -> bool:
@@ -98,4 +102,4 @@ def _explaining(
         number = names.index(causes[0].shifted)
         error = float(np.sqrt(held.covariance[number, number]))
         change = causes[0].shift * error / max(abs(float(fit.values[number])), np.finfo(float).tiny)
-    return HiddenTerm(causes[0], change)
+    return HiddenTerm(causes[0], change, held)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.faint_links import undetermined_far_away
@@ -14,6 +15,7 @@ from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_closer import HiddenTerm, hidden_term
 from linkwise.likelihood.local_optima import is_regular
+from linkwise.likelihood.missing_terms import for_missing_terms
 from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.whiteness import is_coloured
@@ -56,12 +58,15 @@ _NO_ERRORS = (
 class Judgement:
     """The `verdict` on a fit with its explanation; `model_error`, the part of the forces that the laws leave unexplained, and
     the `diagnosis` of it, the largest gain in likelihood first.
+
+    `for_missing_terms` (p, p) is to be added to the covariance where a model error is trusted that terms explain a part of.
     """
 
     verdict: Verdict
     message: str
     model_error: float = 0.0
     diagnosis: tuple[Cause, ...] = ()
+    for_missing_terms: Floats | None = None
 
 
 def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Judgement:
@@ -97,13 +102,16 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         noisy=_noisy_inputs(fit, identified.mass_names),
         faint_modes=with_faint_modes(fit, identified)[1],
     )
+    shown = fit
     if not verdict.forbids and not causes:
         hidden = hidden_term(fit, identified, channels)
         if hidden is not None:
             verdict, message = _with_hidden_term(fit, verdict, message, hidden)
-            causes = (hidden.cause,)
+            causes, shown = (hidden.cause,), hidden.held
     message += _of_forces(fit, verdict, channels)
-    return Judgement(verdict, message, share, causes)
+    allowed = verdict is Verdict.MODEL_ERROR_NEEDED and causes
+    missing = for_missing_terms(shown, identified) if allowed else None
+    return Judgement(verdict, message, share, causes, missing)
 
 
 def _with_hidden_term(
@@ -281,8 +289,8 @@ def _moved(causes: Sequence[Cause]) -> str:
     if not causes or causes[0].shift <= _LARGEST_SHIFT:
         return ""
     return (
-        f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} standard errors: intervals are of the laws as "
-        "stated, whose coefficients make up for what is missing."
+        f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} of the standard errors of the laws as stated; "
+        "the intervals allow for that."
     )
 
 

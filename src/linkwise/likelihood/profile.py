@@ -72,7 +72,7 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
         raise IdentificationError(
             f'profile intervals need the likelihood, and method "{estimate.method}" has none: use "ml"'
             if estimate.method != "ml"
-            else "a profile does not allow for the terms that a discovery dropped, as its intervals do; identify the structure"
+            else "a profile does not allow for terms that are missing or that a discovery dropped, as its intervals do"
         )
     if not estimate.trusted:
         raise IdentificationError(
