@@ -10,19 +10,18 @@ import linkwise as lw
 
 RATE, DURATION = 200.0, 20.0
 LAW = "k*d + c*v + k3*d**3"
-VALUES = {"k": 987.0, "c": 2.0, "k3": 4e5}
+TRUE = oscillator(LAW, k=987.0, c=2.0, k3=4e5)
 CHANCE = 3.3  # standard errors that a normal estimate is off once in 1000
 
 
-def record(law: str, seed: int, **more: float) -> lw.Record:
-    """A mass of 1 kg under a random force of 6 N root mean square from 1 to 12 Hz, at 40 dB."""
+def record(structure: lw.Structure, seed: int) -> lw.Record:
+    """The structure under a random force of 6 N root mean square from 1 to 12 Hz, at 40 dB."""
     rng, samples = np.random.default_rng(seed), round(DURATION * RATE) + 1
     frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
     band = (frequency > 1.0) & (frequency < 12.0)
     force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
-    true = oscillator(law, **VALUES, **more)
     forces = {"m1": lw.Sampled(0.0, RATE, 6.0 * force / force.std())}
-    return lw.simulate(true, forces=forces, duration=DURATION, rate=RATE).with_noise(40.0, seed=seed)
+    return lw.simulate(structure, forces=forces, duration=DURATION, rate=RATE).with_noise(40.0, seed=seed)
 
 
 @pytest.mark.parametrize(
@@ -32,10 +31,10 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
     missing: str, size: float, moved: str
 ) -> None:
     """The coefficient that makes up for it was 8 to 14 standard errors off, and trusted: by blocks these do not differ."""
-    unknown = oscillator(LAW, **VALUES).unknown("all")
-    fit = lw.identify(record(f"{LAW} + q*{missing}", 3, q=size), unknown)
+    unknown = TRUE.unknown("all")
+    fit = lw.identify(record(oscillator(f"{LAW} + q*{missing}", k=987.0, c=2.0, k3=4e5, q=size), 3), unknown)
     assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,) and fit.for_dropped_terms is not None
-    off = np.abs(fit.values - truth(oscillator(LAW, **VALUES), unknown))
+    off = np.abs(fit.values - truth(TRUE, unknown))
     covariance = np.asarray(fit.covariance)
     number = [parameter.name for parameter in fit.parameters].index(f"link.{moved}")
     assert off[number] > CHANCE * np.sqrt((covariance - fit.for_dropped_terms)[number, number])
@@ -46,5 +45,5 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
 
 
 def test_laws_that_lack_nothing_keep_their_intervals() -> None:
-    fit = lw.identify(record(LAW, 4), oscillator(LAW, **VALUES).unknown("all"))
+    fit = lw.identify(record(TRUE, 4), TRUE.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.for_dropped_terms is None
