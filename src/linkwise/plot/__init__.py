@@ -22,16 +22,10 @@ if TYPE_CHECKING:
     from linkwise.plot.discovery_evidence import evidence, evidence_figure
     from linkwise.plot.discovery_graph import graph, graph_figure
     from linkwise.plot.discovery_path import path, path_figure, runners_up
-    from linkwise.plot.level_comparison import (
-        distortion,
-        distortion_figure,
-        level_modes,
-        level_response,
-        level_responses_figure,
-        levels_figure,
-        ring_down,
-        ring_down_figure,
-    )
+    from linkwise.plot.level_distortion import distortion, distortion_figure
+    from linkwise.plot.level_frequencies import level_modes, levels_figure
+    from linkwise.plot.level_responses import level_response, level_responses_figure
+    from linkwise.plot.level_ring_downs import ring_down, ring_down_figure
     from linkwise.plot.link_force import force, force_figure
     from linkwise.plot.link_loop import loop, loop_figure
     from linkwise.plot.link_surface import surface, surface_figure
@@ -108,16 +102,10 @@ _HOMES = {
     "discovery_evidence": ("evidence", "evidence_figure"),
     "discovery_graph": ("graph", "graph_figure"),
     "discovery_path": ("path", "path_figure", "runners_up"),
-    "level_comparison": (
-        "distortion",
-        "distortion_figure",
-        "level_modes",
-        "level_response",
-        "level_responses_figure",
-        "levels_figure",
-        "ring_down",
-        "ring_down_figure",
-    ),
+    "level_distortion": ("distortion", "distortion_figure"),
+    "level_frequencies": ("level_modes", "levels_figure"),
+    "level_responses": ("level_response", "level_responses_figure"),
+    "level_ring_downs": ("ring_down", "ring_down_figure"),
     "link_force": ("force", "force_figure"),
     "link_loop": ("loop", "loop_figure"),
     "link_surface": ("surface", "surface_figure"),

@@ -1,8 +1,10 @@
-"""Titles that figures and pages share; nothing here draws."""
+"""Titles and labels that several figures and pages share; nothing here draws."""
 
 from __future__ import annotations
 
 from linkwise.model.structure import Link
+
+PEAK_FORCE = "peak force, N"
 
 
 def force_title(link: Link) -> str:

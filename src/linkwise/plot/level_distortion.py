@@ -1,0 +1,98 @@
+"""Odd and even distortion over the level of a periodic test."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.inspection.levels.result import LevelComparison
+from linkwise.plot.palette import MEASURED, SERIES
+from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
+from linkwise.plot.titles import PEAK_FORCE
+
+
+def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw odd and even distortion, and the scatter of periods, over the level of a periodic force.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: force in N, and power over that of the response in dB. Levels without a period are left out.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> runs = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*sin(2*pi*16*t)"}, duration=2.0, rate=320.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([run.with_noise(40.0, seed=1) for run in runs], modes=1)
+    >>> [line.get_label() for line in lw.plot.distortion(found).lines]
+    ['odd', 'even', 'scatter']
+    """
+    kinds = (("odd", SERIES[1], "s"), ("even", SERIES[0], "o"), ("noise", MEASURED, "x"))
+    with axes_for(ax) as axes:
+        for name, colour, marker in kinds:
+            points = [
+                (level, getattr(each, name))
+                for level, each in zip(comparison.levels, comparison.distortions, strict=True)
+                if each is not None and getattr(each, name) is not None
+            ]
+            text = "scatter" if name == "noise" else name
+            if points:
+                levels, powers = np.array(points).T
+                axes.plot(
+                    levels, powers, color=colour, marker=marker, markersize=4, linewidth=1.0, label=text
+                )
+        log_scale(axes, "x")
+        axes.set_xlabel(PEAK_FORCE)
+        axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
+        if legend:
+            axes.legend()
+    return axes
+
+
+def distortion_figure(comparison: LevelComparison) -> Figure:
+    """Odd and even distortion, and the scatter of periods, over the level on a figure of its own.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> runs = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*sin(2*pi*16*t)"}, duration=2.0, rate=320.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([run.with_noise(40.0, seed=1) for run in runs], modes=1)
+    >>> len(lw.plot.distortion_figure(found).axes)
+    1
+    """
+    with sheet() as (figure, [axes]):
+        distortion(comparison, legend=False, ax=axes)
+        legend_below(figure, axes)
+    return figure

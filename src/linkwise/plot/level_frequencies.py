@@ -1,0 +1,111 @@
+"""Frequencies and damping of modes over the level of a test."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.inspection.levels.result import LevelComparison
+from linkwise.plot.palette import SERIES
+from linkwise.plot.style import axes_for, label, legend_below, log_scale, sheet
+from linkwise.plot.titles import PEAK_FORCE
+
+
+def level_modes(
+    comparison: LevelComparison,
+    quantity: Literal["frequency", "damping"] = "frequency",
+    *,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw how the frequencies or the damping of modes move with the level, with two standard errors either way.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    quantity : {"frequency", "damping"}, optional
+        What is drawn.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: force in N, change of the frequency in %, or damping in % of the critical one.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> taps = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> lw.plot.level_modes(found).get_ylabel()
+    'change of frequency, %'
+    """
+    values, errors = 100.0 * comparison.damping, 100.0 * comparison.damping_errors
+    if quantity == "frequency":
+        values = 100.0 * comparison.frequency_changes
+        errors = 100.0 * comparison.frequency_errors / comparison.frequencies[0]
+    with axes_for(ax) as axes:
+        for mode in range(values.shape[1]):
+            axes.errorbar(
+                comparison.levels,
+                values[:, mode],
+                2.0 * errors[:, mode],
+                color=SERIES[mode % len(SERIES)],
+                marker="o",
+                markersize=3.5,
+                linewidth=1.0,
+                capsize=2.0,
+                label=label(f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"),
+            )
+        log_scale(axes, "x")
+        axes.set_xlabel(PEAK_FORCE)
+        axes.set_ylabel("change of frequency, %" if quantity == "frequency" else "damping, % of critical")
+        if legend:
+            axes.legend()
+    return axes
+
+
+def levels_figure(comparison: LevelComparison) -> Figure:
+    """Changes of frequencies and damping of modes over the level.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> taps = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> len(lw.plot.levels_figure(found).axes)
+    2
+    """
+    with sheet(1, 2, height=3.2) as (figure, panels):
+        level_modes(comparison, "frequency", legend=False, ax=panels[0])
+        level_modes(comparison, "damping", legend=False, ax=panels[1])
+        legend_below(figure, panels[0])
+    return figure

@@ -1,0 +1,117 @@
+"""Response functions and their coherence at every level of a test."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.inspection.levels.result import LevelComparison
+from linkwise.plot.palette import SERIES
+from linkwise.plot.style import axes_for, label, legend_below, literal, log_scale, sheet
+
+_RANGE = (0.15, 1.0)  # of lightness, of the lowest and the highest level
+
+
+def level_response(
+    comparison: LevelComparison,
+    quantity: Literal["magnitude", "coherence"] = "magnitude",
+    *,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the response function of every level, or its coherence; higher levels are darker.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    quantity : {"magnitude", "coherence"}, optional
+        What is drawn.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, and the response per N, or a part of 1.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> taps = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> lw.plot.level_response(found, "coherence").get_ylabel()
+    'coherence'
+    """
+    first = comparison.responses[0]
+    with axes_for(ax) as axes:
+        shades = np.linspace(*_RANGE, len(comparison.levels))
+        for each, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
+            values = each.magnitude if quantity == "magnitude" else each.coherence
+            colour = _lighter(SERIES[0], float(shade))
+            axes.plot(each.frequency, values, color=colour, linewidth=0.9, label=label(f"{level:.3g} N"))
+        if quantity == "magnitude":
+            log_scale(axes, "y")
+            axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
+        else:
+            axes.set_ylabel("coherence")
+            axes.set_ylim(-0.03, 1.03)
+        highest = max(each.frequency[np.isfinite(each.magnitude)].max() for each in comparison.responses)
+        axes.set_xlim(0.0, float(highest))
+        axes.set_xlabel("frequency, Hz")
+        if legend:
+            axes.legend()
+    return axes
+
+
+def level_responses_figure(comparison: LevelComparison) -> Figure:
+    """The response function of every level, and its coherence.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> taps = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> len(lw.plot.level_responses_figure(found).axes)
+    2
+    """
+    with sheet(2, height=4.6, share_time=True) as (figure, panels):
+        level_response(comparison, "magnitude", legend=False, ax=panels[0])
+        level_response(comparison, "coherence", legend=False, ax=panels[1])
+        panels[0].label_outer()
+        figure.align_ylabels()
+        legend_below(figure, panels[0], columns=4)
+    return figure
+
+
+def _lighter(colour: str, share: float) -> tuple[float, float, float]:
+    """From white at 0 to the colour itself at 1."""
+    red, green, blue = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+    return 1.0 - share * (1.0 - red), 1.0 - share * (1.0 - green), 1.0 - share * (1.0 - blue)

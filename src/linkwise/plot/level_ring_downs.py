@@ -1,0 +1,109 @@
+"""Frequency and damping of modes over their amplitude as they ring down."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.inspection.levels.result import LevelComparison
+from linkwise.plot.palette import SERIES
+from linkwise.plot.style import axes_for, label, literal, log_scale, sheet
+
+
+def ring_down(
+    comparison: LevelComparison,
+    quantity: Literal["frequency", "damping"] = "frequency",
+    *,
+    number: int = 0,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the frequency or the damping of a mode over its amplitude as it rings down.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    quantity : {"frequency", "damping"}, optional
+        What is drawn.
+    number : int, default 0
+        Place of the mode in ``comparison.ring_downs``.
+    legend : bool, default True
+        Add a legend to the axes, which names the mode.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: amplitude in the unit of its channel, and Hz or %.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> taps = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> lw.plot.ring_down(found).get_ylabel()
+    'frequency, Hz'
+    """
+    each = comparison.ring_downs[number]
+    values = each.frequency if quantity == "frequency" else 100.0 * each.damping
+    with axes_for(ax) as axes:
+        axes.plot(
+            each.amplitude,
+            values,
+            ".",
+            color=SERIES[(each.mode - 1) % len(SERIES)],
+            label=label(f"mode {each.mode}"),
+        )
+        log_scale(axes, "x")
+        axes.ticklabel_format(axis="y", useOffset=False)
+        axes.set_xlabel(f"amplitude of {literal(each.channel)}, {each.unit}")
+        axes.set_ylabel("frequency, Hz" if quantity == "frequency" else "damping, %")
+        if legend:
+            axes.legend()
+    return axes
+
+
+def ring_down_figure(comparison: LevelComparison) -> Figure:
+    """Frequency and damping of each mode that rings down over its amplitude, in a row of its own.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> number = lw.Coefficient.number
+    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    >>> taps = [
+    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
+    ...     for size in (1.0, 2.0)
+    ... ]
+    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> len(lw.plot.ring_down_figure(found).axes)
+    2
+    """
+    rows = len(comparison.ring_downs)
+    with sheet(rows, 2, height=0.6 + 1.9 * rows) as (figure, panels):
+        for number, each in enumerate(comparison.ring_downs):
+            ring_down(comparison, "frequency", number=number, legend=False, ax=panels[2 * number])
+            ring_down(comparison, "damping", number=number, legend=False, ax=panels[2 * number + 1])
+            panels[2 * number].set_title(f"mode {each.mode}", loc="left")
+    return figure
