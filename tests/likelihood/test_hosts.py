@@ -192,7 +192,7 @@ def test_what_a_start_does_not_take_is_told() -> None:
     whole = record()
     missing = whole.values.copy()
     missing[10, -1] = np.nan
-    _refused({"values": missing}, "channel force:beam.mid has missing samples; inputs must be complete")
+    _refused({"values": missing}, "channel force:beam.mid: 1 of")
     channels = ("a:beam.tup", *whole.channels[1:])
     _refused({"channels": channels}, "channel a:beam.tup belongs to no mass or point of the structure")
     _refused({"values": whole.values[:8]}, "too few samples")

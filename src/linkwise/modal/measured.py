@@ -11,6 +11,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.modal.oscillators import SampledForce, free_motion
 from linkwise.records.channel import Channel
+from linkwise.records.checks import require_complete
 from linkwise.records.record import Record
 
 _SHORTEST = 50  # samples
@@ -116,8 +117,7 @@ def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> N
             f"the record has {len(record)} samples, too few to tell modes; {_SHORTEST} are the least"
         )
     for name in forces:
-        if not np.isfinite(record.channel(name)).all():
-            raise IdentificationError(f"channel {name} has missing samples; forces must be complete")
+        require_complete(name, record.channel(name), record.start, record.rate)
     if not any(record.channel(name).any() for name in forces):
         raise IdentificationError("the applied force is zero throughout; record what was applied")
 

@@ -1,4 +1,4 @@
-"""Checks of records: names and values of any record, and what a measured record should not contain."""
+"""Checks of records: names and values of any record, what a measured one should not contain, inputs without gaps."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.errors import RecordError
+from linkwise.errors import IdentificationError, RecordError
 from linkwise.records.channel import Channel
 from linkwise.records.interpolation import check_interpolation
 
@@ -121,3 +121,24 @@ def check_responses(names: tuple[str, ...], values: Floats, file: str | None) ->
                 f"has the same samples as {seen[key]}; one of the two is mislabelled", file, channel=name
             )
         seen[key] = name
+
+
+def require_complete(name: str, samples: Floats, start: float, rate: float) -> None:
+    """Raise IdentificationError where the input `name`, (N,) `samples` from `start` in s at `rate` in Hz, has gaps."""
+    missing = np.isnan(samples)
+    if not missing.any():
+        return
+    if missing.all():
+        raise IdentificationError(
+            f"channel {name}: every sample is missing, and inputs must be complete; give its values, or leave the channel out"
+        )
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]])))
+    first, last = max(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda piece: piece[1] - piece[0])
+    earliest, latest = start + first / rate, start + last / rate
+    raise IdentificationError(
+        f"channel {name}: {missing.sum()} of {len(samples)} samples are missing, the first at "
+        f"{start + int(np.argmax(missing)) / rate:.9g} s, and inputs must be complete; cut the record to a piece without gaps "
+        f"(the longest: record.between({earliest:.9g}, {latest:.9g})), or interpolate across gaps that are short against the "
+        "changes of this input",
+        arguments=("earliest", "latest"),
+    )

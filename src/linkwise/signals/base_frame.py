@@ -20,6 +20,7 @@ from linkwise.errors import IdentificationError
 from linkwise.model.input_signal import Sampled
 from linkwise.model.structure import BASE, GROUND, Structure
 from linkwise.records.channel import Channel
+from linkwise.records.checks import require_complete
 from linkwise.records.record import Record
 
 _KINDS = "xva"
@@ -214,8 +215,7 @@ class _BaseMotion:
             )
         name = f"{_KINDS[known[-1]]}:{BASE}"
         values = self.record.channel(name)
-        if not np.isfinite(values).all():
-            raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
+        require_complete(name, values, self.record.start, self.record.rate)
         for _ in range(order - known[-1]):
             signal = Sampled(0.0, self.record.rate, values, band_limited=len(values) > _BAND_LIMITED)
             values = signal.derivative(np.arange(len(values)) / self.record.rate)

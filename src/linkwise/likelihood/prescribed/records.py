@@ -11,6 +11,7 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.prescribed.motion import PrescribedMotion
 from linkwise.likelihood.prescribed.problem import Forces
 from linkwise.model.structure import BASE, Structure
+from linkwise.records.checks import require_complete
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.signals.noise import noise_sigma
@@ -36,8 +37,7 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
             f"{', '.join(record.channels)}; of an end that is held, the motion of the other one is that of the base"
         )
     values = record.channel(name)
-    if not np.isfinite(values).all():
-        raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
+    require_complete(name, values, record.start, record.rate)
     if len(values) < _FEWEST:
         raise IdentificationError(
             f"{len(values)} samples are too few for links on a rig, which need {_FEWEST}"

@@ -15,6 +15,7 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
+from linkwise.records.checks import require_complete
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
@@ -353,8 +354,7 @@ def forces_at_points(structure: Structure, channels: Sequence[str], size: tuple[
 def _at_points(record: Record, name: str, count: int, samples: int, refine: int) -> tuple[Floats, Floats]:
     """Value and rate of an input, (steps, points, segments) each; held behind the last sample."""
     values = record.channel(name)
-    if not np.isfinite(values).all():
-        raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
+    require_complete(name, values, record.start, record.rate)
     kind = record.interpolation.get(name, BAND_LIMITED)
     return _signal_at_points(record, values, count, (samples, refine), kind)
 

@@ -23,6 +23,7 @@ from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, sample
 from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
+from linkwise.records.checks import require_complete
 from linkwise.records.record import Record
 
 _TRIED = 2000  # samples that decide how fast the forces of links change
@@ -288,8 +289,8 @@ def require_supported(record: Record, structure: Structure) -> None:
             raise IdentificationError(
                 f"channel {name} belongs to no mass or point of the structure, which are {', '.join(structure.places)}"
             )
-        if channel.is_input and not np.isfinite(record.channel(name)).all():
-            raise IdentificationError(f"channel {name} has missing samples; inputs must be complete")
+        if channel.is_input:
+            require_complete(name, record.channel(name), record.start, record.rate)
     if len(record) < _FEWEST:
         raise IdentificationError(
             f"the record has too few samples, {len(record)}, to tell the motion of a host; {_FEWEST} are the least"
