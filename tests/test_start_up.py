@@ -39,6 +39,27 @@ def test_result_folders_load_nothing_that_draws() -> None:
     assert {"linkwise", "jinja2"} <= set(result.stdout.split()) and "matplotlib" not in result.stdout.split()
 
 
+QUESTIONS = """
+import sys
+import linkwise as lw
+import linkwise.study.worker
+chain = lw.bnes_chain(2)
+record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0).with_noise(30.0, seed=1)
+lw.identify(record, chain.unknown("nes"))
+lw.discover(record, {"m1": 1.0, "m2": 0.01})
+lw.absorb(chain, release={"v:m1": 1.0}, duration=0.5)
+print(*sys.modules)
+"""
+
+
+def test_questions_load_no_part_of_scipy_that_they_do_not_use() -> None:
+    """`scipy.signal` imports `scipy.stats`, and both more than half a second of other packages: twice the rest of linkwise."""
+    result = run(QUESTIONS)
+    assert result.returncode == 0, result.stderr
+    names = set(result.stdout.split())
+    assert names & {"scipy.signal", "scipy.stats", "scipy.optimize", "scipy.interpolate"} == set()
+
+
 def loaded(arguments: list[str]) -> int:
     """How many modules a process imports."""
     done = subprocess.run(

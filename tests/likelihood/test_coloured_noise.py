@@ -11,7 +11,7 @@ import scipy
 from problems import chain_record, truth
 
 import linkwise as lw
-from linkwise.likelihood.coloured_noise import ColouredNoise, in_time
+from linkwise.likelihood.coloured_noise import ColouredNoise, _parzen, in_time
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
@@ -203,3 +203,10 @@ def test_series_in_time_keep_chains_apart() -> None:
     assert series.shape == (2, 15 + 200)
     assert series[0, :6].tolist() == [0.0, 10.0, 20.0, 1.0, 11.0, 21.0]
     assert np.isnan(series[:, 6:206]).all() and series[1, 206:209].tolist() == [7.0, 17.0, 27.0]
+
+
+@pytest.mark.parametrize("highest", [1, 2, 7, 60])
+def test_the_window_is_that_of_parzen(highest: int) -> None:
+    """As `scipy.signal` has it, but for rounding."""
+    window = scipy.signal.windows.parzen(2 * highest + 1)[highest:]
+    assert _parzen(highest) == pytest.approx(window, rel=0.0, abs=1e-12)

@@ -52,7 +52,7 @@ class BlockScores:
             rest = whole - information[np.ix_(chosen, chosen)]
             moved[block] = np.linalg.solve(rest, score[chosen])
         variance = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (blocks - 1) / blocks
-        quantiles = scipy.stats.t.ppf(_LEVEL, blocks - 1) / scipy.stats.norm.ppf(_LEVEL)
+        quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
         out = np.zeros(len(free))
         out[chosen] = quantiles * np.sqrt(variance)
         return out

@@ -215,8 +215,13 @@ def _tapered(innovations: Floats) -> Floats:
     """Their autocorrelations times Parzen's window, whose transform is never negative."""
     highest = min(_SMOOTHED, int(np.isfinite(innovations).sum()) // _SAMPLES_PER_LAG)
     covariances = _autocovariances(innovations, highest)
-    window = scipy.signal.windows.parzen(2 * highest + 1)[highest:]
-    return np.asarray(window * covariances / covariances[0])
+    return np.asarray(_parzen(highest) * covariances / covariances[0])
+
+
+def _parzen(highest: int) -> Floats:
+    """(highest + 1,) the window of Parzen (1961) from its middle on; importing `scipy.signal` takes longer than a fit."""
+    lag = np.arange(highest + 1) / (highest + 0.5)
+    return np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
 
 
 def _is_steady(innovations: Floats) -> bool:

@@ -9,8 +9,7 @@ import math
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.signal import lfilter
+import scipy
 
 from linkwise.arrays import Floats
 
@@ -36,7 +35,7 @@ class SampledForce:
     def _pieces(self) -> Floats:
         """(6, N - 1) coefficients of the powers of the time in each step, the highest first."""
         time = self.step * np.arange(len(self.samples))
-        spline = make_interp_spline(time, self.samples, _DEGREE)
+        spline = scipy.interpolate.make_interp_spline(time, self.samples, _DEGREE)
         orders = range(_DEGREE, -1, -1)
         return np.array([spline(time[:-1], order) / math.factorial(order) for order in orders])
 
@@ -62,7 +61,7 @@ class SampledForce:
         kernel = np.exp(s * (self.step - nodes)) * 0.5 * self.step * _WEIGHTS
         of_powers = nodes[None, :] ** np.arange(_DEGREE, -1, -1)[:, None] @ kernel
         gained = of_powers @ self._pieces
-        z = np.append(0.0, lfilter([1.0], [1.0, -np.exp(s * self.step)], gained))
+        z = np.append(0.0, scipy.signal.lfilter([1.0], [1.0, -np.exp(s * self.step)], gained))
         motion: Floats = np.array([z.imag, (s * z).imag, (s * s * z).imag]) / s.imag
         motion[2] += self.samples
         return motion

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import csd, welch
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.records.record import Record
@@ -67,8 +67,8 @@ class ResponseFunction:
         values, applied = _bridged(record.channel(response)), record.channel(force)
         block = max(min(len(record), _LEAST), 2 * len(record) // (_BLOCKS + 1))
         options = {"fs": record.rate, "nperseg": block, "detrend": "constant"}
-        frequency, cross = csd(applied, values, **options)
-        of_force, of_response = (welch(each, **options)[1] for each in (applied, values))
+        frequency, cross = scipy.signal.csd(applied, values, **options)
+        of_force, of_response = (scipy.signal.welch(each, **options)[1] for each in (applied, values))
         tiny = np.finfo(float).tiny
         magnitude = np.abs(cross) / np.maximum(of_force, tiny)
         coherence = np.abs(cross) ** 2 / np.maximum(of_force * of_response, tiny)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.prescribed.problem import RigProblem
@@ -77,7 +77,7 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
 
     inside = np.clip(start, low, high)
     with np.errstate(all="ignore"):
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             residuals,
             inside,
             jacobian,
