@@ -10,10 +10,12 @@ H. E. Rauch, F. Tung and C. T. Striebel, AIAA J. 3, 1445 (1965).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isqrt
 from typing import NamedTuple
 
 import numpy as np
 import scipy
+from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats, Indices
 
@@ -90,16 +92,22 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
     """
     forward = _filtered(model, samples, inputs)
     states = forward.updated.copy()
-    count = len(states)
+    count, which = len(states), np.asarray(forward.which)
     known: dict[tuple[int, int], Floats] = {}
-    for k in range(count - 2, -1, -1):
-        pair = forward.which[k], forward.which[k + 1]
+    firsts = np.append(
+        0, 1 + np.flatnonzero(np.diff(which[:-1]) | np.diff(which[1:]))
+    )  # of runs of one pair of gains
+    for first, end in zip(firsts[::-1], np.append(firsts[1:], count - 1)[::-1], strict=True):
+        if first == end:
+            continue  # a record of one sample
+        pair = int(which[first]), int(which[first + 1])
         if pair not in known:
             before, after = (forward.gains[index] for index in pair)
             product = before.updated @ model.transition.T
             known[pair] = _solved(after.predicted, product.T).T
         back = known[pair]
-        states[k] += back @ (states[k + 1] - forward.predicted[k + 1])
+        added = forward.updated[first:end] - forward.predicted[first + 1 : end + 1] @ back.T
+        states[first:end] = _recursion(back, states[end], added[::-1])[:0:-1]
     middle = forward.gains[forward.which[count // 2]]
     return Smoothed(states, _smoothed_covariance(model, middle), forward.log_likelihood)
 
@@ -136,35 +144,41 @@ def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: in
     steady = _steady(model)
     gains: list[_Gain] = []
     which: list[int] = []
+    constant = -1  # which of the gains is the steady one
     state, covariance, total = np.zeros(m), model.first, 0.0
     complete: Bools = np.asarray(known.all(axis=1))
-    settled, since, constant = False, 0, -1  # the steady gain is that of complete samples
-    for k in range(count):
+    gaps = np.append(np.flatnonzero(~complete), count)
+    settled, since, k = False, 0, 0
+    while k < count:
         if not complete[k]:
             settled, since = False, 0
-        elif steady is not None and not settled:
+        elif steady is not None and not settled:  # the steady gain is that of complete samples
             since += 1
             if since > transient or _close(covariance, steady):
                 covariance, settled = steady, True
-        if settled and constant >= 0:
-            which.append(constant)
-        else:
+        if not (settled and constant >= 0):
             gains.append(_gain(model, covariance, known[k]))
-            which.append(len(gains) - 1)
-            constant = which[-1] if settled else constant
-        gain = gains[which[-1]]
-        predicted[k] = state
-        error = (shown[k] - model.observation @ state)[gain.chosen]
-        state = state + gain.gain @ error
-        updated[k] = state
-        white = gain.whitening @ error
-        whitened[k, gain.chosen] = white
-        total -= 0.5 * float(white @ white) + gain.log_determinant
-        state = model.transition @ state
-        if k + 1 < count:
-            state = state + driven[k + 1]
+            constant = len(gains) - 1 if settled else constant
+        index = constant if settled else len(gains) - 1
+        end = int(gaps[np.searchsorted(gaps, k)]) if settled else k + 1
+        gain, rows = gains[index], slice(k, end)
+        which += [index] * (end - k)
+        if end == k + 1:
+            predicted[k] = state
+        else:
+            through = model.transition @ gain.gain
+            added = shown[k : end - 1] @ through.T + driven[k + 1 : end]
+            predicted[rows] = _recursion(model.transition - through @ model.observation, state, added)
+        errors = (shown[rows] - predicted[rows] @ model.observation.T)[:, gain.chosen]
+        updated[rows] = predicted[rows] + errors @ gain.gain.T
+        white = errors @ gain.whitening.T
+        whitened[rows, gain.chosen] = white
+        total -= 0.5 * float(np.sum(white**2)) + (end - k) * gain.log_determinant
+        if end < count:
+            state = model.transition @ updated[end - 1] + driven[end]
         if not settled:
             covariance = _symmetric(model.transition @ gain.updated @ model.transition.T + model.process)
+        k = end
     return _Forward(whitened, predicted, updated, gains, which, total)
 
 
@@ -192,14 +206,36 @@ def _gain(model: LinearModel, covariance: Floats, known: Bools) -> _Gain:
     cross = covariance @ observation.T
     of_samples = observation @ cross + np.diag(model.noise[chosen])
     of_samples[range(len(chosen)), range(len(chosen))] *= 1.0 + _SHARE
-    factor = np.asarray(np.linalg.cholesky(of_samples), dtype=float)
-    gain = scipy.linalg.cho_solve((factor, True), cross.T).T
+    factor, failed = lapack.dpotrf(of_samples, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("the covariance of the samples is not positive definite")
+    gain = lapack.dpotrs(factor, cross.T, lower=1)[0].T
     kept = np.eye(m) - gain @ observation  # Joseph's form, which stays positive
     updated = kept @ covariance @ kept.T + (gain * model.noise[chosen]) @ gain.T
-    whitening = scipy.linalg.solve_triangular(factor, np.eye(len(chosen)), lower=True)
+    whitening = lapack.dtrtri(factor, lower=1)[0]
     return _Gain(
         chosen, gain, whitening, float(np.log(factor.diagonal()).sum()), covariance, _symmetric(updated)
     )
+
+
+def _recursion(matrix: Floats, first: Floats, added: Floats) -> Floats:
+    """(N + 1, m) states z_0 = `first` and z_k+1 = `matrix` z_k + `added`_k of a stable system, in blocks side by side."""
+    count, m = added.shape
+    length = max(1, isqrt(count))
+    blocks = -(-count // length)
+    states = np.zeros((blocks * length, m))
+    states[:count] = added
+    states = states.reshape(blocks, length, m)
+    powers, starts = np.empty((length, m, m)), np.empty((blocks, m))
+    powers[0] = matrix
+    for k in range(1, length):  # as if every block started at 0
+        states[:, k] += states[:, k - 1] @ matrix.T
+        np.matmul(powers[k - 1], matrix, out=powers[k])
+    starts[0] = first
+    for block in range(1, blocks):
+        starts[block] = powers[-1] @ starts[block - 1] + states[block - 1, -1]
+    states += np.matmul(starts, powers.transpose(0, 2, 1)).transpose(1, 0, 2)
+    return np.concatenate([first[None], states.reshape(-1, m)[:count]])
 
 
 def _smoothed_covariance(model: LinearModel, gain: _Gain) -> Floats:
@@ -219,7 +255,9 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
     scale = np.sqrt(np.maximum(matrix.diagonal(), np.finfo(float).tiny))
     scaled = matrix / np.outer(scale, scale)
     scaled[range(len(scale)), range(len(scale))] += _SHARE
-    solution = scipy.linalg.solve(scaled, right / scale[:, None], assume_a="pos", check_finite=False)
+    _, solution, failed = lapack.dposv(scaled, right / scale[:, None])
+    if failed:
+        raise np.linalg.LinAlgError("the covariance of a state is not positive definite")
     return np.asarray(solution / scale[:, None])
 
 
