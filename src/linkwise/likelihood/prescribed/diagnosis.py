@@ -15,7 +15,9 @@ from linkwise.likelihood.prescribed.records import BASE_CHANNEL, cell_name
 from linkwise.model.law import Law
 
 _GAIN = 25.0  # in -2 log likelihood: five standard deviations
-_OF_SHIFTS = 16.0  # of what also moves a coefficient: four, by chance once in 1300 fits of a dozen causes
+_OF_SHIFTS = 16.0 + 2.0 * np.log(
+    10.0
+)  # of what also moves a coefficient: four deviations, the largest of about ten causes
 _ALIKE = 10.0  # of gain, by which an offset of the displacement must be the better explanation
 _SEPARATE = 1e-6  # of the power of a column: less beside the others, and they stand for it
 _SHIFT = 3.0  # standard errors by which a term or a delay must move a coefficient to count
@@ -36,41 +38,52 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
 
     Offsets of any significant size, and of terms and delays those that would move a coefficient by three standard errors.
     """
-    problem = fit.problem
-    jacobian = problem.jacobian(fit.minimum.paths)[:, fit.free]
-    weights, columns = fit.weights, fit.weights[:, None] * jacobian
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns)), 1e-300)
-    p = len(problem.parameters)
-    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free]
-    of_laws = np.flatnonzero(fit.free) < p
+    tested = (*_offsets(fit), *_terms(fit), *_delays(fit))
+    follow, beside = _beside_unknowns(fit, np.stack([each.column for each in tested], axis=1))
+    scores = beside.T @ (fit.weights * fit.residuals)
+    powers = np.sum(beside**2, axis=0)
+    noise = _noise_of_scores(fit, beside)
+    of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
+    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free][of_laws]
+    told = deviations > 0.0
     causes = []
-    for tested in (*_offsets(fit), *_terms(fit), *_delays(fit)):
-        column = weights * tested.column
-        follow = np.linalg.lstsq(columns / size, column, rcond=1e-10)[0]
-        beside = column - columns / size @ follow
-        power = float(beside @ beside)
-        if not power > _SEPARATE * float(column @ column):
+    for number, each in enumerate(tested):
+        power = float(powers[number])
+        if not power > _SEPARATE * float(np.sum((fit.weights * each.column) ** 2)):
             continue
-        whitened = weights * fit.residuals
-        score = float(beside @ whitened)
-        rows = (beside * (whitened - score / power * beside))[:, None]  # of what is left with the cause
-        variance = max(power, float(newey_west(problem, rows)[0, 0]) if fit.model_force > 0.0 else 0.0)
-        gain = score**2 / variance
-        moved = np.abs(follow / size * score / power)[of_laws]
-        told = deviations[of_laws] > 0.0
-        shift = float(np.max(moved[told] / deviations[of_laws][told], initial=0.0))
-        if gain > _GAIN if tested.cause.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
-            unit = float(np.sqrt(np.mean(tested.column**2))) if tested.cause.kind == "term" else 1.0
-            causes.append(
-                replace(
-                    tested.cause,
-                    size=score / power * unit,
-                    gain=gain,
-                    standard_error=float(np.sqrt(variance)) / power * unit,
-                    shift=shift,
-                )
-            )
+        size = float(scores[number]) / power
+        variance = float(noise[number])
+        if fit.model_force > 0.0:
+            variance = max(variance, power, _scatter(fit, beside[:, number], size))
+        gain = float(scores[number]) ** 2 / variance
+        shift = float(np.max(np.abs(size * follow[of_laws, number][told]) / deviations[told], initial=0.0))
+        if gain > _GAIN if each.cause.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
+            unit = float(np.sqrt(np.mean(each.column**2))) if each.cause.kind == "term" else 1.0
+            error = float(np.sqrt(variance)) / power * unit
+            causes.append(replace(each.cause, size=size * unit, gain=gain, standard_error=error, shift=shift))
     return tuple(sorted(causes, key=lambda cause: (cause.where == BASE_CHANNEL) * _ALIKE - cause.gain))
+
+
+def _beside_unknowns(fit: RigFit, columns: Floats) -> tuple[Floats, Floats]:
+    """By how much the free unknowns (f, q) follow causes of unit size, and the weighted forces (R, q) that these leave."""
+    weighted = fit.weights[:, None] * fit.problem.jacobian(fit.minimum.paths)[:, fit.free]
+    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", weighted, weighted)), 1e-300)
+    columns = fit.weights[:, None] * columns
+    follow = np.linalg.lstsq(weighted / size, columns, rcond=1e-10)[0]
+    return follow / size[:, None], columns - weighted / size @ follow
+
+
+def _noise_of_scores(fit: RigFit, beside: Floats) -> Floats:
+    """(q,) variances of scores by white noise of the load cells, and by that of the motion, which smoothing correlates."""
+    rows = fit.weights[:, None] * beside
+    moved = fit.problem.noise_of_motion(fit.minimum.paths, rows)
+    return np.asarray(np.sum((fit.cells[:, None] * rows) ** 2, axis=0) + np.sum(moved**2, axis=0))
+
+
+def _scatter(fit: RigFit, beside: Floats, size: float) -> float:
+    """Variance of a score by what is left with its cause, which follows the motion where laws are inexact."""
+    left = fit.weights * fit.residuals - size * beside
+    return float(newey_west(fit.problem, (beside * left)[:, None])[0, 0])
 
 
 def _offsets(fit: RigFit) -> Iterator[_Tested]:

@@ -43,6 +43,8 @@ class RigFit:
         False at a bound.
     residuals, deviations : array of shape (R,)
         Measured less modelled forces in N, and their standard deviations from the noise of load cells and motion.
+    cells : array of shape (R,)
+        Standard deviations in N of the noise of load cells alone.
     model_force : float
         Standard deviation in N of what the laws leave beside noise, 0 where noise explains the residuals.
     chi_square : float
@@ -59,6 +61,7 @@ class RigFit:
     free: Bools
     residuals: Floats
     deviations: Floats
+    cells: Floats
     model_force: float
     chi_square: float
     determined: bool
@@ -103,7 +106,7 @@ def rig_fit(
     covariance, determined = covariance_of(
         problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
     )
-    fit = RigFit(problem, best, covariance, free, residuals, deviations, model, chi_square, determined)
+    fit = RigFit(problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined)
     return replace(fit, others=_others(fit, found[1:]))
 
 
