@@ -10,6 +10,7 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.sensor_errors import carried_by
 
 BASE_ERRORS = ("gain", "delay")
 
@@ -33,8 +34,10 @@ class BaseErrors:
             return None
         forces = _inertia(optimum) if segments.inputs.frame is not None else _link_forces(optimum, misfit)
         values = np.zeros((*segments.samples.shape[:2], len(BASE_ERRORS), segments.count))
-        if segments.carried is not None:
-            values[:, :, 0], values[:, :, 1] = -segments.carried[0], segments.carried[1]
+        for channel in range(values.shape[1]):
+            carried = carried_by(segments, misfit, channel)
+            if carried is not None:
+                values[:, channel, 0], values[:, channel, 1] = -carried[0], carried[1]
         return cls(*forces, values)
 
 

@@ -215,9 +215,14 @@ class _ShiftedFit(Generic[Fit]):
         }
 
     @property
-    def misfit(self) -> tuple[bool, float, float]:
-        """By which fits at other shifts are ordered: a model error stands for what the laws leave."""
-        return self.fit.chi_square_off, self.fit.model_error, self.fit.chi_square
+    def is_exact(self) -> bool:
+        """Whether noise explains what the laws leave."""
+        return not self.fit.chi_square_off and self.fit.model_error == 0.0
+
+    @property
+    def misfit(self) -> tuple[bool, float]:
+        """By which fits at other shifts are ordered; a model error says little, as it depends on the noise beside it."""
+        return not self.is_exact, self.fit.chi_square
 
     def beside(self, name: str, samples: int) -> _ShiftedFit[Fit] | None:
         """The fit with a channel shifted by some samples more; None where there is none, as the motion runs to infinity."""
@@ -253,10 +258,10 @@ def _settled(shifts: _Shifts[Fit], late: Mapping[str, int]) -> _ShiftedFit[Fit]:
 
 def _at_best_shift(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
     """The fit at the shift of a channel from which one sample more or less explains the records worse."""
-    if not (found.fit.chi_square_off or found.fit.model_error > 0.0):
+    if found.is_exact:
         return found
     best = _nearest(found, name)
-    if not best.fit.chi_square_off or _interrupted(best):
+    if best.is_exact or _interrupted(best):
         return best
     others = []
     for samples in _FAR:
@@ -278,7 +283,7 @@ def _nearest(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
     for direction in (forward, -forward):
         best = found
         for _ in range(_SHIFTS):
-            if _interrupted(best):
+            if best.is_exact or _interrupted(best):
                 return best
             other = best.beside(name, direction)
             if other is not None and _interrupted(other):

@@ -10,8 +10,9 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import RandomForce
+from linkwise.likelihood.shooting.moving_coordinates import in_moving_coordinates
 from linkwise.likelihood.shooting.prior import Prior
-from linkwise.likelihood.shooting.segmentation import cut, cut_segments, in_moving_coordinates
+from linkwise.likelihood.shooting.segmentation import cut, cut_segments
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.waveforms import Disturbance, Waveforms

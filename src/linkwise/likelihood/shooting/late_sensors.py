@@ -1,16 +1,19 @@
 """What sensors show that are late: the fitted motion between its samples, and its rate.
 
-Between two samples the motion is the polynomial of fifth degree that agrees with displacement, velocity and acceleration at
-both; before the first of a segment it is that of the first two.
+Between its samples the motion is the polynomial of eighth degree that agrees with displacement, velocity and acceleration at
+three of them; before the first of a segment it is that of the first three.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.flow import Trajectories
 
+_POINTS = 3  # samples of a polynomial: with two, accelerations half a sample before a segment would be some percent off
 LARGEST = 1.5
 """Delay in samples up to which the polynomials hold; the records are shifted by whole samples for more."""
 
@@ -25,29 +28,29 @@ def late_motion(
     x = orbit.states[::stride, 0, mass]
     v = orbit.states[::stride, 1, mass] * stride
     a = orbit.accelerations[::stride, mass] * step**2
+    points = min(_POINTS, len(x))
     sample = np.arange(len(x) - 1)[:, None]
-    first = np.clip(sample + np.floor(-delay / step).astype(int), 0, len(x) - 2)
-    ends = (np.take_along_axis(each, first + end, axis=0) for end in (0, 1) for each in (x, v, a))
-    place, polynomial = sample - delay / step - first, _quintic(*ends)
+    first = np.clip(sample + np.floor(-delay / step).astype(int), 0, len(x) - points)
+    known = [np.take_along_axis(each, first + point, axis=0) for point in range(points) for each in (x, v, a)]
+    place = sample - delay / step - first
+    polynomial = np.tensordot(_through(points), np.stack(known), axes=1)
     shown, rate = (_derivative(polynomial, place, order) / step**order for order in (kind, kind + 1))
     return shown, rate
 
 
-def _quintic(*ends: Floats) -> tuple[Floats, ...]:
-    """Coefficients of the polynomial on 0..1 with value, slope and curvature x, v, a at 0 and y, w, b at 1."""
-    x, v, a, y, w, b = ends
-    value, slope, curvature = y - x - v - 0.5 * a, w - v - a, b - a
-    return (
-        x,
-        v,
-        0.5 * a,
-        10.0 * value - 4.0 * slope + 0.5 * curvature,
-        -15.0 * value + 7.0 * slope - curvature,
-        6.0 * value - 3.0 * slope + 0.5 * curvature,
-    )
+@cache
+def _through(points: int) -> Floats:
+    """(3P, 3P) coefficients of the polynomial with values, slopes and curvatures, point by point, at 0, 1, .. P - 1."""
+    degrees, places = np.arange(3 * points), np.arange(points)
+    rows = []
+    for place in places:
+        for order in range(3):
+            factor = np.prod([degrees - lower for lower in range(order)], axis=0)
+            rows.append(factor * float(place) ** np.maximum(degrees - order, 0))
+    return np.asarray(np.linalg.solve(np.array(rows, dtype=float), np.eye(3 * points)))
 
 
-def _derivative(coefficients: tuple[Floats, ...], place: Floats, order: int) -> Floats:
+def _derivative(coefficients: Floats, place: Floats, order: int) -> Floats:
     """The polynomial's derivative of an order at `place`, by Horner's scheme."""
     total = np.zeros_like(place)
     for power in range(len(coefficients) - 1, order - 1, -1):

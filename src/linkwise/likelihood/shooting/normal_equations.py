@@ -315,8 +315,8 @@ def _add_delays(
             kind=int(sensors.kind[channel]),
             delay=float(point.delays[number]),
         )
-        if segments.carried is not None:
-            rate = rate + segments.carried[1, :, channel, part]
+        if segments.late_base is not None:
+            rate = rate + segments.late_base.at(channel, float(point.delays[number]), part)[1]
         column = -whiten[:, channel] * rate * (units[number] * factors[channel])
         jacobian[:, :, channel, first + number] = column.T
 

@@ -105,9 +105,9 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
             delay=float(point.delays[sensors.delay[channel]]),
         )
         residuals[:, channel] = segments.samples[:, channel] - shown
-        if segments.carried is not None:
-            delay = point.delays[sensors.delay[channel]]
-            residuals[:, channel] += delay * segments.carried[1, :, channel]
+        if segments.carried is not None and segments.late_base is not None:
+            carried, _ = segments.late_base.at(channel, float(point.delays[sensors.delay[channel]]))
+            residuals[:, channel] += segments.carried[0, :, channel] - carried
     factors = sensors.factors(point.gains)
     for channel in sensors.scaled:
         shown = segments.samples[:, channel] - residuals[:, channel]

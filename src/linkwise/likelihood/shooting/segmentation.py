@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from linkwise.records.checks import require_complete
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
-from linkwise.signals.base_frame import FramedRecord
 from linkwise.units import base_exponents
 
 _KINDS = {"x": X, "v": V, "a": A, "f": F, "state": S}
@@ -87,57 +85,11 @@ def cut_segments(
     )
 
 
-def in_moving_coordinates(segments: Segments, frames: Sequence[FramedRecord]) -> Segments:
-    """Add to segments of records in coordinates that move what their sensors show of that, and its acceleration.
-
-    Parameters
-    ----------
-    segments : Segments
-        The segments of all records.
-    frames : sequence of FramedRecord
-        The records.
-
-    Returns
-    -------
-    Segments
-        The segments; the same where no coordinates move.
-    """
-    samples, refine = len(segments.samples), segments.refine
-    inputs = replace(segments.inputs, frame=_frame_acceleration(frames, samples, refine))
-    return replace(segments, inputs=inputs, carried=_carried(frames, samples))
-
-
 def _linked(counts: Sequence[int]) -> Bools:
     """(K - 1,) False between the last segment of a record and the first of the next."""
     linked = np.ones(sum(counts) - 1, dtype=bool)
     linked[np.cumsum(counts)[:-1] - 1] = False
     return linked
-
-
-def _carried(frames: Sequence[FramedRecord], samples: int) -> Floats | None:
-    """(2, M, C, K) what the sensors show of moving coordinates, and its rate; 0 behind the end of a record."""
-    if not any(frame.carried for frame in frames):
-        return None
-    parts = []
-    for frame in frames:
-        nothing = np.zeros((2, len(frame.record)))
-        shown = np.stack([frame.carried.get(name, nothing) for name in frame.names.values()], axis=2)
-        parts.append(np.stack([cut(values, samples) for values in shown]))
-    return np.nan_to_num(np.concatenate(parts, axis=3))
-
-
-def _frame_acceleration(frames: Sequence[FramedRecord], samples: int, refine: int) -> Floats | None:
-    """(J, 5, K) acceleration of the coordinates at the points of every step."""
-    if not any(frame.acceleration is not None for frame in frames):
-        return None
-    pieces = [
-        _signal_at_points(
-            frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine)
-        )[0]
-        for frame in frames
-        if frame.acceleration is not None
-    ]
-    return np.concatenate(pieces, axis=2)
 
 
 def sensor_arrays(
@@ -356,10 +308,10 @@ def _at_points(record: Record, name: str, count: int, samples: int, refine: int)
     values = record.channel(name)
     require_complete(name, values, record.start, record.rate)
     kind = record.interpolation.get(name, BAND_LIMITED)
-    return _signal_at_points(record, values, count, (samples, refine), kind)
+    return signal_at_points(record, values, count, (samples, refine), kind)
 
 
-def _signal_at_points(
+def signal_at_points(
     record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
 ) -> tuple[Floats, Floats]:
     """Value and rate at the points of steps, `grid` the samples in a segment and the steps in a sample."""

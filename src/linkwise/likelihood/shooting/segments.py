@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories
+from linkwise.likelihood.shooting.late_base import LateBase
 from linkwise.likelihood.shooting.prior import Prior
 from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.system import NumericSystem, System
@@ -128,7 +129,8 @@ class Segments:
     says which neighbouring segments are continuous; `relative_noise` (C, K) is the noise of a channel over `Scales.sigma`,
     None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
-    `random` are random forces among the states, None without any; `waveforms` what sensors add over time, None without any.
+    `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `waveforms` what
+    sensors add over time, None without any.
     """
 
     system: System
@@ -143,6 +145,7 @@ class Segments:
     relative_noise: Floats | None = None
     prior: Prior | None = None
     carried: Floats | None = None
+    late_base: LateBase | None = None
     random: RandomStates | None = None
     waveforms: Waveforms | None = None
 
@@ -183,6 +186,7 @@ class Segments:
             inputs=self.inputs.part(which),
             relative_noise=None if self.relative_noise is None else self.relative_noise[:, which],
             carried=None if self.carried is None else self.carried[..., which],
+            late_base=None if self.late_base is None else self.late_base.chosen(which),
             random=None if self.random is None else self.random.chosen(which),
             waveforms=None if self.waveforms is None else self.waveforms.chosen(which),
         )

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.shooting.late_sensors import late_motion
 from linkwise.likelihood.shooting.residuals import Misfit, forces_at_samples
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X
 
@@ -81,10 +82,34 @@ def relative_to_gain(filtered: SensorErrors, errors: SensorErrors) -> float:
 
 def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor shows of a mass and of moving coordinates, and its rate."""
-    value, rate = motion_of(segments, misfit, kind, mass)
+    late = channel in segments.sensors.late
+    value, rate = (
+        _late(segments, misfit, channel, kind, mass) if late else motion_of(segments, misfit, kind, mass)
+    )
+    carried = carried_by(segments, misfit, channel)
+    return (value, rate) if carried is None else (value + carried[0], rate + carried[1])
+
+
+def carried_by(segments: Segments, misfit: Misfit, channel: int) -> tuple[Floats, Floats] | None:
+    """(M, K) what a sensor shows of moving coordinates, as late as it was found to be, and its rate; None without any."""
     if segments.carried is None:
-        return value, rate
-    return value + segments.carried[0, :, channel], rate + segments.carried[1, :, channel]
+        return None
+    if segments.late_base is None or channel not in segments.late_base.channels:
+        return segments.carried[0, :, channel], segments.carried[1, :, channel]
+    return segments.late_base.at(channel, float(misfit.point.delays[segments.sensors.delay[channel]]))
+
+
+def _late(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
+    """(M, K) what a late sensor of this kind shows of a mass, and its rate."""
+    sensors = segments.sensors.at(segments.system.at(misfit.point.theta))
+    return late_motion(
+        sensors.orbit_with_points(misfit.trajectories),
+        segments.step * segments.refine,
+        segments.refine,
+        mass=mass,
+        kind=kind,
+        delay=float(misfit.point.delays[sensors.delay[channel]]),
+    )
 
 
 def motion_of(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
