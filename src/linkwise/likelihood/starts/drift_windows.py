@@ -23,6 +23,7 @@ _COARSE = 12  # samples of a window that the grid uses
 _KEPT = 6  # minima per window: two wells, and two between them on each slope
 _STEPS = 8  # of Levenberg-Marquardt
 _DAMPING = 1e-2
+_AT_ONCE = 2**16  # values on the grid, which the processor keeps near
 _SAME = 1e-3  # of the largest offset: minima that are closer count as one
 
 
@@ -265,10 +266,15 @@ def _grid_minima(windows: DriftWindows, link: Link, values: dict[str, float]) ->
         np.linspace(-1.0, 1.0, _SLOPES) * np.abs(v).max() if windows.integration_order > 1 else np.zeros(1)
     )
     cost = np.empty((len(slopes), len(offsets), len(d)))
-    for i, slope in enumerate(slopes):
-        with np.errstate(over="ignore", invalid="ignore"):  # an exponential may overflow far from the motion
-            error = force - link.law.force(d + offsets[:, None, None] + slope * time, v + slope, values)
-            cost[i] = np.einsum("okt,okt->ok", error, error)
+    count = max(1, _AT_ONCE // (len(offsets) * len(time)))
+    for rows in (slice(first, first + count) for first in range(0, len(d), count)):
+        for i, slope in enumerate(slopes):
+            with np.errstate(
+                over="ignore", invalid="ignore"
+            ):  # an exponential may overflow far from the motion
+                moved = d[rows] + slope * time + offsets[:, None, None]
+                error = force[rows] - link.law.force(moved, v[rows] + slope, values)
+                cost[i, :, rows] = np.einsum("okt,okt->ok", error, error)
     cost = np.nan_to_num(cost, nan=np.inf)
     lowest = cost <= scipy.ndimage.minimum_filter(cost, size=(3, 3, 1), mode="nearest")
     flat = np.where(lowest, cost, np.inf).reshape(-1, len(d))
