@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any
@@ -128,11 +129,43 @@ coefficients = { alpha = "=nes1.alpha", beta = 8e5, c = 0.03 }
 """
 
 
-def oscillator(law: str, *, mass: float = 1.0, to: str = "ground", **values: float) -> lw.Structure:
-    """One mass on one link."""
-    coefficients = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    link = lw.Link("link", ("m1", to), Law.parse(law), coefficients)
-    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(mass)),), (link,))
+def oscillator(
+    law: str,
+    *,
+    mass: float | lw.Coefficient = 1.0,
+    to: str = "ground",
+    name: str = "link",
+    **values: float | lw.Coefficient,
+) -> lw.Structure:
+    """One mass on one link, to the ground unless `to` the base."""
+    link = lw.Link(
+        name, ("m1", to), Law.parse(law), {key: _coefficient(each) for key, each in values.items()}
+    )
+    return lw.Structure("oscillator", (lw.Mass("m1", _coefficient(mass)),), (link,))
+
+
+def asked_oscillator(law: str, mass: float | None = None, *, name: str = "spring") -> lw.Structure:
+    """One mass on one link, of which all is unknown but, where it is given, the mass."""
+    unknown = lw.Coefficient.unknown()
+    coefficients: dict[str, Any] = dict.fromkeys(Law.parse(law).coefficients, unknown)
+    return oscillator(law, mass=unknown if mass is None else mass, name=name, **coefficients)
+
+
+def row_of_masses(masses: Sequence[float], **links: tuple[str, Mapping[str, float]]) -> lw.Structure:
+    """Masses m1, m2, ... each on a link, by its law and coefficients, to the one before, and the first to the ground."""
+    names = [f"m{k}" for k in range(1, len(masses) + 1)]
+    joined = tuple(
+        lw.Link(name, ends, Law.parse(law), {key: _coefficient(each) for key, each in values.items()})
+        for ends, (name, (law, values)) in zip(
+            zip(names, ["ground", *names[:-1]], strict=True), links.items(), strict=True
+        )
+    )
+    bodies = tuple(lw.Mass(name, _coefficient(mass)) for name, mass in zip(names, masses, strict=True))
+    return lw.Structure("row", bodies, joined)
+
+
+def _coefficient(value: float | lw.Coefficient) -> lw.Coefficient:
+    return value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
 
 
 def truth(structure: lw.Structure, asked: lw.Structure) -> np.ndarray:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.cli import run
@@ -16,22 +17,20 @@ pytestmark = pytest.mark.usefixtures("unrendered")
 FORCE = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
 
 
-def oscillator(k: float) -> lw.Structure:
-    given = {name: lw.Coefficient.number(value) for name, value in {"k": k, "k3": 2e6, "c": 2.0}.items()}
-    link = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d + k3*d**3 + c*v"), given)
-    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
+def duffing(k: float) -> lw.Structure:
+    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=k, k3=2e6, c=2.0)
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with structures, records and an answer."""
     folder = tmp_path_factory.mktemp("validate")
-    lw.write_structure(oscillator(900.0), folder / "true.toml")
-    lw.write_structure(oscillator(990.0), folder / "wrong.toml")
+    lw.write_structure(duffing(900.0), folder / "true.toml")
+    lw.write_structure(duffing(990.0), folder / "wrong.toml")
     for seed in (1, 2):
-        record = lw.simulate(oscillator(900.0), forces={"m1": FORCE}, duration=3.0, rate=400.0)
+        record = lw.simulate(duffing(900.0), forces={"m1": FORCE}, duration=3.0, rate=400.0)
         lw.write_record(record.with_noise(40.0, seed=seed), folder / f"run{seed}.csv")
-    estimate = lw.identify(lw.read_record(folder / "run1.csv"), oscillator(900.0).unknown("all"))
+    estimate = lw.identify(lw.read_record(folder / "run1.csv"), duffing(900.0).unknown("all"))
     lw.write_result(estimate, folder / "answer")
     return folder
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from judged import graph, masses, terms
 from present import present, some
-from problems import chain_discovery, chain_record, linear_chain
+from problems import chain_discovery, chain_record, linear_chain, row_of_masses
 from random_structures import random_case
 from scipy.signal import lfilter
 
@@ -432,17 +432,8 @@ def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
 
 def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
     """Two masses all but rigidly joined on a soft spring to the ground: on which of them it sits cannot be told."""
-    number = lw.Coefficient.number
-    true = lw.Structure(
-        "pair",
-        (lw.Mass("m1", number(0.5)), lw.Mass("m2", number(0.1))),
-        (
-            lw.Link(
-                "soft", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": number(1e3), "c": number(0.2)}
-            ),
-            lw.Link("stiff", ("m2", "m1"), lw.Law.parse("k*d + c*v"), {"k": number(4e5), "c": number(0.5)}),
-        ),
-    )
+    law = "k*d + c*v"
+    true = row_of_masses([0.5, 0.1], soft=(law, {"k": 1e3, "c": 0.2}), stiff=(law, {"k": 4e5, "c": 0.5}))
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
     found = lw.discover(record, masses(true))
     assert found.in_doubt and "m1 and m2 moved together" in found.remarks[0]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from judged import masses
 from present import some
+from problems import row_of_masses
 
 import linkwise as lw
 from linkwise.discovery.result import CERTAIN
@@ -17,15 +18,9 @@ DAMPING = 0.03  # N s/m of the link between both masses: 0.1 % of its force
 
 @pytest.fixture(scope="module")
 def structure() -> lw.Structure:
-    number, law = lw.Coefficient.number, lw.Law.parse("k*d + c*v")
-    return lw.Structure(
-        "pair",
-        (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5))),
-        (
-            lw.Link("m1-ground", ("m1", "ground"), law, {"k": number(2000.0), "c": number(1.0)}),
-            lw.Link("m2-m1", ("m2", "m1"), law, {"k": number(3000.0), "c": number(DAMPING)}),
-        ),
-    )
+    law = "k*d + c*v"
+    links = {"m1-ground": (law, {"k": 2000.0, "c": 1.0}), "m2-m1": (law, {"k": 3000.0, "c": DAMPING})}
+    return row_of_masses([1.0, 0.5], **links)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from problems import row_of_masses
 
 import linkwise as lw
 
@@ -11,21 +12,8 @@ MASSES = {"m1": 1.0, "m2": 0.3}
 
 def pair(law: str, values: dict[str, float]) -> lw.Structure:
     """Two masses in a row, the second on a link with a law of its own."""
-    support = {"k": 1000.0, "c": 1.0}
-    links = tuple(
-        lw.Link(
-            name,
-            ends,
-            lw.Law.parse(text),
-            {key: lw.Coefficient.number(value) for key, value in numbers.items()},
-        )
-        for name, ends, text, numbers in (
-            ("m1-ground", ("m1", "ground"), "k*d + c*v", support),
-            ("m2-m1", ("m2", "m1"), law, values),
-        )
-    )
-    masses = tuple(lw.Mass(name, lw.Coefficient.number(value)) for name, value in MASSES.items())
-    return lw.Structure("pair", masses, links)
+    support = ("k*d + c*v", {"k": 1000.0, "c": 1.0})
+    return row_of_masses(list(MASSES.values()), **{"m1-ground": support, "m2-m1": (law, values)})
 
 
 FRICTION = pair("k*d + c*v + F*tanh(v/v_f)", {"k": 400.0, "c": 0.2, "F": 0.3, "v_f": 0.05})

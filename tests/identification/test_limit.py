@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
+from problems import oscillator
 from scipy.integrate import solve_ivp
 
 import linkwise as lw
@@ -170,15 +171,7 @@ def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
 
 
 def test_forces_and_the_base_drive_it() -> None:
-    links = (
-        lw.Link(
-            "mount",
-            ("m1", "base"),
-            lw.Law.parse("k*d + c*v"),
-            {"k": lw.Coefficient.number(400.0), "c": lw.Coefficient.number(2.0)},
-        ),
-    )
-    mounted = lw.Structure("mounted", (lw.Mass("m1", lw.Coefficient.number(1.0)),), links)
+    mounted = oscillator("k*d + c*v", to="base", name="mount", k=400.0, c=2.0)
     plan: dict[str, Any] = {"duration": 2.0, "rate": 200.0, "noise": {"x:m1": 1e-4}}
     small = lw.limit(mounted, base="0.001*sin(15*t)", **plan)
     large = lw.limit(mounted, base="0.002*sin(15*t)", **plan)

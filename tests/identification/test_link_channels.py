@@ -7,23 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import oscillator
 
 import linkwise as lw
 
-SPRING = lw.Law.parse("k*d + c*v")
-
-
-def oscillator() -> lw.Structure:
-    values = {"k": lw.Coefficient.number(400.0), "c": lw.Coefficient.number(0.5)}
-    spring = lw.Link("spring", ("m1", "ground"), SPRING, values)
-    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (spring,))
+OSCILLATOR = oscillator("k*d + c*v", name="spring", k=400.0, c=0.5)
 
 
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
     """A load cell in the spring shows three times its force, and 5 N more."""
     clean = lw.simulate(
-        oscillator(), release={"v:m1": 1.0}, duration=3.0, rate=200.0, sensors=("x:m1", "f:spring")
+        OSCILLATOR, release={"v:m1": 1.0}, duration=3.0, rate=200.0, sensors=("x:m1", "f:spring")
     )
     return replace(clean, values=clean.values * [1.0, 3.0] + [0.0, 5.0], simulated=None).with_noise(
         40.0, seed=1
@@ -32,14 +27,14 @@ def record() -> lw.Record:
 
 @pytest.mark.parametrize("method", ["weak", "sindy"])
 def test_methods_that_do_not_use_a_load_cell_say_so(method: str, record: lw.Record) -> None:
-    fit = lw.identify(record, oscillator().unknown("all"), method=method)  # type: ignore[arg-type]
+    fit = lw.identify(record, OSCILLATOR.unknown("all"), method=method)  # type: ignore[arg-type]
     assert 'f:spring were not used: method "ml" alone takes forces and states of links.' in fit.findings
-    assert not lw.identify(record, oscillator().unknown("all")).trusted
+    assert not lw.identify(record, OSCILLATOR.unknown("all")).trusted
 
 
 def test_discovery_and_validation_say_so(record: lw.Record) -> None:
     assert any("f:spring were not used" in line for line in lw.check_discovery(record, {"m1": 1.0}))
-    validation = lw.validate(record, oscillator())
+    validation = lw.validate(record, OSCILLATOR)
     assert any("f:spring were not scored" in line for line in validation.findings)
 
 

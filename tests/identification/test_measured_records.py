@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from present import present, some
+from problems import asked_oscillator
 
 import linkwise as lw
 from linkwise.cli import run
@@ -54,15 +55,6 @@ coefficients = { k = "unknown", k3 = "unknown", c = "unknown", c3 = "unknown" }
 """
 
 
-def oscillator(law: str, mass: float | None = None) -> lw.Structure:
-    parsed = lw.Law.parse(law)
-    link = lw.Link(
-        "spring", ("m1", "ground"), parsed, {name: lw.Coefficient.unknown() for name in parsed.coefficients}
-    )
-    kilograms = lw.Coefficient.unknown() if mass is None else lw.Coefficient.number(mass)
-    return lw.Structure("oscillator", (lw.Mass("m1", kilograms),), (link,))
-
-
 @pytest.fixture(scope="module")
 def circuit(shared_data: Path) -> lw.Record:
     return lw.read_record(shared_data / "silverbox_multisine.csv")
@@ -78,7 +70,7 @@ def test_circuit(circuit: lw.Record, two_links: bool) -> None:
     """Identified on the first four fifths: every coefficient within 3 % of the description, the mass 1/g, and a free run over
     the last fifth below 0.5 mV (2 mV is asked). The constant force may stand in the law or in a link of its own.
     """
-    one = oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
+    one = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
     structure = lw.parse_structure(CIRCUIT) if two_links else one
     cut = len(circuit) * 4 // 5
     fit = lw.identify(circuit[:cut], structure, method="weak")
@@ -94,7 +86,7 @@ def test_circuit(circuit: lw.Record, two_links: bool) -> None:
 def test_circuit_without_its_constant_force(circuit: lw.Record) -> None:
     """What must be refused: ten times the error in the free run."""
     cut = len(circuit) * 4 // 5
-    fit = lw.identify(circuit[:cut], oscillator("k*d + k2*d**2 + k3*d**3 + c*v"), method="weak")
+    fit = lw.identify(circuit[:cut], asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v"), method="weak")
     assert not fit.trusted
     assert lw.free_run(fit.structure, circuit[cut:]).rmse["x:m1"] > 5e-3
 
@@ -102,7 +94,7 @@ def test_circuit_without_its_constant_force(circuit: lw.Record) -> None:
 def test_damping_with_amplitude_makes_the_circuit_better(circuit: lw.Record) -> None:
     cut = len(circuit) * 4 // 5
     plain, damped = (
-        lw.identify(circuit[:cut], oscillator(law), method="weak").structure
+        lw.identify(circuit[:cut], asked_oscillator(law), method="weak").structure
         for law in ("k*d + k2*d**2 + k3*d**3 + c*v + f0", "k*d + k2*d**2 + k3*d**3 + c*v + c3*v*d**2 + f0")
     )
     rest = circuit[cut:]
@@ -118,7 +110,7 @@ def test_more_terms_explain_more_of_the_beam(beam: lw.Record) -> None:
         "k*d + k2*d**2 + k3*d**3 + c*v + c2*v*d + c3*v*d**2",
         "k*d + k2*d**2 + k3*d**3 + k4*d**4 + k5*d**5 + c*v + c2*v*d + c3*v*d**2 + c4*v*d**4 + f0",
     ]
-    fits = [lw.identify(beam, oscillator(law, 1.0), method="weak") for law in laws]
+    fits = [lw.identify(beam, asked_oscillator(law, 1.0), method="weak") for law in laws]
     left = [present(fit.chi_square_per_sample) for fit in fits]
     assert left == sorted(left, reverse=True) and left[0] > 10 * left[-1]
     assert [fit.trusted for fit in fits[:-1]] == [False, False, False]

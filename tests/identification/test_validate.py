@@ -9,17 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from present import some
-from problems import chain_record
+from problems import asked_oscillator, chain_record, oscillator
 
 import linkwise as lw
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
 
-def oscillator(k: float = 900.0, k3: float = 2e6, c: float = 2.0) -> lw.Structure:
-    given = {name: lw.Coefficient.number(value) for name, value in {"k": k, "k3": k3, "c": c}.items()}
-    link = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d + k3*d**3 + c*v"), given)
-    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
+def duffing(k: float = 900.0, k3: float = 2e6, c: float = 2.0) -> lw.Structure:
+    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=k, k3=k3, c=c)
 
 
 def forced(
@@ -32,14 +30,14 @@ def forced(
 
 @pytest.fixture(scope="module")
 def answer() -> lw.Estimate:
-    estimate = lw.identify(forced(oscillator(), 1), oscillator().unknown("all"))
+    estimate = lw.identify(forced(duffing(), 1), duffing().unknown("all"))
     assert estimate.trusted
     return estimate
 
 
 @pytest.fixture(scope="module")
 def agreeing(answer: lw.Estimate) -> lw.Validation:
-    return lw.validate(forced(oscillator(), 2)[300:], answer)
+    return lw.validate(forced(duffing(), 2)[300:], answer)
 
 
 # --- the truth, and estimates of it
@@ -48,10 +46,10 @@ def agreeing(answer: lw.Estimate) -> lw.Validation:
 @pytest.mark.parametrize("sensors", [("x",), ("v",), ("a",), ("x", "a")])
 def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
     """Errors are as large as the noise that was added: of 1100 samples, to 4 standard deviations of 1/sqrt(2 N)."""
-    record = forced(oscillator(), 3, sensors=sensors)[217:]
-    found = lw.validate(record, oscillator())
+    record = forced(duffing(), 3, sensors=sensors)[217:]
+    found = lw.validate(record, duffing())
     assert found.free_run and found.trusted and found.windows == 1
-    clean = forced(oscillator(), 3, 300.0, sensors)[217:]
+    clean = forced(duffing(), 3, 300.0, sensors)[217:]
     for name, score in some(found.channels.items()):
         noise = np.std(record.channel(name) - clean.channel(name))
         assert score.rmse == pytest.approx(noise, rel=4 / np.sqrt(2 * score.samples))
@@ -75,7 +73,7 @@ def test_an_estimate_predicts_another_record(agreeing: lw.Validation) -> None:
 
 
 def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
-    record = forced(oscillator(), 2)
+    record = forced(duffing(), 2)
     wide = lw.Posterior.of(answer)
     wide = replace(wide, covariance=100.0 * wide.covariance)
     exact, with_errors = lw.validate(record, answer.structure), lw.validate(record, wide)
@@ -86,7 +84,7 @@ def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
 
 def test_what_allows_for_dropped_terms_is_no_part_of_a_prediction(answer: lw.Estimate) -> None:
     """Coefficients that are farther off beside dropped terms are so only together with these."""
-    record, plain = forced(oscillator(), 2), lw.Posterior.of(answer)
+    record, plain = forced(duffing(), 2), lw.Posterior.of(answer)
     more = 99.0 * plain.covariance
     wide = replace(plain, covariance=plain.covariance + more, for_dropped_terms=more)
     found, expected = lw.validate(record, wide), lw.validate(record, plain)
@@ -99,7 +97,7 @@ def test_what_allows_for_dropped_terms_is_no_part_of_a_prediction(answer: lw.Est
 
 def test_expected_errors_are_those_that_occur() -> None:
     """Over 10 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
-    truth = oscillator()
+    truth = duffing()
     ratios = []
     for seed in range(10):
         found = lw.validate(forced(truth, seed, 20.0)[:600], truth, burn=0.1)
@@ -111,8 +109,8 @@ def test_expected_errors_are_those_that_occur() -> None:
 
 def test_a_stated_model_error_is_allowed_for() -> None:
     """A spring 0.5 % too stiff disagrees, unless the laws are known to leave 0.5 % of the forces."""
-    record = forced(oscillator(), 2, 60.0)
-    off = oscillator(k=904.5)
+    record = forced(duffing(), 2, 60.0)
+    off = duffing(k=904.5)
     assert lw.validate(record, off).verdicts == (lw.Verdict.PREDICTION_DISAGREES,)
     told = lw.validate(record, off, model_error=0.005)
     assert told.trusted and told.model_error == 0.005
@@ -123,7 +121,7 @@ def test_a_stated_model_error_is_allowed_for() -> None:
 
 def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
     """A record of a stiffer spring: the prediction is off, k is named, and the error is placed in the motion."""
-    found = lw.validate(forced(oscillator(k=990.0), 2), answer)
+    found = lw.validate(forced(duffing(k=990.0), 2), answer)
     assert not found.trusted and found.status == "prediction disagrees"
     assert not found.channels["x:m1"].agrees
     assert [each.name for each in found.coefficients if not each.agrees] == ["spring.k"]
@@ -133,7 +131,7 @@ def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
 
 def test_the_error_is_found_where_the_law_is_wrong() -> None:
     """Without its cubic term a spring fails at large d: the outer bins have more error than the inner ones."""
-    found = lw.validate(forced(oscillator(k3=2e7), 2, 60.0), oscillator(k3=1.9e7))
+    found = lw.validate(forced(duffing(k3=2e7), 2, 60.0), duffing(k3=1.9e7))
     d = next(profile for profile in found.profiles if profile.quantity == "d of spring")
     assert d.samples.sum() == found.channels["x:m1"].samples
     total = np.nansum(d.samples * (d.error_percent / 100) ** 2) / d.samples.sum()
@@ -162,14 +160,14 @@ def test_a_chaotic_chain_is_predicted_in_windows() -> None:
 
 
 def test_gaps_and_spare_channels_are_left_out() -> None:
-    record = forced(oscillator(), 2)
+    record = forced(duffing(), 2)
     values = record.values.copy()
     column = record.channels.index("x:m1")
     values[700:760, column] = np.nan
     values[::7, column] = np.nan
     spare = np.column_stack([values, np.zeros(len(record))])
     messy = lw.Record(record.start, record.rate, (*record.channels, "x:m9"), spare)
-    found = lw.validate(messy, oscillator())
+    found = lw.validate(messy, duffing())
     assert found.trusted and list(found.channels) == ["x:m1"]
     assert found.channels["x:m1"].samples == int(np.isfinite(values[75:, column]).sum())
 
@@ -180,33 +178,31 @@ def test_gaps_and_spare_channels_are_left_out() -> None:
 )
 def test_a_burn_that_leaves_too_little_is_refused(burn: float, message: str) -> None:
     with pytest.raises(lw.RecordError, match=message) as caught:
-        lw.validate(forced(oscillator(), 2), oscillator(), burn=burn)
+        lw.validate(forced(duffing(), 2), duffing(), burn=burn)
     assert caught.value.arguments == ("burn",)
 
 
 def test_records_that_do_not_fit_the_structure_are_refused() -> None:
-    record = forced(oscillator(), 2)
+    record = forced(duffing(), 2)
     with pytest.raises(lw.RecordError, match="no response of m1"):
-        lw.validate(record.select(["force:m1"]), oscillator())
+        lw.validate(record.select(["force:m1"]), duffing())
     other = lw.Record(0.0, 500.0, ("force:m7", "x:m1"), np.ones((400, 2)))
     with pytest.raises(lw.RecordError, match="acts on no mass"):
-        lw.validate(other, oscillator())
+        lw.validate(other, duffing())
     values = record.values.copy()
     values[5, record.channels.index("force:m1")] = np.nan
     with pytest.raises(lw.RecordError, match="an input drives the motion"):
-        lw.validate(replace(record, values=values), oscillator())
+        lw.validate(replace(record, values=values), duffing())
     with pytest.raises(lw.StructureError, match=r"spring\.k is unknown"):
-        lw.validate(record, oscillator().unknown("spring.k"))
+        lw.validate(record, duffing().unknown("spring.k"))
     with pytest.raises(lw.IdentificationError, match="model_error must be 0 or"):
-        lw.validate(record, oscillator(), model_error=-0.1)
+        lw.validate(record, duffing(), model_error=-0.1)
 
 
 def test_an_untrusted_estimate_is_taken_as_exact() -> None:
-    wrong = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d"), {"k": lw.Coefficient.unknown()})
-    structure = lw.Structure("linear", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (wrong,))
-    estimate = lw.identify(forced(oscillator(), 1), structure)
+    estimate = lw.identify(forced(duffing(), 1), asked_oscillator("k*d", 1.0))
     assert not estimate.trusted
-    found = lw.validate(forced(oscillator(), 2), estimate)
+    found = lw.validate(forced(duffing(), 2), estimate)
     assert not found.trusted and not found.coefficients
     assert any("taken as exact" in remark for remark in found.remarks)
 
@@ -217,14 +213,14 @@ def test_an_untrusted_estimate_is_taken_as_exact() -> None:
 def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validation, tmp_path: Path) -> None:
     """What was written and read gives the same scores, to the digits of the structure file."""
     folder = lw.write_result(answer, tmp_path / "answer")
-    found = lw.validate(forced(oscillator(), 2)[300:], folder)
+    found = lw.validate(forced(duffing(), 2)[300:], folder)
     assert found.channels["x:m1"].rmse == pytest.approx(agreeing.channels["x:m1"].rmse, rel=1e-8)
     assert len(found.coefficients) == 3
     (folder / "covariance.csv").unlink()
-    bare = lw.validate(forced(oscillator(), 2)[300:], folder)
+    bare = lw.validate(forced(duffing(), 2)[300:], folder)
     assert not bare.coefficients and "taken as exact" in bare.remarks[0]
     with pytest.raises(lw.StructureError, match=r"there is no structure\.toml"):
-        lw.validate(forced(oscillator(), 2), tmp_path)
+        lw.validate(forced(duffing(), 2), tmp_path)
 
 
 def test_the_folder_holds_numbers_figures_and_page(agreeing: lw.Validation, tmp_path: Path) -> None:
@@ -277,7 +273,7 @@ def test_a_rig_on_a_moving_base_with_hidden_masses(sensors: tuple[str, ...]) -> 
 
 def test_an_exact_record_agrees() -> None:
     """Noise below what arithmetic in single precision resolves is not asked for."""
-    found = lw.validate(forced(oscillator(), 1, 300.0), oscillator())
+    found = lw.validate(forced(duffing(), 1, 300.0), duffing())
     assert found.trusted and found.channels["x:m1"].fit_percent > 99.999
 
 

@@ -7,20 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
-from problems import chain_record
+from problems import chain_record, oscillator
 
 import linkwise as lw
 
 
-def one_mass(law: str, base: str = "ground", **values: float) -> lw.Structure:
-    given = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    link = lw.Link("spring", ("m1", base), lw.Law.parse(law), given)
-    return lw.Structure("one", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
-
-
 @pytest.fixture(scope="module")
 def duffing() -> lw.Structure:
-    return one_mass("k*d + k3*d**3 + c*v", k=900.0, k3=2e6, c=2.0)
+    return oscillator("k*d + k3*d**3 + c*v", k=900.0, k3=2e6, c=2.0)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +29,7 @@ def forced(duffing: lw.Structure) -> lw.Record:
 
 def test_nmse_in_closed_form() -> None:
     """Forces k d and (1 + e) k d over d: mean(e^2 d^2)/var(d)."""
-    true, off = one_mass("k*d", k=10.0).links[0], one_mass("k*d", k=10.5).links[0]
+    true, off = oscillator("k*d", k=10.0).links[0], oscillator("k*d", k=10.5).links[0]
     d = 0.3 + np.sin(np.linspace(0.0, 20.0, 500))
     record = lw.Record(0.0, 100.0, ("x:m1",), d[:, None])
     assert lw.nmse(true, off, record) == pytest.approx(100 * 0.05**2 * np.mean(d**2) / np.var(d), rel=1e-12)
@@ -44,7 +38,7 @@ def test_nmse_in_closed_form() -> None:
 
 def test_nmse_takes_true_elongations_and_forces_at_rest(duffing: lw.Structure, forced: lw.Record) -> None:
     """Noise in the record and another damper change nothing."""
-    off = one_mass("k*d + k3*d**3 + c*v", k=950.0, k3=2e6, c=99.0).links[0]
+    off = oscillator("k*d + k3*d**3 + c*v", k=950.0, k3=2e6, c=99.0).links[0]
     noisy = forced.with_noise(0.0, seed=1)
     # in %: the laws differ indeed; measured 0.25
     assert lw.nmse(duffing.links[0], off, noisy) == lw.nmse(duffing.links[0], off, forced) > 0.01
@@ -53,7 +47,7 @@ def test_nmse_takes_true_elongations_and_forces_at_rest(duffing: lw.Structure, f
 
 
 def test_nmse_leaves_missing_samples_out(duffing: lw.Structure, forced: lw.Record) -> None:
-    off = one_mass("k*d + k3*d**3 + c*v", k=950.0, k3=2e6, c=2.0).links[0]
+    off = oscillator("k*d + k3*d**3 + c*v", k=950.0, k3=2e6, c=2.0).links[0]
     values = forced.values.copy()
     values[::2, 0] = np.nan
     half = replace(forced, values=values, simulated=None)
@@ -64,7 +58,7 @@ def test_nmse_leaves_missing_samples_out(duffing: lw.Structure, forced: lw.Recor
 
 
 def test_nmse_of_a_force_that_does_not_vary(forced: lw.Record) -> None:
-    constant = one_mass("f0", f0=3.0).links[0]
+    constant = oscillator("f0", name="spring", f0=3.0).links[0]
     with pytest.raises(lw.RecordError, match='true force of link "spring" does not vary'):
         lw.nmse(constant, constant, forced)
     other = lw.Link("spring", ("m7", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(1.0)})
@@ -88,7 +82,7 @@ def test_the_true_structure_leaves_the_noise(duffing: lw.Structure, forced: lw.R
 
 
 def test_a_wrong_structure_leaves_more(duffing: lw.Structure, forced: lw.Record) -> None:
-    stiff = one_mass("k*d + k3*d**3 + c*v", k=990.0, k3=2e6, c=2.0)
+    stiff = oscillator("k*d + k3*d**3 + c*v", k=990.0, k3=2e6, c=2.0)
     part = forced.with_noise(40.0, seed=1)[217:]
     assert lw.free_run(stiff, part).rmse["x:m1"] > 10 * present(part.simulated).noise["x:m1"]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.cli import run
@@ -17,21 +18,15 @@ number = lw.Coefficient.number
 MASS, STIFFNESS, DAMPER = 1.0, 4e3, 1.0  # 10.07 Hz, 0.79 % of critical
 
 
-def oscillator(*, cubic: float = 0.0, square: float = 0.0) -> lw.Structure:
-    values = {"k": STIFFNESS, "k2": square, "k3": cubic, "c": DAMPER}
-    link = lw.Link(
-        "spring",
-        ("m1", lw.GROUND),
-        lw.Law.parse("k*d + k2*d**2 + k3*d**3 + c*v"),
-        {name: number(value) for name, value in values.items()},
-    )
-    return lw.Structure("oscillator", (lw.Mass("m1", number(MASS)),), (link,))
+def spring(*, cubic: float = 0.0, square: float = 0.0) -> lw.Structure:
+    law = "k*d + k2*d**2 + k3*d**3 + c*v"
+    return oscillator(law, mass=MASS, name="spring", k=STIFFNESS, k2=square, k3=cubic, c=DAMPER)
 
 
 @cache
 def tap(size: float, cubic: float, sensor: str = "a:m1") -> lw.Record:
     return lw.simulate(
-        oscillator(cubic=cubic),
+        spring(cubic=cubic),
         forces={"m1": f"{size}*exp(-((t - 0.1)/0.01)**2)"},
         duration=6.0,
         rate=200.0,
@@ -88,7 +83,7 @@ def test_a_ring_down_follows_the_backbone() -> None:
 def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, other: str) -> None:
     force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"  # odd multiples of 4 Hz, 20 Hz left out
     record = lw.simulate(
-        oscillator(**law), forces={"m1": f"0.5*({force})"}, duration=16.0, rate=400.0, sensors=["a:m1"]
+        spring(**law), forces={"m1": f"0.5*({force})"}, duration=16.0, rate=400.0, sensors=["a:m1"]
     ).with_noise(70.0, seed=1)
     found = distortion(record, "a:m1", "force:m1")
     assert found is not None
@@ -101,7 +96,7 @@ def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, 
 def test_what_of_the_start_has_not_died_out_is_called_scatter() -> None:
     runs = [
         lw.simulate(
-            oscillator(), forces={"m1": f"{size}*sin(2*pi*4*t)"}, duration=4.0, rate=400.0, sensors=["a:m1"]
+            spring(), forces={"m1": f"{size}*sin(2*pi*4*t)"}, duration=4.0, rate=400.0, sensors=["a:m1"]
         )
         for size in (1.0, 2.0)
     ]
@@ -116,7 +111,7 @@ def test_what_of_the_start_has_not_died_out_is_called_scatter() -> None:
 def test_distortion_of_a_linear_structure_is_noise() -> None:
     force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"
     record = lw.simulate(
-        oscillator(), forces={"m1": force}, duration=16.0, rate=400.0, sensors=["a:m1"]
+        spring(), forces={"m1": force}, duration=16.0, rate=400.0, sensors=["a:m1"]
     ).with_noise(50.0, seed=1)
     found = distortion(record, "a:m1", "force:m1")
     assert found is not None and found.odd is not None and found.even is not None

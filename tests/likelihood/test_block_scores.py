@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from problems import chain_record
+from problems import asked_oscillator, chain_record
 
 import linkwise as lw
 from linkwise.likelihood.block_scores import block_scores, error_ratios
@@ -87,13 +87,7 @@ def test_pieces_of_a_servo_axis_scatter_as_the_whole_says(shared_data: Path) -> 
     data = scipy.io.loadmat(shared_data / "emps.mat")
     force = data["vir"].ravel() * float(data["gtau"].item())
     record = lw.Record.from_arrays(data["t"].ravel(), {"x:m1": data["qm"].ravel(), "force:m1": force})
-    law = lw.Law.parse("fv*v + fc*sign(v) + off")
-    unknown = {name: lw.Coefficient.unknown() for name in law.coefficients}
-    axis = lw.Structure(
-        "axis",
-        (lw.Mass("m1", lw.Coefficient.unknown()),),
-        (lw.Link("friction", ("m1", "ground"), law, unknown),),
-    )
+    axis = asked_oscillator("fv*v + fc*sign(v) + off", name="friction")
     whole = lw.identify(record, axis)
     assert whole.trusted and whole.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     published = {"friction.fv": 203.5, "friction.fc": 20.39, "friction.off": -3.165, "m1.mass": 95.109}

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from problems import chain_record
+from problems import chain_record, row_of_masses
 
 import linkwise as lw
 from linkwise.likelihood.diagnosis import link_forces
@@ -171,19 +171,13 @@ def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
 
 def test_forces_are_those_of_the_links_they_are_told_of() -> None:
     """Three links of two laws, which the equations sort by law."""
-    laws = ("k*d", "k*d + c*v", "k*d")
     stiffness = (4000.0, 900.0, 40.0)
-    masses = tuple(lw.Mass(f"m{i}", lw.Coefficient.number(1.0)) for i in (1, 2, 3))
-    links = tuple(
-        lw.Link(
-            f"l{i}",
-            (f"m{i}", "ground" if i == 1 else f"m{i - 1}"),
-            lw.Law.parse(law),
-            {"k": lw.Coefficient.number(k)} | ({"c": lw.Coefficient.number(0.1)} if "c" in law else {}),
-        )
-        for i, (law, k) in enumerate(zip(laws, stiffness, strict=True), start=1)
+    true = row_of_masses(
+        [1.0, 1.0, 1.0],
+        l1=("k*d", {"k": stiffness[0]}),
+        l2=("k*d + c*v", {"k": stiffness[1], "c": 0.1}),
+        l3=("k*d", {"k": stiffness[2]}),
     )
-    true = lw.Structure("three links", masses, links)
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=2.0, rate=500.0).with_noise(50.0, seed=1)
     asked = true.unknown("l2")
     theta = np.array([stiffness[1], 0.1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from problems import truth
+from problems import row_of_masses, truth
 
 import linkwise as lw
 from linkwise.likelihood.faint_links import elongation_energy
@@ -16,13 +16,10 @@ STIFFNESS, DURATION, RATE = 1e4, 4.0, 500.0
 
 def pair(inner: float) -> lw.Structure:
     """A mass on a spring, and a lighter one on it by a stiffer link, of `inner` N/m."""
-    number = lw.Coefficient.number
-    masses = (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.3)))
-    links = tuple(
-        lw.Link(name, ends, lw.Law.parse("k*d + c*v"), {"k": number(k), "c": number(1.0)})
-        for name, ends, k in (("outer", ("m1", "ground"), STIFFNESS), ("inner", ("m2", "m1"), inner))
+    law = "k*d + c*v"
+    return row_of_masses(
+        [1.0, 0.3], outer=(law, {"k": STIFFNESS, "c": 1.0}), inner=(law, {"k": inner, "c": 1.0})
     )
-    return lw.Structure("pair", masses, links)
 
 
 def noisy(structure: lw.Structure, snr_db: float, seed: int) -> lw.Record:

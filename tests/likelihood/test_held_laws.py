@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
@@ -23,10 +24,7 @@ PER_PERIOD = 5.5
 @pytest.fixture(scope="module")
 def softening() -> lw.Structure:
     """One mass whose spring lets go beyond 1/sqrt(300) = 58 mm."""
-    law, number = lw.Law.parse("k*d + k3*d**3 + c*v"), lw.Coefficient.number
-    values = {"k": number(1e4), "k3": number(-3e6), "c": number(0.5)}
-    link = lw.Link("spring", ("m1", "ground"), law, values)
-    return lw.Structure("softening", (lw.Mass("m1", number(1.0)),), (link,))
+    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=1e4, k3=-3e6, c=0.5)
 
 
 @pytest.fixture(scope="module")

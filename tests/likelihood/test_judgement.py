@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from problems import chain_record, oscillator, truth
+from problems import chain_record, oscillator, row_of_masses, truth
 
 import linkwise as lw
 from linkwise.likelihood.whiteness import is_coloured
@@ -195,19 +195,9 @@ def test_clean_records_are_trusted(seed: int, chain: lw.Structure) -> None:
 
 def test_steps_of_the_flow_bend_no_coefficient() -> None:
     """Eight samples a period, 40 dB: an error of 2 % of the noise in each of many segments would add up."""
-    number = lw.Coefficient.number
-    masses = (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.3)))
-    values = ({"k": 2e4, "k3": 1e8, "c": 1.0}, {"k": 9e3, "k3": 3e7, "c": 0.5})
-    links = tuple(
-        lw.Link(
-            name,
-            ends,
-            lw.Law.parse("k*d + k3*d**3 + c*v"),
-            {key: number(value) for key, value in each.items()},
-        )
-        for name, ends, each in zip(("outer", "inner"), (("m1", "ground"), ("m2", "m1")), values, strict=True)
-    )
-    structure = lw.Structure("pair", masses, links)
+    outer, inner = {"k": 2e4, "k3": 1e8, "c": 1.0}, {"k": 9e3, "k3": 3e7, "c": 0.5}
+    law = "k*d + k3*d**3 + c*v"
+    structure = row_of_masses([1.0, 0.3], outer=(law, outer), inner=(law, inner))
     rate = 8.0 * float(np.nanmax(lw.modes(structure).frequencies))
     clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=12000 / rate, rate=rate)
     asked = structure.unknown("all")

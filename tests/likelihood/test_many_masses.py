@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -217,7 +218,7 @@ def test_reach_leaves_out_what_is_small_in_every_segment(name: str) -> None:
 def test_intervals_of_many_masses() -> None:
     """The errors of 35 coefficients, weighed by their covariance: between the quantiles of 0.1 % and 99.9 %, for one seed."""
     chain = lw.bnes_chain(14)
-    record = lw.simulate(chain, release={"v:m1": 3.0}, duration=1.5, rate=1000.0).with_noise(20.0, seed=1000)
+    record = chain_record(14, duration=1.5).with_noise(20.0, seed=1000)
     fit = lw.identify(record, chain.unknown("all"))
     true = np.array([present(chain.coefficient(p.name).value) for p in fit.parameters])
     error = fit.values - true

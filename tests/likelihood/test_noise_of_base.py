@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from present import present
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.likelihood.fit import sensor_model
@@ -43,10 +44,8 @@ def storeys(lower: str = "k*d + c*v") -> lw.Structure:
     return lw.Structure("storeys", masses, links)
 
 
-def oscillator(end: str) -> lw.Structure:
-    law = lw.Law.parse("k*d + c*v")
-    link = lw.Link("l1", ("m1", end), law, {"k": KNOWN(900.0), "c": KNOWN(1.0)})
-    return lw.Structure("oscillator", (lw.Mass("m1", KNOWN(2.0)),), (link,))
+def storey(end: str) -> lw.Structure:
+    return oscillator("k*d + c*v", mass=2.0, to=end, name="l1", k=900.0, c=1.0)
 
 
 @cache
@@ -99,15 +98,13 @@ def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
     rng = np.random.default_rng(5)
     acceleration = np.convolve(rng.standard_normal(600), np.ones(5), "same")
     force = lw.Sampled(0.0, RATE, -mass * acceleration, band_limited=True)
-    moved = lw.simulate(oscillator("ground"), forces={"m1": force}, duration=5.99, rate=RATE)
+    moved = lw.simulate(storey("ground"), forces={"m1": force}, duration=5.99, rate=RATE)
     x = moved.with_noise(40.0, seed=5).channel("x:m1")
     measured = acceleration + deviation * rng.standard_normal(600)
     on_base = lw.Record(0.0, RATE, ("rel:x:m1", "a:base"), np.column_stack([x, measured]))
     pushed = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.column_stack([x, -mass * measured]))
-    one = lw.identify(on_base, oscillator("base").unknown("all"), input_noise={"a:base": deviation})
-    other = lw.identify(
-        pushed, oscillator("ground").unknown("all"), input_noise={"force:m1": mass * deviation}
-    )
+    one = lw.identify(on_base, storey("base").unknown("all"), input_noise={"a:base": deviation})
+    other = lw.identify(pushed, storey("ground").unknown("all"), input_noise={"force:m1": mass * deviation})
     assert one.trusted, one.message
     # the same equations; searches end within a twentieth of a standard error of the optimum
     errors = np.sqrt(one.covariance.diagonal())
@@ -174,4 +171,4 @@ def test_a_base_that_nothing_stands_on_is_refused() -> None:
     columns = np.column_stack([1e-3 * np.cos(21.2 * time), 1e-3 * np.sin(9.0 * time)])
     record = lw.Record(0.0, RATE, ("x:m1", "x:base"), columns)
     with pytest.raises(lw.IdentificationError, match="no motion of a base that the structure stands on"):
-        lw.identify(record, oscillator("ground").unknown("all"), input_noise="all")
+        lw.identify(record, storey("ground").unknown("all"), input_noise="all")

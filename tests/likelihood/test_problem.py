@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import row_of_masses
 
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
@@ -22,16 +23,9 @@ COARSE, FINE = 5.5, 40.0  # samples a period of the highest mode
 @pytest.fixture(scope="module")
 def chain() -> lw.Structure:
     """Two masses on hardening springs."""
-    law, number = lw.Law.parse("k*d + k3*d**3 + c*v"), lw.Coefficient.number
-    masses = (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5)))
-    links = tuple(
-        lw.Link(name, ends, law, {"k": number(k), "k3": number(k3), "c": number(c)})
-        for name, ends, k, k3, c in (
-            ("first", ("m1", "ground"), 2e4, 1e7, 1.0),
-            ("second", ("m2", "m1"), 3e4, 2e7, 1.5),
-        )
-    )
-    return lw.Structure("chain", masses, links)
+    first, second = {"k": 2e4, "k3": 1e7, "c": 1.0}, {"k": 3e4, "k3": 2e7, "c": 1.5}
+    law = "k*d + k3*d**3 + c*v"
+    return row_of_masses([1.0, 0.5], first=(law, first), second=(law, second))
 
 
 def recorded(chain: lw.Structure, per_period: float, seed: int) -> lw.Record:

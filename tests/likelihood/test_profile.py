@@ -8,16 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.likelihood import profile
 from linkwise.likelihood.fit import likelihood_fit
-
-
-def oscillator(law: str, **coefficients: lw.Coefficient) -> lw.Structure:
-    """A mass of 1 kg on one link to the ground."""
-    link = lw.Link("link", ("m1", "ground"), lw.Law.parse(law), coefficients)
-    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
 
 
 def number(value: float) -> lw.Coefficient:
@@ -26,7 +21,7 @@ def number(value: float) -> lw.Coefficient:
 
 @pytest.fixture(scope="module")
 def linear() -> lw.Structure:
-    return oscillator("k*d + c*v", k=number(400.0), c=number(0.4))
+    return oscillator("k*d + c*v", k=400.0, c=0.4)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +38,7 @@ def fit(linear: lw.Structure, record: lw.Record) -> lw.Estimate:
 def softening() -> lw.Estimate:
     """A softening spring driven so little that only F*g is seen well: a large F with a small g is nearly as likely."""
     law = "F*tanh(g*d) + c*v"
-    true = oscillator(law, c=number(0.4), F=number(40.0), g=number(10.0))
+    true = oscillator(law, c=0.4, F=40.0, g=10.0)
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=1.5, rate=200.0).with_noise(30.0, seed=2)
     return lw.identify(record, true.unknown("link.F", "link.g"), starts={"link.F": 40.0, "link.g": 10.0})
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy
 from present import present
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -243,11 +244,7 @@ def test_a_spring_that_is_left_out_is_told_beside_an_ambient_force() -> None:
 def test_an_error_of_the_law_is_not_told_as_noise_of_the_load_cell() -> None:
     """Cogging that is as large as the applied force."""
     rng = np.random.default_rng(6)
-    law = "k*d + c*v + F*sin(d/s)"
-    values = {"k": STIFFNESS, "c": DAMPING, "F": 1.0, "s": 1e-3}
-    given = {name: KNOWN(value) for name, value in values.items()}
-    link = lw.Link("l1", ("m1", "ground"), lw.Law.parse(law), given)
-    structure = lw.Structure("cogging", chain(1).masses, (link,))
+    structure = oscillator("k*d + c*v + F*sin(d/s)", name="l1", k=STIFFNESS, c=DAMPING, F=1.0, s=1e-3)
     force = np.convolve(rng.standard_normal(1500), 0.5 * np.ones(4), "same")
     record = lw.simulate(structure, forces={"m1": lw.Sampled(0.0, RATE, force)}, duration=14.99, rate=RATE)
     noisy = record.with_noise(40.0, seed=6)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import chain_record
+from problems import asked_oscillator, chain_record
 
 import linkwise as lw
 
@@ -70,13 +70,7 @@ def test_mixed_sensors_need_no_start(sensors: tuple[str, ...]) -> None:
 
 def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> None:
     record = lw.read_record(shared_data / "silverbox_multisine.csv")
-    law = lw.Law.parse("k*d + k2*d**2 + k3*d**3 + c*v + f0")
-    unknown = {name: lw.Coefficient.unknown() for name in law.coefficients}
-    circuit = lw.Structure(
-        "silverbox",
-        (lw.Mass("m1", lw.Coefficient.unknown()),),
-        (lw.Link("spring", ("m1", "ground"), law, unknown),),
-    )
+    circuit = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
     seen = 4 * len(record) // 5
     used = record[
         : 3 * len(record) // 10

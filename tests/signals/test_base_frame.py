@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.signals.base_frame import framed
@@ -13,14 +14,8 @@ from linkwise.signals.base_frame import framed
 BASE = "0.004*sin(31*t) + 0.003*sin(47*t + 1) + 0.01*sin(9*t)"
 
 
-def storey(below: str = "base", mass: lw.Coefficient | None = None) -> lw.Structure:
-    law = lw.Law.parse("k*d + c*v")
-    values = {"k": lw.Coefficient.number(2000.0), "c": lw.Coefficient.number(1.0)}
-    return lw.Structure(
-        "storey",
-        (lw.Mass("m1", mass or lw.Coefficient.number(2.0)),),
-        (lw.Link("frame", ("m1", below), law, values),),
-    )
+def storey(below: str = "base", mass: float | lw.Coefficient = 2.0) -> lw.Structure:
+    return oscillator("k*d + c*v", mass=mass, to=below, name="frame", k=2000.0, c=1.0)
 
 
 @cache

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from present import some
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.absorption.crossings import crossings, distinct
@@ -96,7 +97,5 @@ def test_a_lane_that_diverges_leaves_the_others_alone() -> None:
 
 
 def test_only_smooth_laws_can_fly() -> None:
-    links = (Link("a", ("m1", "ground"), lw.Law.parse("k*d + F*sign(v)"),
-                  {"k": Coefficient.number(9.0), "F": Coefficient.number(1.0)}),)  # fmt: skip
-    rubbing = Structure("rubbing", (Mass("m1", Coefficient.number(1.0)),), links)
+    rubbing = oscillator("k*d + F*sign(v)", k=9.0, F=1.0)
     assert not can_batch(RunSchedule(rubbing, RELEASE, TIMES)) and can_batch(schedules([1e6])[0])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import chain_record
+from problems import chain_record, oscillator
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -31,12 +31,6 @@ def two_tones(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, v, a
 
 
-def oscillator(law: str, base: str = "ground", **values: float) -> lw.Structure:
-    coefficients = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    link = lw.Link("spring", ("m1", base), lw.Law.parse(law), coefficients)
-    return lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(2.0)),), (link,))
-
-
 @pytest.mark.parametrize(
     ("law", "values"),
     [
@@ -54,7 +48,7 @@ def test_the_force_that_makes_a_motion_leaves_nothing(law: str, values: dict[str
     """w = 2 x'' + f(x, x') on a motion of two tones: the weak equation is an identity, to the alias of phi (1e-6 of the
     forces); where v is not integrated by parts to the smoothing of v (1e-5).
     """
-    structure = oscillator(law, **values)
+    structure = oscillator(law, mass=2.0, name="spring", **values)
     time = np.arange(SAMPLES) / RATE
     x, v, a = two_tones(time)
     force = 2.0 * a + structure.links[0].force(x, v)
@@ -72,7 +66,7 @@ def test_the_motion_of_the_base_counts() -> None:
     """x = u + d with d known: m x'' + k d = 0 asks for the u'' that gives it."""
     time = np.arange(SAMPLES) / RATE
     x, _, a = two_tones(time)
-    structure = oscillator("k*d", base="base", k=800.0)
+    structure = oscillator("k*d", mass=2.0, to="base", name="spring", k=800.0)
     base = x + 2.0 * a / 800.0
     record = lw.Record(0.0, RATE, ("x:m1", "x:base"), np.stack([x, base], axis=1))
     found = equations(record, structure)
@@ -86,7 +80,9 @@ def test_windows_see_elongations_and_rates() -> None:
     time = np.arange(SAMPLES) / RATE
     x, v, _ = two_tones(time)
     record = lw.Record(0.0, RATE, ("x:m1",), x[:, None])
-    found = equations(record, oscillator("k*d", k=1.0), Window.of_deviation(3.0, 1.0 / RATE))
+    found = equations(
+        record, oscillator("k*d", mass=2.0, name="spring", k=1.0), Window.of_deviation(3.0, 1.0 / RATE)
+    )
     centres = np.rint(found.time * RATE).astype(int)
     assert found.d[0] == pytest.approx(x[centres], abs=(77 * 3e-3) ** 4 * np.abs(x).max())
     assert found.v[0] == pytest.approx(v[centres], abs=(77 * 3e-3) ** 2 * np.abs(v).max())
@@ -114,7 +110,7 @@ def test_windows_that_miss_a_sample_are_left_out() -> None:
 def test_where_a_rate_is_not_known_nothing_is_asked() -> None:
     """A law curved in v takes it from a window around each sample: none around the ends and around gaps."""
     time = np.arange(SAMPLES) / RATE
-    structure = oscillator("c*v*abs(v)", c=2.0)
+    structure = oscillator("c*v*abs(v)", mass=2.0, name="spring", c=2.0)
     x, v, a = two_tones(time)
     values = np.stack([x, 2.0 * a + 2.0 * v * np.abs(v)], axis=1)
     values[600, 0] = np.nan

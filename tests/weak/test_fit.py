@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import chain_record
+from problems import chain_record, oscillator
 
 import linkwise as lw
 from linkwise.weak import fit as weakfit
@@ -20,17 +20,6 @@ UNKNOWN = lw.Coefficient.unknown
 
 def fit(record: lw.Record, structure: lw.Structure) -> WeakFit:
     return weak_fit(weak_equations(record, structure, read_displacements(record, structure)), structure)
-
-
-def one_mass(
-    law: str, mass: lw.Coefficient | None = None, **coefficients: lw.Coefficient | float
-) -> lw.Structure:
-    given = {
-        name: value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
-        for name, value in coefficients.items()
-    }
-    link = lw.Link("link", ("m1", "ground"), lw.Law.parse(law), given)
-    return lw.Structure("one", (lw.Mass("m1", mass or lw.Coefficient.number(1.0)),), (link,))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +38,7 @@ def test_standard_errors_of_a_linear_oscillator(decibel: float) -> None:
 
     Its windows cancel the motion's own frequency, so what is known of the damper comes from the ends of the record.
     """
-    true = one_mass("k*d + c*v", k=1000.0, c=2.0)
+    true = oscillator("k*d + c*v", k=1000.0, c=2.0)
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=4.0, rate=1000.0)
     z = []
     for seed in range(60):
@@ -127,29 +116,29 @@ def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.
 
 
 def test_terms_that_move_together_are_named() -> None:
-    record = lw.simulate(one_mass("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    record = lw.simulate(oscillator("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
     noisy = record.with_noise(30.0, seed=1)
     with pytest.raises(
         lw.IdentificationError, match=r"cannot distinguish link\.k1, link\.k2: their terms are collinear"
     ):
-        fit(noisy, one_mass("k1*d + k2*d + c*v", k1=UNKNOWN(), k2=UNKNOWN(), c=UNKNOWN()))
+        fit(noisy, oscillator("k1*d + k2*d + c*v", k1=UNKNOWN(), k2=UNKNOWN(), c=UNKNOWN()))
 
 
 def test_a_term_that_was_never_reached_is_named() -> None:
-    record = lw.simulate(one_mass("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    record = lw.simulate(oscillator("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
     law = "k*d + s*max(d - 1, 0)"
     with pytest.raises(
         lw.IdentificationError, match=r"does not determine link\.s: its term is not above the noise"
     ):
-        fit(record, one_mass(law, k=UNKNOWN(), s=UNKNOWN()))
+        fit(record, oscillator(law, k=UNKNOWN(), s=UNKNOWN()))
 
 
 def test_without_a_scale_it_says_what_would_set_one() -> None:
-    record = lw.simulate(one_mass("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    record = lw.simulate(oscillator("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
     with pytest.raises(
         lw.IdentificationError, match=r"nothing sets the scale of the forces.*or a channel force:MASS"
     ):
-        fit(record, one_mass("k*d", UNKNOWN(), k=UNKNOWN()))
+        fit(record, oscillator("k*d", mass=UNKNOWN(), k=UNKNOWN()))
 
 
 def test_a_parameter_in_no_equation_names_the_missing_channel(clean: lw.Record, chain: lw.Structure) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import chain_record, oscillator
+from problems import chain_record, oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -95,15 +95,9 @@ def test_a_law_of_numbers_alone_is_tested_too() -> None:
 
 def stiff_pair(snr_db: float, seed: int) -> tuple[lw.Structure, lw.Record]:
     """Two masses on a link so stiff that its elongation is far below the noise of both sensors."""
-    number = lw.Coefficient.number
-    linear = lw.Law.parse("k*d + c*v")
-    structure = lw.Structure(
-        "stiff pair",
-        (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5))),
-        (
-            lw.Link("soft", ("m1", "ground"), linear, {"k": number(2000.0), "c": number(0.5)}),
-            lw.Link("stiff", ("m2", "m1"), linear, {"k": number(2e4), "c": number(2.0)}),
-        ),
+    law = "k*d + c*v"
+    structure = row_of_masses(
+        [1.0, 0.5], soft=(law, {"k": 2000.0, "c": 0.5}), stiff=(law, {"k": 2e4, "c": 2.0})
     )
     record = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": 1.0}, duration=4.0, rate=1000.0)
     return structure, record.with_noise(snr_db, seed=seed)
