@@ -377,11 +377,13 @@ def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats, fit
     """
     estimate = replace(discovery.estimate, links_in_doubt=frozenset(discovery.in_doubt))
     remarks = (*discovery.remarks, *dropped_terms_remark(dropped, estimate, alone))
-    told = replace(discovery, estimate=estimate, remarks=remarks)
-    if len(told.in_doubt) < len(told.structure.links) and (fit.optimum.coloured is None or not told.in_doubt):
-        return told
+    described = replace(discovery, estimate=estimate, remarks=remarks)
+    if len(described.in_doubt) < len(described.structure.links) and (
+        fit.optimum.coloured is None or not described.in_doubt
+    ):
+        return described
     return replace(
-        told,
-        verdicts=(*told.verdicts, Verdict.LINKS_IN_DOUBT),
-        terms=tuple(replace(term, unambiguous=False) for term in told.terms),
+        described,
+        verdicts=(*described.verdicts, Verdict.LINKS_IN_DOUBT),
+        terms=tuple(replace(term, unambiguous=False) for term in described.terms),
     )

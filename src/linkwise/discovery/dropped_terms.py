@@ -57,8 +57,8 @@ class DroppedTerms:
         scale = 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0))
         left = quadratic.h[np.ix_(dropped, dropped)] - quadratic.h[np.ix_(dropped, inside)] @ follow
         size, vectors = np.linalg.eigh(left * np.outer(scale, scale))
-        told = size > _DEPENDENT
-        root = scale[:, None] * vectors[:, told] / np.sqrt(size[told])
+        independent = size > _DEPENDENT
+        root = scale[:, None] * vectors[:, independent] / np.sqrt(size[independent])
         values = root @ (root.T @ (quadratic.g[dropped] - follow.T @ quadratic.g[:kept]))
         moment = np.outer(values, values)
         if quadratic.scatter is None:
@@ -90,12 +90,12 @@ def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Float
     ][:_NAMED]
     if not worst:
         return ()
-    told = [
+    effects = [
         f"{estimate.parameters[number].name} ({wider[number]:.2g} times as wide, mostly by "
         f"{dropped.names[int(np.argmax(dropped.shares[number]))]})"
         for number in worst
     ]
     return (
         "The intervals allow for terms that were dropped but could be there unseen; they are much wider for "
-        f"{', '.join(told)}. Excite these links more, record for longer, or state links that are known.",
+        f"{', '.join(effects)}. Excite these links more, record for longer, or state links that are known.",
     )

@@ -71,5 +71,5 @@ def link_exchanges(selection: Selection, candidates: Candidates) -> tuple[LinkEx
 def link_exchange_remarks(exchanges: Sequence[LinkExchange]) -> tuple[str, ...]:
     """Sentences on the exchanges, and how many more there are."""
     more = len(exchanges) - _NAMED
-    told = tuple(each.remark() for each in exchanges[:_NAMED])
-    return told if more <= 0 else (*told, f"{more} more exchanges of a link would cost as little.")
+    remarks = tuple(each.remark() for each in exchanges[:_NAMED])
+    return remarks if more <= 0 else (*remarks, f"{more} more exchanges of a link would cost as little.")

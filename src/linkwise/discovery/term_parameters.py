@@ -221,12 +221,12 @@ def _alternatives(
     entry: CandidateTerm, candidates: Candidates, motion: MotionRange
 ) -> list[Mapping[str, float]]:
     """Other values of the parameters of a candidate, one parameter at a time."""
-    now = candidates.values_of(entry.name, entry.offered)
+    current = candidates.values_of(entry.name, entry.offered)
     return [
-        {**now, name: value}
+        {**current, name: value}
         for name in entry.offered.parameters
         for value in _grid(entry.offered, name, motion)[0]
-        if value != now[name]
+        if value != current[name]
     ]
 
 

@@ -68,8 +68,8 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
         trust += (
             f", but for {_count(len(discovery.in_doubt), 'link')} in doubt: {', '.join(discovery.in_doubt)}"
         )
-    told = estimate.chi_square_per_sample
-    chi_square = "" if told is None else f", chi-square {format_chi_square(told)}"
+    value = estimate.chi_square_per_sample
+    chi_square = "" if value is None else f", chi-square {format_chi_square(value)}"
     search = "".join(
         f"{verdict.value} " for verdict in discovery.verdicts if verdict not in estimate.verdicts
     )

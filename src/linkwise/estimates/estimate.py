@@ -354,8 +354,8 @@ class Estimate(JudgedView):
         number = self._parameter_index.get(slot)
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
-        told = self.trusted and self.free[number] and name.rpartition(".")[0] not in self.links_in_doubt
-        if not told:
+        identified = self.trusted and self.free[number] and name.rpartition(".")[0] not in self.links_in_doubt
+        if not identified:
             return CoefficientEstimate(name, value, unit, known=False)
         error = float(np.sqrt(max(self.covariance[number, number], 0.0)))
         if not self.intervals:
@@ -366,7 +366,7 @@ class Estimate(JudgedView):
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
-        told = self.trusted and self.intervals and link.name not in self.links_in_doubt
+        has_intervals = self.trusted and self.intervals and link.name not in self.links_in_doubt
         return LinkEstimate(
             link=link,
             coefficients=tuple(
@@ -378,7 +378,7 @@ class Estimate(JudgedView):
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),
             v_range=(float(np.nanmin(self.motion.v[:, index])), float(np.nanmax(self.motion.v[:, index]))),
             free=free,
-            covariance=covariance if told else None,
+            covariance=covariance if has_intervals else None,
             moving_mass=moving_mass(self.structure, index),
         )
 

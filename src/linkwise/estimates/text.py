@@ -56,8 +56,8 @@ def text_table(estimate: Estimate) -> str:
 
 def _verdict(estimate: Estimate) -> str:
     trust = "can be trusted" if estimate.trusted else "NOT to be trusted"
-    told = estimate.chi_square_per_sample
-    chi = "" if told is None else f", chi-square {format_chi_square(told)}"
+    value = estimate.chi_square_per_sample
+    chi = "" if value is None else f", chi-square {format_chi_square(value)}"
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
     summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
     return f"{head}\n{fill(summary, _WIDTH)}"

@@ -188,15 +188,17 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
 def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
     """The cause with what it would make of the coefficients, by their `scaled` changes (p,); those at a bound stay."""
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    told = np.flatnonzero(fit.free & (errors > 0.0))
-    if not len(told):
+    determined = np.flatnonzero(fit.free & (errors > 0.0))
+    if not len(determined):
         return cause
-    errors, values = errors[told], fit.values[told]
-    changes = scaled[told] * fit.optimum.scales.theta[told]
+    errors, values = errors[determined], fit.values[determined]
+    changes = scaled[determined] * fit.optimum.scales.theta[determined]
     shifts = np.abs(changes) / errors
-    now, then = values / errors, (values + changes) / errors
-    overturned = (np.abs(now) > _FROM_ZERO) & (np.sign(now) * then < _FROM_ZERO) & (shifts > _FROM_ZERO)
-    names = [fit.segments.system.parameters.names[number] for number in told]
+    before, after = values / errors, (values + changes) / errors
+    overturned = (
+        (np.abs(before) > _FROM_ZERO) & (np.sign(before) * after < _FROM_ZERO) & (shifts > _FROM_ZERO)
+    )
+    names = [fit.segments.system.parameters.names[number] for number in determined]
     return replace(
         cause,
         shift=float(np.max(shifts)),

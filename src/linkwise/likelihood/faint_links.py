@@ -64,12 +64,12 @@ def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[st
     unseen = (energy < _UNSEEN) & system.wholly_unknown
     undetermined = [column for column in free if unseen[in_links[column]].all()]
     if not undetermined:
-        told = fit.values**2 / np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny)
+        information = fit.values**2 / np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny)
         tested = [
             column
             for column in free
             if (energy[in_links[column]] < _FAINT).all()
-            or (names[column] in elastic and told[column] > _BY_PHASE * energy[in_links[column]].sum())
+            or (names[column] in elastic and information[column] > _BY_PHASE * energy[in_links[column]].sum())
         ]
         undetermined = [column for column in tested if not _rises(fit, column)]
     return tuple(names[column] for column in undetermined)

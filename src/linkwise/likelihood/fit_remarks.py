@@ -35,7 +35,7 @@ def fit_remarks(
     tuple of str
         Sentences on random forces, on sensors, with standard errors, and on other values that are as likely.
     """
-    told = [
+    texts = [
         *(
             f"{name} is off by {value:.4g} throughout (estimated with the other unknowns"
             for name, value in fit.offsets.items()
@@ -53,7 +53,7 @@ def fit_remarks(
     deviations = fit.sensor_deviations * np.where([bool(unit) for unit in units], 1e3, 1.0)
     of_sensors = [
         f"{text}, standard error {deviation:.2g}{unit})."
-        for text, deviation, unit in zip(told, deviations, units, strict=True)
+        for text, deviation, unit in zip(texts, deviations, units, strict=True)
     ]
     names = fit.segments.system.parameters.names
     tied = [

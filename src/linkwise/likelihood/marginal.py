@@ -161,8 +161,8 @@ def _changes(
     before = 0.0 if random.slope is None else random.slope
     shift = -0.5 * fit.covariance @ (slope - before)
     noise, force = determinant.freedoms(known_noise)
-    told = ~known_noise & (noise > _TOLD * segments.observed.sum(axis=(0, 2)))
-    of_noise = np.where(told, _log_ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise), 0.0)
+    measurable = ~known_noise & (noise > _TOLD * segments.observed.sum(axis=(0, 2)))
+    of_noise = np.where(measurable, _log_ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise), 0.0)
     forces = fit.point.nodes[random.rows] / random.deviation
     of_force = np.where(random.found, _log_ratio(np.sum(forces**2, axis=1), force), 0.0)
     moved = np.abs(shift[deviation > 0.0]) / deviation[deviation > 0.0]

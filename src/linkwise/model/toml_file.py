@@ -300,12 +300,12 @@ def _host_text(host: Host, structure: Structure) -> str:
     """The table of a host, with the frequencies and damping that the structure has now."""
     modes = []
     for name, mode in zip(host.coordinates, host.modes, strict=True):
-        now = structure.link(name).coefficients
+        known = structure.link(name).coefficients
         shape = ", ".join(
             f"{_key(point)} = {_coefficient_text(mode.shape_value(point))}" for point in mode.shape
         )
         modes.append(
-            f"    {{ frequency = {_coefficient_text(now['frequency'])}, damping = {_coefficient_text(now['damping'])}, "
+            f"    {{ frequency = {_coefficient_text(known['frequency'])}, damping = {_coefficient_text(known['damping'])}, "
             f"shape = {{ {shape} }} }},\n"
         )
     return f"[[host]]\nname = {_string(host.name)}\nmodes = [\n{''.join(modes)}]\n"

@@ -45,11 +45,11 @@ class Lowpass:
 
     def notes(self, channels: Sequence[str], values: Floats, rate: float) -> tuple[str, ...]:
         """What it does to the `values` (N, C) of `channels`, sampled at `rate` in Hz, one sentence each."""
-        told = (
+        note = (
             f"Decimated by {self.factor} behind an anti-alias filter, which leaves {100.0 * self.noise_gain:.0f} % of the "
             f"standard deviation of white noise; {self.half} samples at each end were dropped, where the filter is incomplete."
         )
-        return (told, *_between_the_bands(channels, values, rate, self.factor))
+        return (note, *_between_the_bands(channels, values, rate, self.factor))
 
     def apply(self, values: Floats) -> Floats:
         """`values` (N, C) filtered along time and decimated, both ends dropped: ((N - length) // factor + 1, C)."""

@@ -63,6 +63,6 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
         return record
     if last <= first:
         raise RecordError("the delays leave no sample that all channels have")
-    told = ", ".join(f"{delay:g} s in {Channel.parse(name)}" for name, delay in delays.items())
-    moved = replace(record, values=values, notes=(*record.notes, f"Delays were taken out: {told}."))
+    listed = ", ".join(f"{delay:g} s in {Channel.parse(name)}" for name, delay in delays.items())
+    moved = replace(record, values=values, notes=(*record.notes, f"Delays were taken out: {listed}."))
     return moved[first:last]

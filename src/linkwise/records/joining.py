@@ -152,7 +152,7 @@ def continued(record: Record, other: Record) -> Record:
             other.source or None,
         )
     missing = np.full((gap, len(record.channels)), np.nan)
-    told = f"The record goes on in {other.source or 'a second part'}"
+    note = f"The record goes on in {other.source or 'a second part'}"
     return replace(
         record,
         values=np.vstack([record.values, missing, other.select(record.channels).values]),
@@ -161,7 +161,7 @@ def continued(record: Record, other: Record) -> Record:
         simulated=None,
         notes=(
             *dict.fromkeys((*record.notes, *other.notes)),
-            f"{told}, after a gap of {gap} samples." if gap else f"{told}.",
+            f"{note}, after a gap of {gap} samples." if gap else f"{note}.",
         ),
     )
 

@@ -287,7 +287,7 @@ def _taken_out(name: str, gain: float, offset: float) -> str:
 def attributes_of(known: SensorUncertainty, channel: str) -> dict[str, str]:
     """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor."""
     unit = "" if channel == COMMON else f" {Channel.parse(channel).unit}".replace(" ?", "")
-    told = (("gain", known.gain, ""), ("offset", known.offset, unit), ("delay", known.delay, " s"))
+    stated = (("gain", known.gain, ""), ("offset", known.offset, unit), ("delay", known.delay, " s"))
     return {
-        key: "unknown" if sigma == inf else f"+- {sigma!r}{suffix}" for key, sigma, suffix in told if sigma
+        key: "unknown" if sigma == inf else f"+- {sigma!r}{suffix}" for key, sigma, suffix in stated if sigma
     }

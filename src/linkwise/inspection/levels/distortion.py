@@ -84,9 +84,9 @@ def distortion(record: Record, response: str, force: str) -> Distortion | None:
     only_odd = not excited[lines % 2 == 0].any()
     found = {}
     for name, parity in (("odd", 1), ("even", 0)):
-        silent = ~excited & (lines % 2 == parity)
-        told = only_odd and silent.any()
-        found[name] = _decibel(float(np.sum(np.abs(mean[silent]) ** 2)), power) if told else None
+        unexcited = ~excited & (lines % 2 == parity)
+        measured = only_odd and unexcited.any()
+        found[name] = _decibel(float(np.sum(np.abs(mean[unexcited]) ** 2)), power) if measured else None
     return Distortion(
         channel=response,
         period=period * record.step,

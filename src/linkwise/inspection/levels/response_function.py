@@ -72,8 +72,8 @@ class ResponseFunction:
         tiny = np.finfo(float).tiny
         magnitude = np.abs(cross) / np.maximum(of_force, tiny)
         coherence = np.abs(cross) ** 2 / np.maximum(of_force * of_response, tiny)
-        silent = of_force < _EXCITED * of_force.max()
-        magnitude[silent] = coherence[silent] = np.nan
+        unexcited = of_force < _EXCITED * of_force.max()
+        magnitude[unexcited] = coherence[unexcited] = np.nan
         return cls(response, force, frequency[1:], magnitude[1:], coherence[1:])
 
 

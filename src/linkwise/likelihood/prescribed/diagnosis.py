@@ -45,7 +45,7 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
     noise = _noise_of_scores(fit, beside)
     of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free][of_laws]
-    told = deviations > 0.0
+    determined = deviations > 0.0
     causes = []
     for number, each in enumerate(tested):
         power = float(powers[number])
@@ -56,7 +56,9 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
         if fit.model_force > 0.0:
             variance = max(variance, power, _scatter(fit, beside[:, number], size))
         gain = float(scores[number]) ** 2 / variance
-        shift = float(np.max(np.abs(size * follow[of_laws, number][told]) / deviations[told], initial=0.0))
+        shift = float(
+            np.max(np.abs(size * follow[of_laws, number][determined]) / deviations[determined], initial=0.0)
+        )
         if gain > _GAIN if each.cause.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
             unit = float(np.sqrt(np.mean(each.column**2))) if each.cause.kind == "term" else 1.0
             error = float(np.sqrt(variance)) / power * unit
