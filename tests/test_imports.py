@@ -86,6 +86,9 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
 
 def test_every_package_has_its_place() -> None:
     assert {package(name) for name in MODULES} == set(PACKAGES)
+    rules = (SOURCE.parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    order = rules.partition("    root <")[2].partition("\n\n")[0]
+    assert ["root", *order.replace("<", " ").replace("/", ".").split()] == list(PACKAGES)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(SOURCE)))
