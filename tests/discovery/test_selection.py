@@ -1,19 +1,23 @@
-"""Rounds of selection that end without a fit."""
+"""Rounds of selection that end without a fit, and which of several is the best."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
 from itertools import count
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from judged import masses
 from present import present
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.discovery.selection import Selection
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.selection import Selection, best_of
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 
 RUNS_AWAY = "the motion that starts from the states in the record runs to infinity"
 
@@ -53,6 +57,36 @@ def test_fewer_links_are_preferred_only_where_the_search_for_them_settled() -> N
     assert selected(2).has_fewer_links(selected(4))
     assert not selected(4).has_fewer_links(selected(4))
     assert not selected(2, settled=False).has_fewer_links(selected(4))
+
+
+def visited(residuals: np.ndarray, sigma: float, terms: int) -> Selection:
+    """A selection of so many terms whose fit went by a noise `sigma`, with residuals (N,) of one channel in metres."""
+    misfit = SimpleNamespace(
+        residuals=residuals[:, None, None] / sigma,
+        data=float(np.sum((residuals / sigma) ** 2)),
+        cost=lambda q: float(np.sum((residuals / sigma) ** 2)),
+    )
+    optimum = SimpleNamespace(q=1e-4, noise=1.0, scales=SimpleNamespace(sigma=np.array([sigma])))
+    fit = SimpleNamespace(status=AnnealingStatus.CONVERGED, misfit=misfit, optimum=optimum)
+    structure = SimpleNamespace(parameters=(None,) * terms)
+    penalty = Penalty(10.0, 0.0, np.zeros(terms, dtype=np.intp), frozenset())
+    return Selection(frozenset(map(str, range(terms))), structure, fit, None, penalty, True, 1)  # type: ignore[arg-type]
+
+
+def test_selections_are_compared_at_the_same_noise() -> None:
+    """A fit that leaves less than the noise lowers it, and its cost in that noise is the number of samples again."""
+    residuals = np.random.default_rng(5).normal(size=2000)
+    worse = visited(1.1 * residuals, 1.1, terms=2)
+    better = visited(
+        residuals, 1.0, terms=3
+    )  # its noise was lowered; its cost is as high, and it has a term more
+    assert better.fit.misfit.data == pytest.approx(worse.fit.misfit.data, rel=1e-12)
+    assert best_of([worse, better]) is better and best_of([better, worse]) is better
+    same = visited(residuals, 1.1, terms=3)
+    noise = better.noise
+    assert same.criterion(noise) == pytest.approx(better.criterion(noise), rel=1e-12)
+    more = visited(residuals, 1.0, terms=4)
+    assert best_of([more, better]) is better
 
 
 def test_laws_that_run_away_in_the_first_round_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,6 +28,7 @@ from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rival_errors import rival_errors, rival_remarks
+from linkwise.discovery.rival_forms import RivalForm, rival_form_remark, rival_forms
 from linkwise.discovery.screened_records import ScreenedRecords, weak_values
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters, without_values
@@ -318,7 +319,8 @@ def _discovery(
     moved = link_exchanges(selection, screened.candidates) if moves else ()
     if any(rival.is_preferred for rival in rivals):
         estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
-    search = _doubts_of_search(screened, selection, estimate)
+    forms = rival_forms(selection, screened.candidates) if firm else ()
+    search = _doubts_of_search(screened, selection, estimate, forms)
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
     trusted = is_trusted(verdicts)
     discovery = Discovery(
@@ -334,7 +336,7 @@ def _discovery(
                 *(term for exchange in moved for term in exchange.terms),
             },
             shares=unit_shares(selection, screened.candidates) if trusted else {},
-            added=dropped.covariance.diagonal(),
+            added=np.asarray(estimate.for_dropped_terms).diagonal(),
         ),
         path=selection_path(selection),
         runners_up=runners_up(selection),
@@ -354,13 +356,14 @@ def _discovery(
 
 
 def _doubts_of_search(
-    screened: ScreenedRecords, selection: Selection, estimate: Estimate
+    screened: ScreenedRecords, selection: Selection, estimate: Estimate, forms: Sequence[RivalForm]
 ) -> list[tuple[Verdict, str]]:
     """What takes trust from a search, each with a sentence."""
     valueless = without_values(screened.candidates, selection)
     opposed = opposed_damping(selection, screened.candidates)
     search = [
         (bool(opposed), Verdict.TERMS_MAY_BE_MISSING, _OPPOSED.format(" and ".join(opposed))),
+        (bool(forms), Verdict.TERMS_MAY_BE_MISSING, rival_form_remark(forms, selection.quadratic.names)),
         (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),

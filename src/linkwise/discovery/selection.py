@@ -71,12 +71,30 @@ class Selection:
         return tuple(ranked_moves(self.quadratic, self.penalty, inside, swaps=True))
 
     @property
-    def criterion(self) -> float:
-        """Cost plus penalty; infinite if the fit did not converge."""
+    def noise(self) -> Floats:
+        """(C,) the standard deviations of the noise of the channels that the fit went by, which it may have lowered."""
+        return self.fit.optimum.scales.sigma * self.fit.optimum.noise
+
+    def criterion(self, noise: Floats) -> float:
+        """Cost with a `noise` (C,) plus penalty; infinite if the fit did not converge."""
         if not self.converged:
             return np.inf
-        cost = self.fit.misfit.cost(self.fit.optimum.q) / self.fit.optimum.noise**2
-        return cost + self.penalty.total(list(range(len(self.structure.parameters))))
+        misfit, optimum = self.fit.misfit, self.fit.optimum
+        squares = np.sum(misfit.residuals**2, axis=(0, 2)) * (optimum.scales.sigma / noise) ** 2
+        rest = (misfit.cost(optimum.q) - misfit.data) / optimum.noise**2
+        return float(np.sum(squares)) + rest + self.penalty.total(list(range(len(self.structure.parameters))))
+
+
+def best_of(selections: Sequence[Selection]) -> Selection:
+    """The selection with the lowest criterion, the first of those that are as low; without one that converged the first.
+
+    All are compared at the same noise, the least that any of them found: residuals are no less than noise, whatever the laws.
+    """
+    converged = [selection.noise for selection in selections if selection.converged]
+    if not converged:
+        return selections[0]
+    noise = np.min(converged, axis=0)
+    return min(selections, key=lambda selection: selection.criterion(noise))
 
 
 def _converged(fit: LikelihoodFit) -> bool:
@@ -168,7 +186,7 @@ def select_structure(search: TermSearch, chosen: Collection[str]) -> Selection:
     if first.fit.status is AnnealingStatus.INTERRUPTED or first.chosen <= own:
         return first
     second = _descend(search.within(own), own & search.tested, first.rounds + 1)
-    if second.fit.status is AnnealingStatus.INTERRUPTED or second.criterion >= first.criterion:
+    if second.fit.status is AnnealingStatus.INTERRUPTED or best_of([first, second]) is first:
         return replace(first, rounds=second.rounds)
     quadratic, penalty = search.local_model(second.fit, second.structure, second.chosen)
     return replace(second, quadratic=quadratic, penalty=penalty)
@@ -201,7 +219,7 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
         except (IdentificationError, np.linalg.LinAlgError) as error:
             # the motion runs away from where the last round led, or the fit to where the record says nothing of a parameter
             if visited:
-                return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
+                return replace(best_of([*visited.values()]), rounds=number)
             if isinstance(error, IdentificationError):
                 raise
             raise IdentificationError(_SINGULAR.format(", ".join(sorted(chosen)))) from None
@@ -211,7 +229,7 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
             return selection
         visited[chosen] = selection
         if names in visited or number == last:
-            return replace(min(visited.values(), key=lambda visit: visit.criterion), rounds=number)
+            return replace(best_of([*visited.values()]), rounds=number)
         chosen, structure = names, search.candidates.structure(names)
         theta, spread = starts_of(quadratic, after, structure, fit)
         nodes, number = fit.optimum.point.nodes, number + 1

@@ -15,7 +15,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, CandidateTerm
 from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.selection import Selection, TermSearch, select_structure
+from linkwise.discovery.selection import Selection, TermSearch, best_of, select_structure
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
@@ -112,7 +112,7 @@ def _is_better(selection: Selection, other: Selection) -> bool:
     """Whether a selection leaves only noise and the other does not, or has the lower criterion."""
     if selection.is_exact != other.is_exact:
         return selection.is_exact
-    return selection.criterion < other.criterion
+    return best_of([other, selection]) is selection
 
 
 def _with_better_values(

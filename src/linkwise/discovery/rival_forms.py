@@ -1,0 +1,151 @@
+"""Forms of force that were not offered and explain the records better than terms that were found.
+
+A selection takes the best of the terms on offer: v and sign(v) where the damping follows the square root of the rate. Their
+margins against each other are large, and say nothing of forms that nobody offered. Here each of the usual forms joins each
+link that was found, in the local quadratic model of the cost, and terms of the same kind give way to it: of stiffness to one
+of stiffness, of damping to one of damping. Terms that the best form makes needless only stand in for it, where the criterion
+is lower with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.selection import Selection
+from linkwise.discovery.terms import Term
+from linkwise.likelihood.score_test import CandidateForce, local_quadratic
+from linkwise.likelihood.shooting.residuals import evaluate
+
+_STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
+_DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")
+_SATURATING = (0.2, 0.7)  # times the root mean square rate of a link: where tanh turns
+_STRONG = 6.0  # of the criterion: "strong" evidence for the form (Kass and Raftery 1995)
+_MOST_LINKS = 40
+_MOST_TERMS = 4  # of one kind on a link, of which all subsets are tried
+_NAMED = 3
+
+
+@dataclass(frozen=True)
+class RivalForm:
+    """A `form` on a `link` beside which the `terms`, by number, are not needed, at a criterion that is lower by `gain`."""
+
+    link: str
+    form: str
+    terms: tuple[int, ...]
+    gain: float
+
+    def remark(self, names: Sequence[str]) -> str:
+        """A sentence for the user; `names` are those of all terms by number."""
+        terms = " and ".join(names[number] for number in self.terms)
+        return (
+            f"With a force like {self.form} in {self.link}, which was not offered, {terms} would not be needed and the "
+            f"criterion would be {self.gain:.3g} lower: offer it."
+        )
+
+
+def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm, ...]:
+    """For each link and kind of term the form that replaces terms there best, the best of all first."""
+    structure, p = selection.structure, len(selection.structure.parameters)
+    places = [*_places(selection, candidates)][:_MOST_LINKS]
+    rates = _rates(selection) if places else {}
+    tested = [
+        (link, chosen, form)
+        for link, pair, damping, chosen in places
+        for form in _forms(candidates, pair, damping=damping, rate=rates[link])
+    ]
+    if not tested:
+        return ()
+    index = structure.topology.index
+    ends = {link.name: link.between for link in structure.links}
+    forces = [
+        CandidateForce(index[ends[link][0]], index[ends[link][1]], form.law) for link, _, form in tested
+    ]
+    try:
+        local = local_quadratic(selection.fit.optimum, forces)
+        known = selection.quadratic.h[:p, :p]
+        factor = float(np.trace(local.curvature[:p, :p] @ np.linalg.inv(known))) / p  # of overdispersion
+    except np.linalg.LinAlgError:
+        return ()
+    names = (*selection.quadratic.names[:p], *(form.text for _, _, form in tested))
+    scatter = None if local.scatter is None else local.scatter / factor**2
+    model = QuadraticModel(names, local.curvature / factor, local.slope / factor, scatter)
+    best: dict[tuple[str, tuple[int, ...]], RivalForm] = {}
+    for number, (link, chosen, form) in enumerate(tested):
+        terms, gain = _replaced(selection, model, chosen, p + number, damping=form.is_damping)
+        key = link, tuple(chosen)
+        if key not in best or gain > best[key].gain:
+            best[key] = RivalForm(link, form.text, terms, gain)
+    replacing = (rival for rival in best.values() if rival.terms and rival.gain > _STRONG)
+    return tuple(sorted(replacing, key=lambda rival: -rival.gain))
+
+
+def rival_form_remark(rivals: Sequence[RivalForm], names: Sequence[str]) -> str:
+    """Sentences on the first of the `rivals`, with the `names` of terms by number."""
+    return " ".join(rival.remark(names) for rival in rivals[:_NAMED])
+
+
+def _places(selection: Selection, candidates: Candidates) -> Iterator[tuple[str, int, bool, list[int]]]:
+    """Links and, for each kind, whether it is damping, with the terms chosen of that kind, by number."""
+    links = {frozenset(link.between): link.name for link in selection.structure.links}
+    by_kind: dict[tuple[int, bool], list[int]] = {}
+    for number in range(len(selection.structure.parameters)):
+        entry = candidates.by_name.get(selection.quadratic.names[number])
+        if entry is None or entry.offered.parameters:
+            continue
+        if entry.term.elastic or entry.term.is_damping:
+            by_kind.setdefault((entry.pair, entry.term.is_damping), []).append(number)
+    for (pair, damping), chosen in by_kind.items():
+        if not candidates.pairs[pair].stated and len(chosen) <= _MOST_TERMS:
+            yield links[frozenset(candidates.pairs[pair].between)], pair, damping, chosen
+
+
+def _rates(selection: Selection) -> dict[str, float]:
+    """Root mean square rate of each link along the fitted motion, in m/s."""
+    optimum, structure = selection.fit.optimum, selection.structure
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    rates = np.sqrt(np.mean(misfit.trajectories.links[:, 1] ** 2, axis=(0, 2)))
+    order = optimum.segments.system.order.tolist()
+    return {structure.links[link].name: float(rate) for link, rate in zip(order, rates, strict=True)}
+
+
+def _forms(candidates: Candidates, pair: int, *, damping: bool, rate: float) -> Iterator[Term]:
+    """Forms of a kind that were not offered on a pair."""
+    offered = {entry.term.text.replace(" ", "") for entry in candidates.entries if entry.pair == pair}
+    texts = _DAMPING if damping else _STIFFNESS
+    if damping and rate > 0.0:
+        texts = (*texts, *(f"tanh(v/{part * rate:.2g})" for part in _SATURATING))
+    for text in texts:
+        if text not in offered:
+            yield Term(text, "form")
+
+
+def _replaced(
+    selection: Selection, model: QuadraticModel, chosen: list[int], form: int, *, damping: bool
+) -> tuple[tuple[int, ...], float]:
+    """The terms among the `chosen` that are not needed beside a form, and by how much the criterion is lower with it."""
+    penalty, every = selection.penalty, range(len(selection.structure.parameters))
+    pair = np.append(
+        penalty.pair[: len(every)], np.full(len(model.names) - len(every), penalty.pair[chosen[0]])
+    )
+    penalty = replace(penalty, pair=pair)
+    try:
+        selected = model.cost(every) + penalty.total(list(every))
+        totals = {}
+        for count in range(len(chosen) + 1):
+            for dropped in combinations(chosen, count):
+                inside = [*(number for number in every if number not in dropped), form]
+                values = model.solve(inside).values
+                if not damping or values[-1] > 0.0:
+                    totals[dropped] = penalty.total(inside) - float(model.g[inside] @ values)
+    except np.linalg.LinAlgError:
+        return (), 0.0
+    if not totals:
+        return (), 0.0
+    best = min(totals, key=lambda dropped: totals[dropped])
+    return best, selected - totals[best]

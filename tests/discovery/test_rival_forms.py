@@ -1,0 +1,50 @@
+"""Forms that were not offered: terms that stand in for one are in doubt, those that are there are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from problems import oscillator
+
+import linkwise as lw
+
+RATE, DURATION = 200.0, 10.0
+OFFERED = "d, d**3, v, v**3"
+
+
+def record(law: str, seed: int, *, c: float, k3: float, q: float) -> lw.Record:
+    """A mass of 1 kg under a random force of 6 N root mean square from 1 to 12 Hz, at 20 dB."""
+    rng, samples = np.random.default_rng(seed), round(DURATION * RATE) + 1
+    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
+    band = (frequency > 1.0) & (frequency < 12.0)
+    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
+    true = oscillator(law, k=987.0, k3=k3, c=c, q=q)
+    forces = {"m1": lw.Sampled(0.0, RATE, 6.0 * force / force.std())}
+    return lw.simulate(true, forces=forces, duration=DURATION, rate=RATE).with_noise(20.0, seed=seed)
+
+
+@pytest.mark.parametrize(
+    ("form", "size", "seed", "given", "stand_ins"),
+    [
+        ("v*abs(v)", 4.0, 33, {"c": 0.0, "k3": 4e5}, "m1-ground.c and m1-ground.c3 would"),
+        ("d*abs(d)", 800.0, 32, {"c": 2.0, "k3": 0.0}, "m1-ground.k3 would"),
+    ],
+)
+def test_terms_that_stand_in_for_a_form_that_was_not_offered_are_in_doubt(
+    form: str, size: float, seed: int, given: dict[str, float], stand_ins: str
+) -> None:
+    """They were certain, and trusted: other terms on offer explain the record far worse."""
+    law = f"k*d + k3*d**3 + c*v + q*{form}"
+    found = lw.discover(record(law, seed, q=size, **given), {"m1": 1.0}, terms=OFFERED)
+    assert found.estimate.trusted  # by its residuals alone
+    assert not found.trusted and lw.Verdict.TERMS_MAY_BE_MISSING in found.verdicts
+    assert not [term for term in found.kept if term.certain]
+    (remark,) = (each for each in found.remarks if "offer it" in each)
+    assert f"a force like {form} in m1-ground, which was not offered, {stand_ins} not be needed" in remark
+
+
+def test_terms_that_are_there_stay_certain_beside_other_forms() -> None:
+    given = record("k*d + k3*d**3 + c*v + q*v**3", 6, c=2.0, k3=4e5, q=4.0)
+    found = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
+    assert found.trusted and not [each for each in found.remarks if "offer it" in each]
+    assert {term.term for term in found.kept if term.certain} == {"d", "d**3", "v", "v**3"}
