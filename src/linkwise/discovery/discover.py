@@ -14,7 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.coloured_noise import select_coloured
 from linkwise.discovery.data_checks import DataChecks, check_data
-from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark
+from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark, widened
 from linkwise.discovery.evidence import (
     exchange_remarks,
     opposed_damping,
@@ -28,7 +28,7 @@ from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rival_errors import rival_errors, rival_remarks
-from linkwise.discovery.rival_forms import RivalForm, rival_form_remark, rival_forms
+from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_remarks, rival_forms
 from linkwise.discovery.screened_records import ScreenedRecords, weak_values
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters, without_values
@@ -70,6 +70,9 @@ _NO_VALUES = (
 _OPPOSED = (
     "Of the terms of damping in {} one gives energy that another takes: together they stand in for a form of damping that was "
     "not offered, such as v*abs(v). Offer more forms, or fewer of these."
+)
+_STAND_INS = (
+    "A form of force that was not offered explains the record better than terms that stand in for it."
 )
 _UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
 
@@ -306,13 +309,7 @@ def _discovery(
     estimate = estimate_of(selection.structure, fit, records, delays)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
-    missing = estimate.for_dropped_terms
-    estimate = replace(
-        estimate,
-        covariance=estimate.covariance + dropped.covariance,
-        for_dropped_terms=dropped.covariance + (0.0 if missing is None else missing),
-        profile=None,
-    )
+    estimate = widened(estimate, dropped.covariance)
     firm = estimate.trusted and selection.settled
     rivals = rival_errors(selection, estimate.structure) if firm else ()
     moves = estimate.trusted and bool(screened.candidates.hosts)
@@ -320,6 +317,7 @@ def _discovery(
     if any(rival.is_preferred for rival in rivals):
         estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
     forms = rival_forms(selection, screened.candidates) if firm else ()
+    estimate = allowing_for(estimate, forms)
     search = _doubts_of_search(screened, selection, estimate, forms)
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
     trusted = is_trusted(verdicts)
@@ -334,6 +332,7 @@ def _discovery(
             replaceable={
                 *(term for rival in rivals for term in rival.terms),
                 *(term for exchange in moved for term in exchange.terms),
+                *(term for form in forms for term in form.terms),
             },
             shares=unit_shares(selection, screened.candidates) if trusted else {},
             added=np.asarray(estimate.for_dropped_terms).diagonal(),
@@ -342,6 +341,7 @@ def _discovery(
         runners_up=runners_up(selection),
         remarks=(
             *(remark for _, remark in search),
+            *rival_form_remarks(forms, selection.quadratic.names),
             *rival_remarks(rivals, selection.quadratic.names),
             *link_exchange_remarks(moved),
             *checks.remarks,
@@ -363,7 +363,7 @@ def _doubts_of_search(
     opposed = opposed_damping(selection, screened.candidates)
     search = [
         (bool(opposed), Verdict.TERMS_MAY_BE_MISSING, _OPPOSED.format(" and ".join(opposed))),
-        (bool(forms), Verdict.TERMS_MAY_BE_MISSING, rival_form_remark(forms, selection.quadratic.names)),
+        (bool(forms) and selection.is_exact, Verdict.TERMS_MAY_BE_MISSING, _STAND_INS),
         (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),

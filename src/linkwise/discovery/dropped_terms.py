@@ -13,7 +13,7 @@ R. Berk, L. Brown, A. Buja, K. Zhang and L. Zhao, "Valid post-selection inferenc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,17 @@ class DroppedTerms:
             covariance=0.5 * (of_kept + of_kept.T),
             shares=follow**2 * moment.diagonal(),
         )
+
+
+def widened(estimate: Estimate, covariance: Floats) -> Estimate:
+    """The estimate with a `covariance` (p, p) more for terms that it lacks, which a profile would not allow for."""
+    before = 0.0 if estimate.for_dropped_terms is None else estimate.for_dropped_terms
+    return replace(
+        estimate,
+        covariance=estimate.covariance + covariance,
+        for_dropped_terms=before + covariance,
+        profile=None,
+    )
 
 
 def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Floats) -> tuple[str, ...]:

@@ -9,16 +9,19 @@ is lower with it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.dropped_terms import widened
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.terms import Term
+from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
 from linkwise.likelihood.shooting.residuals import evaluate
 
@@ -33,12 +36,16 @@ _NAMED = 3
 
 @dataclass(frozen=True)
 class RivalForm:
-    """A `form` on a `link` beside which the `terms`, by number, are not needed, at a criterion that is lower by `gain`."""
+    """A `form` on a `link` beside which the `terms`, by number, are not needed, at a criterion that is lower by `gain`.
+
+    `moved` (p,) is by how much the parameters of the selection would change, those of the terms to zero.
+    """
 
     link: str
     form: str
     terms: tuple[int, ...]
     gain: float
+    moved: Floats
 
     def remark(self, names: Sequence[str]) -> str:
         """A sentence for the user; `names` are those of all terms by number."""
@@ -80,14 +87,33 @@ def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm
         terms, gain = _replaced(selection, model, chosen, p + number, damping=form.is_damping)
         key = link, tuple(chosen)
         if key not in best or gain > best[key].gain:
-            best[key] = RivalForm(link, form.text, terms, gain)
+            best[key] = RivalForm(link, form.text, terms, gain, _moved(model, terms, p + number, p))
     replacing = (rival for rival in best.values() if rival.terms and rival.gain > _STRONG)
     return tuple(sorted(replacing, key=lambda rival: -rival.gain))
 
 
-def rival_form_remark(rivals: Sequence[RivalForm], names: Sequence[str]) -> str:
+def rival_form_remarks(rivals: Sequence[RivalForm], names: Sequence[str]) -> tuple[str, ...]:
     """Sentences on the first of the `rivals`, with the `names` of terms by number."""
-    return " ".join(rival.remark(names) for rival in rivals[:_NAMED])
+    return tuple(rival.remark(names) for rival in rivals[:_NAMED])
+
+
+def allowing_for(estimate: Estimate, rivals: Sequence[RivalForm]) -> Estimate:
+    """The estimate with intervals that hold what the `rivals` would make of the coefficients."""
+    for rival in rivals:
+        estimate = widened(estimate, np.outer(rival.moved, rival.moved))
+    return estimate
+
+
+def _moved(model: QuadraticModel, dropped: Collection[int], form: int, parameters: int) -> Floats:
+    """(p,) by how much the parameters change with a form, by its number in the model, in place of terms."""
+    kept = [number for number in range(parameters) if number not in dropped]
+    moved = np.zeros(parameters)
+    try:
+        moved -= model.solve(range(parameters)).values
+        moved[kept] += model.solve([*kept, form]).values[:-1]
+    except np.linalg.LinAlgError:
+        return np.zeros(parameters)
+    return moved
 
 
 def _places(selection: Selection, candidates: Candidates) -> Iterator[tuple[str, int, bool, list[int]]]:
