@@ -169,6 +169,39 @@ def test_a_named_law_stands_in_place_of_a_law() -> None:
     assert lw.parse_structure(lw.format_structure(written)) == written
 
 
+def bounds(structure: lw.Structure) -> dict[str, tuple[float, float]]:
+    return {parameter.name: (parameter.lower, parameter.upper) for parameter in structure.parameters}
+
+
+@pytest.mark.parametrize("given", ["0.7", '"unknown"', "{ start = 0.7 }", "{ start = 0.7, lower = -1 }"])
+def test_bounds_of_a_named_law_hold_for_what_is_given(given: str) -> None:
+    """Also after a number was written with the text of the law, and is made unknown from there."""
+    written = lw.parse_structure(
+        'mass = [{ name = "m1", mass = 1.0 }]\n'
+        '[[link]]\nname = "joint"\nbetween = ["m1", "ground"]\nlaw = "bouc-wen"\n'
+        f"coefficients = {{ s = {given}, x0 = 0.02 }}"
+    )
+    asked = lw.parse_structure(lw.format_structure(written)).unknown("all")
+    assert bounds(asked)["joint.s"] == (-1.0 if "lower" in given else 0.0, 1.0)
+    assert bounds(asked)["joint.x0"] == (0.0, np.inf)
+    assert bounds(asked)["joint.F"] == (-np.inf, np.inf)
+
+
+def test_bounds_of_a_family_hold_for_any_number_of_branches() -> None:
+    link = lw.named_law("iwan(3)").link("joint", ("m1", "ground"), {"chi": lw.Coefficient.number(-0.5)})
+    structure = lw.Structure("joint", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
+    assert bounds(structure.unknown("all"))["joint.chi"] == (-1.0, 0.0)
+
+
+def test_a_start_outside_the_bounds_of_a_named_law_is_refused_with_its_place() -> None:
+    with pytest.raises(lw.StructureError, match=r"coefficients\.x0.*the start -0.02 is outside the bounds 0"):
+        lw.parse_structure(
+            'mass = [{ name = "m1", mass = 1.0 }]\n'
+            '[[link]]\nname = "joint"\nbetween = ["m1", "ground"]\nlaw = "bouc-wen"\n'
+            "coefficients = { x0 = { start = -0.02 } }"
+        )
+
+
 def test_families_take_a_number_of_branches() -> None:
     assert len(lw.named_law("iwan(3)").states) == 4 and len(lw.named_law("fractional(8)").states) == 8
     for name, message in (("iwan(99)", "1 to 16"), ("dahl(2)", "no branches"), ("bouc-wenn", "did you mean")):

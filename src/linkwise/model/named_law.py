@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
 from linkwise.model.coefficient import Coefficient
@@ -97,8 +97,36 @@ class NamedLaw:
         Coefficient
             The unknown.
         """
+        return self.within_bounds(name, Coefficient.unknown())
+
+    def within_bounds(self, name: str, given: Coefficient) -> Coefficient:
+        """An unknown as it is given, within the bounds of the law where it has none of its own.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        given : Coefficient
+            The coefficient. A number stays as it is, as does one that is equal to another coefficient.
+
+        Returns
+        -------
+        Coefficient
+            The coefficient.
+
+        Raises
+        ------
+        StructureError
+            If a start is outside the bounds.
+        """
         lower, upper = (self.bounds or {}).get(name, (-math.inf, math.inf))
-        return Coefficient.unknown(lower=lower, upper=upper)
+        if given.known or given.same_as is not None:
+            return given
+        return replace(
+            given,
+            lower=given.lower if given.lower > -math.inf else lower,
+            upper=given.upper if given.upper < math.inf else upper,
+        )
 
     def link(
         self, name: str, between: tuple[str, str], coefficients: Mapping[str, Coefficient] | None = None
@@ -112,7 +140,7 @@ class NamedLaw:
         between : tuple of two str
             Its ends.
         coefficients : mapping of str to Coefficient, optional
-            Coefficients; the others are unknown within their bounds.
+            Coefficients, within the bounds of the law where they have none; the others are unknown.
 
         Returns
         -------
@@ -132,5 +160,6 @@ class NamedLaw:
         ['Fs']
         """
         law = Law.parse(self.law, self.states)
-        given = {key: self.coefficient(key) for key in law.coefficients} | dict(coefficients or {})
+        given = {key: self.coefficient(key) for key in law.coefficients}
+        given |= {key: self.within_bounds(key, each) for key, each in (coefficients or {}).items()}
         return Link(name, between, law, given, self.states)

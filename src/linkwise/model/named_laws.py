@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
+from functools import lru_cache
 
 from linkwise.errors import StructureError
+from linkwise.model.law import Law
 from linkwise.model.link_state import LinkState
 from linkwise.model.named_law import LawText, NamedLaw
 from linkwise.registry import Registry
@@ -54,10 +57,31 @@ def named_law(name: str) -> NamedLaw:
         raise StructureError(f"{spelled[1]} has no branches, got {name!r}; write {spelled[1]}")
     if not 1 <= count <= _MOST_BRANCHES:
         raise StructureError(f"{spelled[1]} has 1 to {_MOST_BRANCHES} branches, got {count}")
-    return NamedLaw(
-        title=law.title, source=law.source, coefficients=law.coefficients, formula=law.formula, branches=count,
-        bounds=law.bounds,
-    )  # fmt: skip
+    return replace(law, branches=count)
+
+
+@lru_cache(maxsize=256)
+def named_law_of(law: Law) -> NamedLaw | None:
+    """The named law of which a law has the text and the states.
+
+    Parameters
+    ----------
+    law : Law
+        The law of a link.
+
+    Returns
+    -------
+    NamedLaw or None
+        The named law; None where the law is of one's own.
+    """
+    rates = {rate.name: rate.text for rate in law.rates}
+    for named in map(NAMED_LAWS.lookup, NAMED_LAWS):
+        for branches in range(1, _MOST_BRANCHES + 1) if named.branches and rates else (named.branches,):
+            each = replace(named, branches=branches)
+            states = {name: state.rate for name, state in each.states.items()}
+            if each.law == law.text and states == rates:
+                return each
+    return None
 
 
 def is_law_name(text: str) -> bool:

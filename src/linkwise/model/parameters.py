@@ -15,6 +15,7 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.law import Law
 from linkwise.model.link import Link, Mass
+from linkwise.model.named_laws import named_law_of
 from linkwise.model.names import matching, quoted
 from linkwise.text import near_miss
 
@@ -34,6 +35,13 @@ class CoefficientSlot:
     key: str
     law: Law | None
     coefficient: Coefficient
+
+    @property
+    def freed(self) -> Coefficient:
+        """The coefficient as an unknown without value, start or prior, within its bounds or those of a named law."""
+        freed = self.coefficient.freed()
+        named = None if self.law is None else named_law_of(self.law)
+        return freed if named is None else named.within_bounds(self.key, freed)
 
     @property
     def unit(self) -> str:

@@ -288,7 +288,7 @@ class Structure(NotebookView):
         return free_parameters(self._slots, self._leaders)
 
     def unknown(self, *which: str) -> Structure:
-        """Make coefficients unknown. Values and start values are dropped; bounds are kept.
+        """Make coefficients unknown. Values and start values are dropped; bounds, also of named laws, are kept.
 
         Parameters
         ----------
@@ -318,10 +318,7 @@ class Structure(NotebookView):
                 'expected at least one of "all", a link, a prefix of link names, or "mass:NAME"'
             )
         chosen = {name for selector in which for name in self._chosen(selector)}
-        freed = {
-            name: self._slots[name].coefficient.freed()
-            for name in {self._leaders.get(name, name) for name in chosen}
-        }
+        freed = {name: self._slots[name].freed for name in {self._leaders.get(name, name) for name in chosen}}
         return self._with(freed)
 
     def with_values(self, values: Mapping[str, float]) -> Structure:

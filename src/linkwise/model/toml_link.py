@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -86,13 +87,26 @@ def link_of(entry: LinkTable, index: int, source: str) -> Link:
         for name, given in entry.coefficients.items()
     }
     if named is not None:
-        coefficients = {name: named.coefficient(name) for name in law.coefficients} | coefficients
+        coefficients = _within_bounds(named, law, coefficients, f"{source}, {path}.coefficients")
     initial = _initial_values(entry, law, source, path)
     states = {name: replace(state, initial=initial[name]) for name, state in states.items()}
     try:
         return Link(entry.name, (*entry.between,), law, coefficients, states)  # type: ignore[arg-type]  # Link counts the ends
     except StructureError as error:
         raise StructureError(error.message, where) from None
+
+
+def _within_bounds(
+    named: NamedLaw, law: Law, given: Mapping[str, Coefficient], where: str
+) -> dict[str, Coefficient]:
+    """The coefficients of a named law, unknown where none is given. Raises StructureError for a start outside its bounds."""
+    coefficients = {name: named.coefficient(name) for name in law.coefficients}
+    for name, coefficient in given.items():
+        try:
+            coefficients[name] = named.within_bounds(name, coefficient)
+        except StructureError as error:
+            raise StructureError(error.message, f"{where}.{name}") from None
+    return coefficients
 
 
 def _states(entry: LinkTable, named: NamedLaw | None, source: str, path: str) -> dict[str, LinkState]:
