@@ -121,6 +121,11 @@ class ColouredNoise:
         """The innovations of `series` (N,); NaN where one of the samples that they follow from is missing."""
         return _innovations(series, self.coefficients[channel])
 
+    def drawn(self, white: Floats, channel: int) -> Floats:
+        """Noise of a channel, in units of the deviations that the residuals are whitened by, from `white` noise (N, d)."""
+        power = self._spectrum(channel, len(white))[: len(white) // 2 + 1, None]
+        return np.asarray(np.fft.irfft(np.fft.rfft(white, axis=0) * np.sqrt(power), len(white), axis=0))
+
     def score_covariance(self, rows: Iterable[EliminatedRows], linked: Bools, samples: int) -> Floats:
         """(p, p) covariance that this noise gives to the sums of `rows` times residuals, in segments of so many `samples`.
 

@@ -19,6 +19,7 @@ from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms
+from linkwise.likelihood.input_noise import noise_of_inputs
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
@@ -61,7 +62,12 @@ def diagnose(
                 tested = _diagnosed(fit, identified, channels, terms)
     except np.linalg.LinAlgError:
         tested = ()
-    return tuple(sorted((*tested, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
+    try:
+        with one_blas_thread():
+            noisy = tuple(noise_of_inputs(fit, identified, channels))
+    except np.linalg.LinAlgError:
+        noisy = ()
+    return tuple(sorted((*tested, *noisy, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
 
 
 def least_gain(causes: int) -> float:
@@ -138,7 +144,7 @@ def _diagnosed(
     small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
     at_filter = [each.kind for each in hypotheses].index("filter")
     attenuation = sizes[at_filter] * relative_to_gain(filtered, errors)
-    small[at_filter] = 0.0 < attenuation < _LARGEST  # a low pass, which sensors and their amplifiers are
+    small[at_filter] = 0.0 < attenuation < _LARGEST and not _shows_noise(optimum)
     limit = least_gain(len(gains))
     significant = small & (gains > limit)
     significant[at_filter] = small[at_filter] and gains[at_filter] > _CHANCE_OF_FILTER
@@ -205,6 +211,11 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
         shifted=names[int(np.argmax(shifts))],
         overturned=tuple(name for name, each in zip(names, overturned, strict=True) if each),
     )
+
+
+def _shows_noise(optimum: Optimum) -> bool:
+    """Whether sensors show noise of the base directly, which a filter would seem to take off."""
+    return optimum.segments.random is not None and optimum.segments.random.shown is not None
 
 
 def _linear_terms(link: Link) -> set[str]:

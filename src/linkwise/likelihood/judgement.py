@@ -108,7 +108,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         if hidden is not None:
             verdict, message = _with_hidden_term(fit, verdict, message, hidden)
             causes, shown = (hidden.cause,), hidden.held
-    message += _of_forces(fit, verdict, channels)
+    message += _of_forces(fit, verdict, causes, channels)
     allowed = verdict is Verdict.MODEL_ERROR_NEEDED and causes
     missing = for_missing_terms(shown, identified) if allowed else None
     return Judgement(verdict, message, share, causes, missing)
@@ -158,10 +158,7 @@ def _verdict(
             f"it stands for errors of the laws, which intervals would take for noise.{_likeliest(causes)}"
         )
     if causes and causes[0].is_instrument:
-        return Verdict.MEASUREMENT_ERROR, (
-            f"{explained}, but {_would_explain(causes[0])}, more than any missing term. Coefficients would be wrong by more "
-            "than their intervals say, so none is given: correct it, or estimate it with the other unknowns."
-        )
+        return Verdict.MEASUREMENT_ERROR, explained + _instrument(causes[0])
     if share > _LARGEST_ERROR:
         return Verdict.UNEXPLAINED_FORCES, (
             f"{explained}; that is too much for intervals: a term or a link is missing.{_likeliest(causes)}"
@@ -194,6 +191,19 @@ def _verdict(
             f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}{_moved(causes)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals count that in' if coloured else ''}."
+
+
+def _instrument(cause: Cause) -> str:
+    """What an error in what was recorded or stated means for the answer."""
+    if cause.kind == "input noise":
+        return (
+            f", but {_would_explain(cause)}. Such noise rings on in the structure, and coefficients, dampings above all, "
+            f"would be wrong by more than their intervals say, so none is given: allow for noise of {cause.where}."
+        )
+    return (
+        f", but {_would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than their intervals "
+        "say, so none is given: correct it, or estimate it with the other unknowns."
+    )
 
 
 def _mismatch(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Verdict, str]:
@@ -237,16 +247,21 @@ def _noisy_inputs(fit: LikelihoodFit, masses: Sequence[str]) -> list[str]:
     ]
 
 
-def _of_forces(fit: LikelihoodFit, verdict: Verdict, channels: Sequence[str]) -> str:
+def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], channels: Sequence[str]) -> str:
     """What random forces leave open, or that they may be what is missing."""
     if any(force.ambient for force in fit.random_forces):
         return (
             " Ambient forces are taken as white and as acting on these masses alone; that, errors of sensors and of stated "
             "masses are not tested for beside them."
         )
-    driven = any(Channel.parse(name).is_input for name in channels)
-    if not fit.random_forces and not driven and verdict in _LIKE_A_FORCE:
+    inputs = [name for name in channels if Channel.parse(name).is_input]
+    if not fit.random_forces and not inputs and verdict in _LIKE_A_FORCE:
         return " If a force acts that no channel shows, such as wind or traffic, state it as ambient."
+    noisy = [cause for cause in causes[1:] if cause.kind == "input noise"]
+    if noisy and verdict is Verdict.SYSTEMATIC_MISFIT:
+        return f" So would {noisy[0].description} explain it: allow for noise of {noisy[0].where} before a term is added."
+    if inputs and verdict is Verdict.MODEL_ERROR_NEEDED:
+        return f" Noise of {inputs[0]} leaves such an error, too: where it has some, allow for noise of {inputs[0]}."
     return ""
 
 

@@ -105,7 +105,7 @@ def answer_with_sensors(
     require_known_kinds((options.offsets, options.gains, options.delays), admitted)
     while True:
         answer, interrupted = _with_delays(search, records, options, report)
-        instruments = [cause for cause in answer.diagnosis if cause.is_instrument]
+        instruments = [each for each in answer.diagnosis if each.is_instrument and each.kind != "input noise"]
         if interrupted or not instruments or instruments[0].kind not in admitted:
             return answer
         kind, channel = instruments[0].kind, instruments[0].where

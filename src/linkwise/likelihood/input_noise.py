@@ -1,0 +1,192 @@
+"""Noise of the channels of inputs, which nobody stated: whether the residuals of exact laws show it.
+
+Noise of an input kicks the masses, and the structure rings where it resonates. There are few residuals in a band so narrow,
+and they hardly stand out among all, but they are the ones that a damping is judged by. The multiplier of each defect is the
+slope of the cost by a kick there. Under noise of sensors alone the sum of squares of these slopes has a mean and a scatter
+that draws of such noise tell, with states and coefficients following; its excess is the score of the variance of the kicks.
+
+References
+----------
+C. R. Rao, Proc. Camb. Phil. Soc. 44, 50 (1948), for score tests; X. Lin, Biometrika 84, 309 (1997), for those of variances.
+
+E. S. Pearson, Biometrika 46, 364 (1959), for a sum of squares as a chi-square of the same three first moments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from scipy.linalg import lapack
+
+from linkwise.arrays import Bools, Floats
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.model.structure import Structure
+from linkwise.records.channel import BASE, Channel
+
+_DRAWS = (
+    64  # of noise of sensors, whose products tell the moments of a sum of squares: 2016 pairs, 41664 triples
+)
+_SEED = 20200
+_RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
+_CHANCE = 11.0  # square of a normal score, as one input in 2000 gives by chance
+_LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
+
+
+def noise_of_inputs(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Iterator[Cause]:
+    """Inputs among `channels` whose noise would explain a significant part of the residuals of exact laws.
+
+    Raises numpy.linalg.LinAlgError where the equations at the optimum are singular.
+    """
+    optimum = fit.optimum
+    exact = fit.model_error == 0.0 and not fit.random_forces and isinstance(optimum.loss, Gaussian)
+    if not exact or identified.hosts or identified.size >= MANY:
+        return
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    inputs = list(_inputs(optimum, misfit, identified, channels))
+    if not inputs:
+        return
+    free = np.ones(optimum.segments.parameters, dtype=bool)
+    free[: len(fit.free)] = fit.free
+    multipliers = _multipliers(optimum, misfit, free)
+    for channel, rms, pattern in inputs:
+        slopes = np.einsum("kn,knr->kr", pattern, multipliers)
+        score = _VarianceScore.of(slopes[:, 0], slopes[:, 1:])
+        gain = score.normal**2
+        if score.normal > 0.0 and gain > _CHANCE and score.deviation < _LARGEST * rms:
+            yield Cause(
+                kind="input noise",
+                where=channel,
+                size=score.deviation,
+                unit=Channel.parse(channel).unit,
+                gain=gain,
+                standard_error=0.5 * score.error / score.deviation,
+            )
+
+
+def _inputs(
+    optimum: Optimum, misfit: Misfit, identified: Structure, channels: Sequence[str]
+) -> Iterator[tuple[str, float, Floats]]:
+    """Each input with its root mean square, and the kick (K - 1, n) in m/s that its noise of size one gives at the nodes."""
+    segments, inputs = optimum.segments, optimum.segments.inputs
+    mechanics = segments.system.at(optimum.point.theta)
+    length = (segments.step * segments.refine * np.sqrt(len(segments.samples)))[:-1, None]
+    if inputs.frame is not None and f"a:{BASE}" in channels:
+        size = float(np.sqrt(np.mean(inputs.frame[:, 0] ** 2)))
+        yield f"a:{BASE}", size, length * np.ones(identified.size)
+    if inputs.base is not None:
+        d, v = misfit.trajectories.links[0]
+        slopes = mechanics.partials(d, v, misfit.trajectories.memory[0])
+        pulls = mechanics.gain @ (segments.system.base[:, None] * slopes.by_d)
+        yield f"x:{BASE}", float(np.sqrt(np.mean(inputs.base[:, 0, 0] ** 2))), length * pulls.T[:-1]
+    for number, name in enumerate(identified.mass_names):
+        if f"force:{name}" not in channels or inputs.force is None:
+            continue
+        applied = inputs.force[:, 0, number]
+        if inputs.frame is not None:
+            applied = applied + mechanics.masses[number] * inputs.frame[:, 0]
+        pattern = np.eye(identified.size)[number] / mechanics.masses[number]
+        yield f"force:{name}", float(np.sqrt(np.mean(applied**2))), length * pattern
+
+
+def _multipliers(optimum: Optimum, misfit: Misfit, free: Bools) -> Floats:
+    """(K - 1, n, 1 + draws) slopes of half the cost by kicks of the masses at the nodes, in s/m.
+
+    Those of the residuals first, then those of draws of noise of the same size; unknowns of the border follow where `free`.
+    """
+    segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
+    linear = linearise(segments, misfit, scales, optimum.loss)
+    equations = linear.equations(_RELAXED)
+    factor = equations.factor()
+    if factor is None:
+        raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
+    nodes, border = _steps(factor, free, *_gradients(optimum, misfit, len(equations.corner)))
+    defects = _changes_of_defects(linear, nodes, border) / _RELAXED**2
+    return np.asarray(defects[:, n : 2 * n] / scales.state[n : 2 * n, None])
+
+
+def _gradients(optimum: Optimum, misfit: Misfit, unknowns: int) -> tuple[Floats, Floats]:
+    """Slopes by the nodes (K, m, 1 + draws) and by the border (P, 1 + draws) of residuals and of draws of their noise."""
+    segments, m = optimum.segments, optimum.segments.system.dimension
+    nodes, border = np.zeros((segments.count, m, 1 + _DRAWS)), np.zeros((unknowns, 1 + _DRAWS))
+    drawn = _noise(optimum, misfit)
+    for part in chunks(segments, unknowns):
+        rows, _ = whitened_jacobian(segments, misfit, optimum.scales, optimum.loss, part)
+        wide = rows.astype(float)
+        observed = segments.observed[..., part].transpose(2, 0, 1).reshape(len(wide), -1, 1)
+        noise = np.concatenate([wide[..., -1:], observed * drawn(part)], axis=2)
+        nodes[part] = wide[..., :m].transpose(0, 2, 1) @ noise
+        border += np.einsum("krp,krd->pd", wide[..., m:-1], noise)
+    return nodes, border
+
+
+def _noise(optimum: Optimum, misfit: Misfit) -> Callable[[slice], Floats]:
+    """Draws (k, M C, draws) of the noise of sensors in k segments: as large as the residuals, or as coloured as was found."""
+    segments, rng = optimum.segments, np.random.default_rng(_SEED)
+    M, C, K = segments.samples.shape
+    if optimum.coloured is None:
+        samples = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+        sizes = np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
+        return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, _DRAWS))).reshape(
+            -1, M * C, _DRAWS
+        )
+    whole = np.empty((K, M, C, _DRAWS), np.float32)
+    for channel in range(C):
+        series = optimum.coloured.drawn(rng.standard_normal((K * M, _DRAWS)), channel)
+        whole[:, :, channel] = series.reshape(K, M, _DRAWS)
+    return lambda part: whole[part].reshape(-1, M * C, _DRAWS).astype(float)
+
+
+def _steps(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
+    """Solutions (K, m, d) and (P, d) of the equations for right-hand sides of the same shapes, zero where not `free`."""
+    P, d = border.shape
+    forward, _ = lapack.dtbtrs(factor.chol, nodes.reshape(-1, d), uplo="L")
+    solved = np.zeros_like(border)
+    if free.any():
+        right = border - factor.forward[:P] @ forward
+        solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
+    back, _ = lapack.dtbtrs(factor.chol, forward - factor.forward[:P].T @ solved, uplo="L", trans="T")
+    return back.reshape(nodes.shape), solved
+
+
+def _changes_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
+    """(K - 1, m, d) of the defects by steps of the nodes (K, m, d) and the border (P, d)."""
+    ends = np.einsum("kij,kjd->kid", linear.state_ends, nodes[:-1])
+    ends += np.einsum("pki,pd->kid", linear.right_ends[: len(border)], border)
+    return np.asarray((nodes[1:] - ends) * linear.joined[:, :, None])
+
+
+@dataclass(frozen=True)
+class _VarianceScore:
+    """Of the variance of kicks: its `normal` score, the standard `deviation` that it tells, and the `error` of its square."""
+
+    normal: float
+    deviation: float
+    error: float
+
+    @classmethod
+    def of(cls, slopes: Floats, draws: Floats) -> _VarianceScore:
+        """From slopes (K - 1,), and those (K - 1, d) of draws without kicks.
+
+        Products of different draws tell the traces of the square and the cube of the covariance of the slopes.
+        """
+        count = draws.shape[1]
+        products = draws.T @ draws
+        mean = float(np.trace(products)) / count
+        np.fill_diagonal(products, 0.0)
+        square = float(np.sum(products**2)) / (count * (count - 1))
+        cube = float(np.trace(products @ products @ products)) / (count * (count - 1) * (count - 2))
+        excess = float(slopes @ slopes) - mean
+        freedom = square**3 / max(cube, np.finfo(float).tiny) ** 2
+        scale = cube / square
+        chance = float(scipy.stats.chi2.logsf(excess / scale + freedom, freedom))
+        normal = -float(scipy.special.ndtri_exp(chance))
+        return cls(normal, float(np.sqrt(max(excess, 0.0) / square)), float(np.sqrt(2.0 / square)))

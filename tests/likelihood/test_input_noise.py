@@ -1,0 +1,128 @@
+"""Noise of the channels of inputs that nobody stated: told by the residuals, and not where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy
+from present import present
+
+import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.input_noise import _multipliers
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.verdict import Verdict
+
+RATE, COUNT = 100.0, 801
+STIFFNESS, DAMPING = 900.0, 1.0  # of a mass of 1 kg: 4.8 Hz, of which 8 s hold 38 periods
+KNOWN = lw.Coefficient.number
+
+
+def oscillator(end: str) -> lw.Structure:
+    law = lw.Law.parse("k*d + c*v")
+    link = lw.Link("l1", ("m1", end), law, {"k": KNOWN(STIFFNESS), "c": KNOWN(DAMPING)})
+    return lw.Structure("oscillator", (lw.Mass("m1", KNOWN(1.0)),), (link,))
+
+
+@cache
+def driven(channel: str, noise: float, seed: int) -> lw.Record:
+    """Displacements at 40 dB of a mass on a base, or under a force, in random motion whose channel has relative `noise`."""
+    rng = np.random.default_rng(seed)
+    frequency = np.fft.rfftfreq(COUNT, 1.0 / RATE)
+    spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 1.0) & (frequency < 12.0))
+    signal = np.fft.irfft(spectrum, COUNT)
+    moving = channel.endswith("base")
+    given = lw.Sampled(0.0, RATE, (3e-3 if moving else 1.0) * signal / signal.std())
+    length = (COUNT - 1) / RATE
+    if moving:
+        sensors = ("rel:x", channel)
+        clean = lw.simulate(oscillator("base"), duration=length, rate=RATE, base=given, sensors=sensors)
+    else:
+        clean = lw.simulate(oscillator("ground"), duration=length, rate=RATE, forces={"m1": given})
+    record = clean.with_noise(40.0, seed=seed)
+    values = record.values.copy()
+    column = values[:, record.channels.index(channel)]
+    column += noise * column.std() * rng.standard_normal(COUNT)
+    return replace(record, values=values)
+
+
+@pytest.mark.parametrize(
+    ("channel", "end", "noise"), [("a:base", "base", 0.004), ("force:m1", "ground", 0.012)]
+)
+def test_noise_that_nobody_stated_takes_trust_and_is_named(channel: str, end: str, noise: float) -> None:
+    record = driven(channel, noise, 21)
+    fit = lw.identify(record, oscillator(end).unknown("all"))
+    assert not fit.trusted
+    [cause] = [each for each in fit.diagnosis if each.kind == "input noise"]
+    assert (cause.where, cause.is_instrument) == (channel, True)
+    assert f"allow for noise of {channel}" in fit.message
+    true = noise * record.channel(channel).std()
+    # of the dozen residuals that tell it the coefficients have fitted some: to within a factor of three
+    assert true / 3.0 < cause.size < 3.0 * true
+    assert lw.identify(record, oscillator(end).unknown("all"), input_noise=[channel]).trusted
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize(("channel", "end"), [("a:base", "base"), ("force:m1", "ground")])
+def test_clean_inputs_have_no_noise(channel: str, end: str, seed: int) -> None:
+    fit = lw.identify(driven(channel, 0.0, seed), oscillator(end).unknown("all"))
+    assert fit.trusted, fit.message
+    assert "input noise" not in [cause.kind for cause in fit.diagnosis]
+
+
+def test_slopes_by_kicks_are_those_of_a_dense_least_squares_problem() -> None:
+    record, structure = driven("force:m1", 0.02, 5), oscillator("ground").unknown("all")
+    fit = likelihood_fit([record], structure, np.array([STIFFNESS, DAMPING]))
+    segments, optimum = fit.segments, fit.optimum
+    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
+    slopes = _multipliers(optimum, misfit, np.ones(2, dtype=bool))[:, 0]
+    samples, sigma = len(segments.samples), float(optimum.scales.sigma[0])
+
+    def response(values: Floats) -> Floats:
+        """(N, N + 2) displacements by kicks of the velocity at every sample, and by the state at the first."""
+        matrix = np.array([[0.0, 1.0], [-values[0], -values[1]]])
+        powers = scipy.linalg.expm(matrix[None] * np.arange(COUNT)[:, None, None] / RATE)
+        kicks = scipy.linalg.toeplitz(powers[:, 0, 1], np.zeros(COUNT))
+        return np.column_stack([kicks, powers[:, 0]])
+
+    def driven_by_record(values: Floats) -> Floats:
+        """(N,) displacements by the recorded force from rest, by quadrature at the points of the flow's steps."""
+        moved = replace(optimum.point, theta=values, nodes=np.zeros_like(optimum.point.nodes))
+        still = evaluate(segments, moved, optimum.scales, optimum.loss)
+        kicks = present(still.trajectories.ends(segments.step))  # of each segment alone, from rest
+        matrix = np.array([[0.0, 1.0], [-values[0], -values[1]]])
+        onward = scipy.linalg.expm(matrix * samples / RATE)
+        state, out = np.zeros(2), []
+        inside = [scipy.linalg.expm(matrix * j / RATE)[0] for j in range(samples)]
+        alone = still.trajectories.states[: segments.steps : segments.refine, 0, 0]
+        for number in range(segments.count):
+            out += [alone[j, number] + inside[j] @ state for j in range(samples)]
+            state = onward @ state + kicks[:, number]
+        return np.array(out[:COUNT])
+
+    values, every = optimum.point.theta, response(optimum.point.theta)
+    nodes = optimum.point.nodes[:, 0]
+    steps = np.diag(1e-4 * values)
+
+    def model(theta: Floats) -> Floats:
+        return driven_by_record(theta) + response(theta)[:, COUNT:] @ nodes
+
+    by_theta = [(model(values + step) - model(values - step)) / 2e-4 for step in steps]
+    columns = np.column_stack([*by_theta, every[:, COUNT:]])
+    residuals = record.channel("x:m1") - model(values)
+    basis = np.linalg.qr(columns)[0]
+    left = (residuals - basis @ (basis.T @ residuals)) / sigma**2
+    dense = every[:, samples:COUNT:samples].T @ left
+    # residuals and Jacobian agree to what the relaxed flow and single precision leave
+    assert len(dense) == len(slopes) == segments.count - 1 > 100
+    np.testing.assert_allclose(slopes[:, 0], dense, atol=0.02 * np.abs(dense).max())
+
+
+def test_a_model_error_of_a_driven_structure_may_be_noise_of_the_input() -> None:
+    fit = lw.identify(driven("force:m1", 0.05, 6), oscillator("ground").unknown("all"))
+    assert fit.fit_verdicts == (Verdict.MODEL_ERROR_NEEDED,)
+    assert "Noise of force:m1 leaves such an error, too" in fit.message
