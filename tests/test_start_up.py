@@ -101,7 +101,9 @@ def test_unknown_name_is_an_attribute_error() -> None:
         lw.identfy  # noqa: B018
 
 
-def test_no_module_at_the_root_bears_the_name_of_a_public_function() -> None:
+def test_no_module_bears_the_name_of_a_public_function_of_its_package() -> None:
     """Else the import system would bind the module in its place."""
     modules = {path.stem for path in Path(lw.__file__).parent.iterdir()}
     assert "errors" in modules and modules & set(lw.__all__) == {"plot"}  # which is that module
+    figures = {path.stem for path in Path(lw.plot.__file__).parent.iterdir()}
+    assert "level_responses" in figures and figures & set(lw.plot.__all__) == set()
