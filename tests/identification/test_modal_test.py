@@ -3,50 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
+from tapped_beam import SHAPES, beam, tapped
 
 import linkwise as lw
 from linkwise.modal.measured import ModalMeasurement
-from linkwise.modal.oscillators import SampledForce, free_motion
-from linkwise.modal.output_error import _OutputError, _searched
-from linkwise.modal.pursuit import PursuedModes
-
-number = lw.Coefficient.number
-FREQUENCIES = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever
-SHAPES = {"tip": (3.2, -3.2, 3.2), "mid": (1.1, 2.3, 0.06)}
-DAMPING = 0.01
-TAP = "8*exp(-((t - 0.05)/0.004)**2)"  # N, of a hammer
-
-
-def beam() -> lw.Host:
-    return lw.Host(
-        "beam",
-        tuple(
-            lw.HostMode(
-                number(frequency), number(DAMPING), {point: shape[r] for point, shape in SHAPES.items()}
-            )
-            for r, frequency in enumerate(FREQUENCIES)
-        ),
-    )
-
-
-@cache
-def tapped(point: str = "tip", *, release: float = 0.0, cubic: float = 0.0, level: float = 1.0) -> lw.Record:
-    """A tap at a point, and two accelerometers; `release` in sqrt(kg) m/s of the first mode, a spring in N/m^3 at the tip."""
-    links: tuple[lw.Link, ...] = ()
-    if cubic:
-        links = (lw.Link("stop", ("beam.tip", lw.GROUND), lw.Law.parse("k3*d**3"), {"k3": number(cubic)}),)
-    return lw.simulate(
-        lw.Structure("test", (), links, (beam(),)),
-        forces={f"beam.{point}": f"{level}*{TAP}"},
-        release={"v:beam.mode1": release} if release else {},
-        duration=1.5,
-        rate=400.0,
-        sensors=["a:beam.tip", "a:beam.mid"],
-    )
 
 
 def errors(host: lw.Host) -> np.ndarray:
@@ -126,75 +89,3 @@ def test_the_name_of_a_host_is_that_of_its_channels() -> None:
     short = lw.Record(0.0, 400.0, tuple(own), record.values)
     assert ModalMeasurement.of([record], "beam").host == "beam"
     assert ModalMeasurement.of([short], "blade").host == "blade"
-
-
-@pytest.mark.parametrize("ratio", [np.inf, 1.5])
-def test_a_search_that_finds_no_lower_cost_has_not_converged(
-    ratio: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    problem, theta, noise = _problem_beside_the_optimum()
-    cost = problem.equations(theta, noise).cost
-    monkeypatch.setattr(_OutputError, "cost", lambda *_: ratio * cost)
-    found, converged = _searched(problem, theta, noise)
-    assert not converged
-    assert np.array_equal(found, theta)
-
-
-def test_a_search_that_starts_at_the_optimum_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, theta, noise = _problem_beside_the_optimum()
-    theta, converged = _searched(problem, theta, noise)
-    assert converged
-    cost = problem.equations(theta, noise).cost
-    monkeypatch.setattr(_OutputError, "cost", lambda *_: cost)  # as where only rounding is left to gain
-    assert _searched(problem, theta, noise)[1]
-
-
-def _problem_beside_the_optimum() -> tuple[_OutputError, np.ndarray, np.ndarray]:
-    measured = ModalMeasurement.of([tapped().with_noise(40.0, seed=1)])
-    problem = _OutputError(measured, 3)
-    theta = np.zeros(3 * problem.width + 6 + 2)  # free motions and offsets at rest
-    theta[: 3 * problem.width] = np.concatenate(
-        [
-            [1.001 * f, DAMPING, *(SHAPES[point][r] for point in measured.points)]
-            for r, f in enumerate(FREQUENCIES)
-        ]
-    )
-    return problem, theta, problem.levels(theta)
-
-
-def test_motion_of_a_mode_is_that_of_a_simulation() -> None:
-    record = lw.simulate(
-        lw.Structure(
-            "one", (), (), (lw.Host("one", (lw.HostMode(number(21.0), number(0.02), {"p": 1.5}),)),)
-        ),
-        forces={"one.p": "8*exp(-((t - 0.05)/0.002)**2)"},
-        duration=0.5,
-        rate=2000.0,
-        sensors=["x:one.p", "v:one.p", "a:one.p"],
-    )
-    motion = SampledForce(record.channel("force:one.p"), record.step).motion(21.0, 0.02)
-    for kind, row in zip("xva", motion, strict=True):
-        shown = record.channel(f"{kind}:one.p")
-        assert np.abs(1.5**2 * row - shown).max() < 1e-5 * np.abs(shown).max()  # a spline of the fifth order
-
-
-def test_free_motions_satisfy_the_equation_of_the_mode() -> None:
-    x, v, a = free_motion(5.0, 0.1, 0.001, 400).transpose(1, 0, 2)
-    w = 2.0 * np.pi * 5.0
-    residual = a + 0.2 * w * v + w**2 * x
-    assert np.abs(residual).max() < 1e-12 * np.abs(a).max()
-
-
-def test_the_derivatives_of_the_response_are_those_of_differences() -> None:
-    measured = ModalMeasurement.of([tapped(release=0.02)], None)
-    problem = _OutputError(measured, 2)
-    rng = np.random.default_rng(2)
-    start = PursuedModes(np.array([3.4, 20.0]), np.array([0.02, 0.01]), rng.standard_normal((2, 2, 1)))
-    theta = problem.start(start) + 0.1
-    for channel, (rows, numbers) in enumerate(problem._jacobian(theta, 0)):
-        for row, each in zip(rows, numbers, strict=True):
-            step = np.zeros(len(theta))
-            step[each] = 1e-5 * max(abs(theta[each]), 0.1)
-            ahead, behind = (problem.response(theta + sign * step, 0)[channel] for sign in (1.0, -1.0))
-            expected = (ahead - behind) / (2.0 * step[each])
-            assert np.abs(row - expected).max() < 1e-5 * max(np.abs(expected).max(), 1e-9)

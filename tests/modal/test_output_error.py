@@ -1,0 +1,60 @@
+"""The search of modes by output errors: where it ends, and its derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tapped_beam import DAMPING, FREQUENCIES, SHAPES, tapped
+
+from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.output_error import _OutputError, _searched
+from linkwise.modal.pursuit import PursuedModes
+
+
+@pytest.mark.parametrize("ratio", [np.inf, 1.5])
+def test_a_search_that_finds_no_lower_cost_has_not_converged(
+    ratio: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, theta, noise = _problem_beside_the_optimum()
+    cost = problem.equations(theta, noise).cost
+    monkeypatch.setattr(_OutputError, "cost", lambda *_: ratio * cost)
+    found, converged = _searched(problem, theta, noise)
+    assert not converged
+    assert np.array_equal(found, theta)
+
+
+def test_a_search_that_starts_at_the_optimum_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, theta, noise = _problem_beside_the_optimum()
+    theta, converged = _searched(problem, theta, noise)
+    assert converged
+    cost = problem.equations(theta, noise).cost
+    monkeypatch.setattr(_OutputError, "cost", lambda *_: cost)  # as where only rounding is left to gain
+    assert _searched(problem, theta, noise)[1]
+
+
+def _problem_beside_the_optimum() -> tuple[_OutputError, np.ndarray, np.ndarray]:
+    measured = ModalMeasurement.of([tapped().with_noise(40.0, seed=1)])
+    problem = _OutputError(measured, 3)
+    theta = np.zeros(3 * problem.width + 6 + 2)  # free motions and offsets at rest
+    theta[: 3 * problem.width] = np.concatenate(
+        [
+            [1.001 * f, DAMPING, *(SHAPES[point][r] for point in measured.points)]
+            for r, f in enumerate(FREQUENCIES)
+        ]
+    )
+    return problem, theta, problem.levels(theta)
+
+
+def test_the_derivatives_of_the_response_are_those_of_differences() -> None:
+    measured = ModalMeasurement.of([tapped(release=0.02)], None)
+    problem = _OutputError(measured, 2)
+    rng = np.random.default_rng(2)
+    start = PursuedModes(np.array([3.4, 20.0]), np.array([0.02, 0.01]), rng.standard_normal((2, 2, 1)))
+    theta = problem.start(start) + 0.1
+    for channel, (rows, numbers) in enumerate(problem._jacobian(theta, 0)):
+        for row, each in zip(rows, numbers, strict=True):
+            step = np.zeros(len(theta))
+            step[each] = 1e-5 * max(abs(theta[each]), 0.1)
+            ahead, behind = (problem.response(theta + sign * step, 0)[channel] for sign in (1.0, -1.0))
+            expected = (ahead - behind) / (2.0 * step[each])
+            assert np.abs(row - expected).max() < 1e-5 * max(np.abs(expected).max(), 1e-9)
