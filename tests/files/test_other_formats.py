@@ -136,7 +136,7 @@ def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
     uneven = lvm("Multi", shifted, "X_Value\tx:m1\tX_Value\ta:m2\tComment")
     for text, said in (
         (whole + "\n" + segment, "holds 2 segments of measurements"),
-        ("time\tx:m1\n0\t1\n", "is no LVM file"),
+        ("time\tx:m1\n0\t1\n", "is not an LVM file"),
         (whole[: whole.index("X_Value")], "no measurements below the header"),
         (uneven, "clocks of their own"),
         (whole[:-3], "cells? where the header has|1.4"),

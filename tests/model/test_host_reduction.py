@@ -148,7 +148,7 @@ def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
         ("beam.mat", "holds several matrices; choose from"),
         ("bad.mat:M", "cannot be read as a MAT file"),
         ("bad.npz:M", "cannot be read as a .npz file"),
-        ("wide.npz:W", "no square matrix of finite numbers: it has 2 rows and 3 columns"),
+        ("wide.npz:W", "not a square matrix of finite numbers: it has 2 rows and 3 columns"),
         ("complex.npz:K", "holds complex128 values, not real numbers"),
         ("bad.txt:M", "are read from .mat, .npz and .mtx files"),
     ],

@@ -33,5 +33,5 @@ def test_a_link_with_memory_has_no_surface() -> None:
     rig = lw.Structure("rig", (), (lw.Link("damper", ("base", "ground"), law, numbers),))
     record = lw.simulate(rig, duration=2.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
     fit = lw.identify(record, rig.unknown("damper.k"))
-    with pytest.raises(lw.StructureError, match="has memory, so that its force is no function"):
+    with pytest.raises(lw.StructureError, match="has memory, so that its force is not a function"):
         lw.plot.surface(fit, "damper")

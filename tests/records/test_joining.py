@@ -119,7 +119,7 @@ def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
     with pytest.raises(lw.RecordError, match=r"overlaps in time: 0 to 0\.495 s and 0\.25 to 1\.995 s"):
         lw.continued(first, record[50:])
     with pytest.raises(
-        lw.RecordError, match=r"goes on 0\.0025 s after 0 to 0\.495 s, which is no whole number of steps"
+        lw.RecordError, match=r"goes on 0\.0025 s after 0 to 0\.495 s, which is not a whole number of steps"
     ):
         lw.continued(first, replace(second, start=second.start + 0.0025))
     with pytest.raises(lw.RecordError, match=r"begins 1000 s after .* a gap longer than both parts"):

@@ -22,7 +22,7 @@ def read_table(path: Path) -> Table:
     lines = read_lines(path)
     ends = [number for number, line in enumerate(lines) if line.strip().startswith(_END)]
     if not ends:
-        raise RecordError(f"is no LVM file: the line {_END} is missing", path)
+        raise RecordError(f"is not an LVM file: the line {_END} is missing", path)
     if len(ends) > 2:
         raise RecordError(
             f"holds {len(ends) - 1} segments of measurements, each with a clock of its own: export them as files of their own",

@@ -76,7 +76,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         if fit.chi_square > _RAN_AWAY:
             reason = (
                 f"{fit.status.value.capitalize()}. With these values the motion runs away from the record between its "
-                "samples: they are no estimates. Give other starts, or hold some coefficients at known values."
+                "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
             )
         return Judgement(Verdict.NOT_CONVERGED, reason)
     if not np.isfinite(fit.covariance.diagonal()[fit.free]).all():

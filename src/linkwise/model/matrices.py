@@ -75,7 +75,7 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     matrix = scipy.sparse.csc_array(found[name]).astype(float)
     if matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix.data).all():
         raise StructureError(
-            f"{name} is no square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
+            f"{name} is not a square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
             source,
         )
     return matrix

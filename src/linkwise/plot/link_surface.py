@@ -42,7 +42,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     Raises
     ------
     StructureError
-        If there is no such link, or it has memory, so that its force is no function of elongation and rate.
+        If there is no such link, or it has memory, so that its force is not a function of elongation and rate.
 
     Examples
     --------
@@ -57,7 +57,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     found = estimate.link(link)
     if found.link.law.states:
         raise StructureError(
-            "has memory, so that its force is no function of elongation and rate; draw its loops",
+            "has memory, so that its force is not a function of elongation and rate; draw its loops",
             f'link "{link}"',
         )
     index = [each.name for each in estimate.structure.links].index(link)

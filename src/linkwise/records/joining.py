@@ -141,7 +141,7 @@ def continued(record: Record, other: Record) -> Record:
         raise RecordError(f"overlaps in time: {_span(record)} and {_span(other)}", other.source or None)
     if abs(exact - gap) > _OFF_GRID:
         raise RecordError(
-            f"goes on {exact / record.rate:.6g} s after {_span(record)}, which is no whole number of steps of "
+            f"goes on {exact / record.rate:.6g} s after {_span(record)}, which is not a whole number of steps of "
             f"{record.step:.6g} s: identify from the two as records of their own",
             other.source or None,
         )

@@ -195,7 +195,7 @@ def _failures(table: StudyTable) -> list[str]:
     for (method, reason), cells in failed.items():
         where = "; ".join(f"{cell.structure}, {cell.snr_db:g} dB" for cell in cells[:_LISTED])
         more = f" and {len(cells) - _LISTED} more cells" if len(cells) > _LISTED else ""
-        why = reason or "the error is no number"
+        why = reason or "the error is not a number"
         sentences.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
     return sentences
 
