@@ -76,7 +76,9 @@ def _values(text: str) -> list[float]:
         )
     first, last, count = (number(part, "--sweep", EXAMPLE) for part in parts[:3])
     if not (count.is_integer() and 2 <= count <= MOST):
-        raise click.UsageError(f"--sweep: {parts[2]!r} is not a whole number from 2 to {MOST}, as in {EXAMPLE}.")
+        raise click.UsageError(
+            f"--sweep: {parts[2]!r} is not a whole number from 2 to {MOST}, as in {EXAMPLE}."
+        )
     ways = [k / (count - 1) for k in range(int(count))]
     if len(parts) == 3:
         return [first + way * (last - first) for way in ways]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Floats
 from linkwise.model.law import Law
@@ -53,7 +54,7 @@ def link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> t
     return structure.elongations(x.T, base), structure.elongations(v.T, speed)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # states may run away where values are far off
+@np.errstate(all="ignore")  # states may run away where values are far off
 def follow_states(
     law: Law, values: Mapping[str, float | Floats], d: Floats, v: Floats, step: float, batch: int = 1
 ) -> Floats:
@@ -73,19 +74,18 @@ def follow_states(
     tail = np.full(count * piece - len(d), d[-1]), np.zeros(count * piece - len(d))
     run_d = np.concatenate([lead[0], d, tail[0]])
     run_v = np.concatenate([lead[1], v, tail[1]])
-    starts = np.arange(count) * piece
+    along_d, along_v = (sliding_window_view(run, 2 * piece)[::piece].T.copy() for run in (run_d, run_v))
+    middle_d, middle_v = (0.5 * (along[:-1] + along[1:]) for along in (along_d, along_v))
     out = np.empty((len(law.states), batch, count, piece))
     states = np.zeros((len(law.states), batch, count))
     rates = _rates(law, values, states)
     for number in range(2 * piece - 1):
-        here, there = starts + number, starts + number + 1
         if number >= piece:
             out[..., number - piece] = states
-        middle = 0.5 * (run_d[here] + run_d[there]), 0.5 * (run_v[here] + run_v[there])
-        k1 = rates(run_d[here], run_v[here], states)
-        k2 = rates(*middle, states + 0.5 * step * k1)
-        k3 = rates(*middle, states + 0.5 * step * k2)
-        k4 = rates(run_d[there], run_v[there], states + step * k3)
+        k1 = rates(along_d[number], along_v[number], states)
+        k2 = rates(middle_d[number], middle_v[number], states + 0.5 * step * k1)
+        k3 = rates(middle_d[number], middle_v[number], states + 0.5 * step * k2)
+        k4 = rates(along_d[number + 1], along_v[number + 1], states + step * k3)
         states = states + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     out[..., piece - 1] = states
     return out.reshape(len(law.states), batch, -1)[..., : len(d)]
@@ -94,7 +94,10 @@ def follow_states(
 def _rates(
     law: Law, values: Mapping[str, float | Floats], like: Floats
 ) -> Callable[[Floats, Floats, Floats], Floats]:
-    """Rates (r, B, C) of states, like `like`, from elongations and rates (C,) of the link and states (r, B, C)."""
+    """Rates (r, B, C) of states, like `like`, from elongations and rates (C,) of the link and states (r, B, C).
+
+    To be called where floating-point warnings are ignored.
+    """
     program = rates_program(
         tuple(rate.expression for rate in law.rates), (*law.states, *law.coefficients), law.variables
     )
@@ -105,9 +108,8 @@ def _rates(
 
     def rates(d: Floats, v: Floats, states: Floats) -> Floats:
         moved[0], moved[1], inside[:] = d, v, states
-        with np.errstate(all="ignore"):
-            for operation in operations:
-                operation()
+        for operation in operations:
+            operation()
         return found.copy()
 
     return rates
