@@ -20,9 +20,10 @@ def record() -> lw.Record:
     return run(hysteretic())
 
 
-def test_a_hysteretic_link_is_found_without_starts_within_its_intervals(record: lw.Record) -> None:
-    """Of 100 intervals of 95 %, 88 or more hold with a probability of 0.998, were they independent."""
-    held, scores = 0, []
+def test_a_hysteretic_link_is_found_without_starts_within_its_intervals() -> None:
+    """Of 100 intervals of 95 %, 88 or more hold with a probability of 0.998, were they independent; in six times other
+    twenty seeds, 91 to 100 did."""
+    record, held, scores = run(hysteretic(), duration=6.0), 0, []
     for seed in range(SEEDS):
         fit = lw.identify(measured(record, seed), hysteretic().unknown("damper"))
         assert fit.trusted, str(fit)
