@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
+from dataclasses import replace
 from types import TracebackType
 from typing import Self, final
 
 import pytest
 
 from linkwise.study.executor import Executor, FailureKind
-from linkwise.study.row import Case
+from linkwise.study.row import Case, Row
 from linkwise.study.worker import CaseBatch, CaseResult, run_batch
 
 
@@ -22,13 +23,22 @@ class Died(Exception):
 
 @final
 class Here(Executor):
-    """An executor that works in this process, the newest batch first; a worker dies at a case in `deadly`, so many times."""
+    """An executor that works in this process, the newest batch first; a worker dies at a case in `deadly`, so many times.
+
+    Cases of the rows that are `known` are not run again, for tests of what becomes of the rows.
+    """
 
     batch_seconds = 0.2
 
     def __init__(
-        self, slots: int = 1, deadly: dict[Case, int] | None = None, error: Exception | None = None
+        self,
+        slots: int = 1,
+        deadly: dict[Case, int] | None = None,
+        error: Exception | None = None,
+        *,
+        known: Iterable[Row] = (),
     ) -> None:
+        self._known = {row.case: row for row in known}
         self._places, self._left, self._error = slots, Counter(deadly or {}), error
         self.batches: list[tuple[Case, ...]] = []
 
@@ -46,7 +56,9 @@ class Here(Executor):
             self._left.subtract(hit)
             future.set_exception(Died())
         else:
-            future.set_result(run_batch(batch))
+            found = [CaseResult(self._known[case], 0.0) for case in batch.cases if case in self._known]
+            rest = tuple(case for case in batch.cases if case not in self._known)
+            future.set_result([*found, *(run_batch(replace(batch, cases=rest)) if rest else ())])
         return future
 
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:

@@ -104,7 +104,10 @@ def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
 def test_a_worker_that_dies_loses_only_what_it_was_at(folder: Path, tmp_path: Path) -> None:
     study = lw.stored_study(folder)
     unlucky = list(study.cases())[-1]
-    with open_store(tmp_path / "out", study) as store, Here(2, {unlucky: 2}) as executor:
+    with (
+        open_store(tmp_path / "out", study) as store,
+        Here(2, {unlucky: 2}, known=lw.read_rows(folder)) as executor,
+    ):
         run(study, store, executor, silent)
     assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
     assert sum(unlucky in batch for batch in executor.batches) == 3
@@ -114,7 +117,8 @@ def test_a_worker_that_dies_loses_only_what_it_was_at(folder: Path, tmp_path: Pa
 def test_a_case_that_kills_its_worker_three_times_is_a_failure(folder: Path, tmp_path: Path) -> None:
     study = lw.stored_study(folder)
     deadly = Case("bnes2", 20.0, "ml", 1001)
-    with open_store(tmp_path / "out", study) as store, Here(1, {deadly: 99}) as executor:
+    known = lw.read_rows(folder)
+    with open_store(tmp_path / "out", study) as store, Here(1, {deadly: 99}, known=known) as executor:
         run(study, store, executor, silent)
     rows = lw.read_rows(tmp_path / "out")
     assert [row.case for row in rows if row.failed] == [deadly]
