@@ -1,4 +1,4 @@
-"""`linkwise identify --ambient` and `--input-noise`."""
+"""`linkwise identify` and `discover` with `--ambient` and `--input-noise`."""
 
 from __future__ import annotations
 
@@ -83,3 +83,13 @@ def test_wrong_use_is_told(
 ) -> None:
     assert run(["identify", *files, *options]) != 0
     assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_discover_takes_the_same(files: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["discover", files[0], "--mass", "m1=1.0", "--terms", "d, v"]
+    assert run([*given, "--ambient", "m9"]) != 0
+    assert "no ambient force can act on m9" in capsys.readouterr().err
+    run([*given, "--input-noise", "force:m1=100 mN"])
+    assert "Noise of force:m1 of 0.1 N, as stated, is counted in." in " ".join(
+        capsys.readouterr().out.split()
+    )

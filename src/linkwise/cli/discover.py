@@ -21,6 +21,7 @@ from linkwise.cli.options import (
     pairs,
     truth_option,
 )
+from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.cli.sensor_options import sensor_options
 from linkwise.lazy import lazy_module
@@ -62,12 +63,12 @@ class PriorOptions:
             name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
         }
 
-    def options(self, sensors: dict[str, Any]) -> lw.DiscoveryOptions:
-        """The options of `linkwise.discover`, with errors of `sensors`; UsageError for invalid terms."""
+    def options(self, errors: dict[str, Any]) -> lw.DiscoveryOptions:
+        """The options of `linkwise.discover`, with `errors` of sensors and inputs; UsageError for invalid terms."""
         if self.terms is None:
-            return lw.DiscoveryOptions(**sensors)
+            return lw.DiscoveryOptions(**errors)
         try:
-            return lw.DiscoveryOptions(terms=self.terms, **sensors)
+            return lw.DiscoveryOptions(terms=self.terms, **errors)
         except lw.IdentificationError as error:
             raise click.UsageError(f"--terms: {error}") from error
 
@@ -120,14 +121,14 @@ prior_options = grouped(
 @click.command()
 @record_options
 @prior_options
-@keyword_group("sensors", *sensor_options())
+@keyword_group("errors", *sensor_options(), *random_force_options())
 @folder_option
 @truth_option
 @json_option("result.json")
 def discover(
     source: RecordOptions,
     prior: PriorOptions,
-    sensors: dict[str, Any],
+    errors: dict[str, Any],
     output: Path | None,
     truth: Path | None,
     as_json: bool,
@@ -166,8 +167,9 @@ def discover(
       linkwise discover run.csv --mapping sensors.toml
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --calibration all=1%
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
+      linkwise discover wind.csv --mass m1=1.0 --mass m2=0.5 --ambient all
     """
-    masses, options = prior.masses(source.record_mapping()), prior.options(sensors)
+    masses, options = prior.masses(source.record_mapping()), prior.options(errors)
     process = drawing_beside(output, "linkwise.report.discovery_folder:DISCOVERY_FOLDER")
     names = tuple(masses) if isinstance(masses, dict) else masses.places
     true = None if truth is None else _true(truth, names)

@@ -22,7 +22,7 @@ from linkwise.cli.options import (
     option_name,
     truth_option,
 )
-from linkwise.cli.random_force_options import RANDOM_FORCE_OPTIONS
+from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.cli.sensor_options import sensor_options
 from linkwise.identification.methods import METHODS
@@ -79,7 +79,7 @@ ml_options = keyword_group(
     "ml",
     *sensor_options(" (ml)"),
     *DISTURBANCE_OPTIONS,
-    *RANDOM_FORCE_OPTIONS,
+    *random_force_options(" (ml)"),
     click.option(
         "--robust",
         "loss",

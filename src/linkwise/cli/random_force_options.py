@@ -1,8 +1,9 @@
-"""Options for random forces: ambient ones, which no channel shows, and noise of the channels of inputs."""
+"""Options for random forces, which `identify` and `discover` share: ambient ones, and noise of the channels of inputs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import click
 
@@ -59,21 +60,23 @@ def _unit_of_channel(name: str) -> str:
         return "N"
 
 
-RANDOM_FORCE_OPTIONS = (
-    click.option(
-        "--ambient",
-        metavar="MASS[=DENSITY]",
-        multiple=True,
-        callback=_random_forces(lambda _: "N/sqrt(Hz)", "m1=0.5"),
-        help="Masses that a random force acts on which no channel shows, as m1,m2 or all; its one-sided amplitude spectral "
-        "density in N/sqrt(Hz) is found where none is given (ml). Repeatable.",
-    ),
-    click.option(
-        "--input-noise",
-        metavar="CHANNEL[=SIGMA]",
-        multiple=True,
-        callback=_random_forces(_unit_of_channel, "force:m1=0.5"),
-        help="Inputs whose channel has noise, as force:m1, a:base, x:base or all; its standard deviation, in the channel's SI "
-        "unit or with a unit, is found where none is given (ml). Repeatable.",
-    ),
-)
+def random_force_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
+    """The options, with a `remark` at the end of what each does."""
+    return (
+        click.option(
+            "--ambient",
+            metavar="MASS[=DENSITY]",
+            multiple=True,
+            callback=_random_forces(lambda _: "N/sqrt(Hz)", "m1=0.5"),
+            help="Masses that a random force acts on which no channel shows, as m1,m2 or all; its one-sided amplitude "
+            f"spectral density in N/sqrt(Hz) is found where none is given{remark}. Repeatable.",
+        ),
+        click.option(
+            "--input-noise",
+            metavar="CHANNEL[=SIGMA]",
+            multiple=True,
+            callback=_random_forces(_unit_of_channel, "force:m1=0.5"),
+            help="Inputs whose channel has noise, as force:m1, a:base, x:base or all; its standard deviation, in the "
+            f"channel's SI unit or with a unit, is found where none is given{remark}. Repeatable.",
+        ),
+    )

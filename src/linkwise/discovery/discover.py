@@ -26,6 +26,7 @@ from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.power import unit_shares
+from linkwise.discovery.random_forces import select_with_random_forces
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rival_errors import rival_errors, rival_remarks
 from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_remarks, rival_forms
@@ -36,6 +37,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
@@ -156,8 +158,11 @@ def discover(
             gains=chosen.gains,
             calibration=chosen.calibration,
             delays=chosen.delays,
-        )
+        ),
+        random=random_forces(chosen.ambient, chosen.input_noise, records[0], candidates.full_structure),
     )
+    if sensors.random:
+        refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
     discovery = answer_with_sensors(
         partial(_found, candidates, checks, progress), records, sensors, chosen.admit, _Found.reported
     )
@@ -221,6 +226,9 @@ def _found(
         sensors=sensors,
         restarts=screened.integrated or bool(candidates.hosts),
     )
+    if sensors.random:
+        selection = select_with_random_forces(search, screened.first)
+        return _Found(checks, screened, selection, _discovery(records, checks, screened, selection))
     rates = [record.rate for record in screened.records]
     search, selection = select_with_parameters(search, screened.first, screened.motions, rates)
     screened = replace(screened, candidates=search.candidates)
@@ -311,12 +319,12 @@ def _discovery(
     alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
     estimate = widened(estimate, dropped.covariance)
     firm = estimate.trusted and selection.settled
-    rivals = rival_errors(selection, estimate.structure) if firm else ()
+    rivals = rival_errors(selection, estimate.structure) if firm and not fit.random_forces else ()
     moves = estimate.trusted and bool(screened.candidates.hosts)
     moved = link_exchanges(selection, screened.candidates) if moves else ()
     if any(rival.is_preferred for rival in rivals):
         estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
-    forms = rival_forms(selection, screened.candidates) if firm else ()
+    forms = rival_forms(selection, screened.candidates) if firm and not fit.random_forces else ()
     estimate = allowing_for(estimate, forms)
     search = _doubts_of_search(screened, selection, estimate, forms)
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))

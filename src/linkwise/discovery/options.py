@@ -8,6 +8,7 @@ from typing import TypedDict, Unpack, final
 
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.random_forces import Deviations
 
 
 class DiscoveryKeywords(TypedDict, total=False):
@@ -19,6 +20,8 @@ class DiscoveryKeywords(TypedDict, total=False):
     calibration: Mapping[str, float]
     delays: Sequence[str]
     admit: Sequence[str]
+    ambient: Deviations
+    input_noise: Deviations
 
 
 @final
@@ -39,6 +42,9 @@ class DiscoveryOptions:
     admit : sequence of {"gain", "offset", "delay"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names.
+    ambient, input_noise : sequence of str or mapping of str to float or None
+        Masses on which a random force acts that no channel shows, and inputs whose channel has noise, as of
+        `MaximumLikelihood`: every fit of the search counts them in.
 
     Raises
     ------
@@ -64,6 +70,8 @@ class DiscoveryOptions:
     calibration: Mapping[str, float] = field(default_factory=dict, hash=False)
     delays: Sequence[str] = ()
     admit: Sequence[str] = ()
+    ambient: Deviations = field(default=(), hash=False)
+    input_noise: Deviations = field(default=(), hash=False)
 
     def __post_init__(self) -> None:
         terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)
@@ -77,6 +85,8 @@ class DiscoveryOptions:
                 )
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
         object.__setattr__(self, "calibration", dict(self.calibration or {}))
+        for name in ("ambient", "input_noise"):
+            object.__setattr__(self, name, getattr(self, name) or ())
         parse_terms(terms)  # raises what is wrong with them
 
     @classmethod

@@ -98,7 +98,8 @@ def best_of(selections: Sequence[Selection]) -> Selection:
 
 
 def _converged(fit: LikelihoodFit) -> bool:
-    return fit.status is AnnealingStatus.CONVERGED and fit.optimum.q <= _TIGHT
+    tight = fit.optimum.q <= _TIGHT or bool(fit.random_forces)  # beside which the flow is tight enough
+    return fit.status is AnnealingStatus.CONVERGED and tight
 
 
 _SINGULAR = (
