@@ -54,6 +54,7 @@ def test_from_modes_to_a_validated_link(folder: Path, capsys: pytest.CaptureFixt
     assert [mode["name"] for mode in result["modes"]] == ["wing.mode1", "wing.mode2"]
     found = result["links"][0]["coefficients"]
     for name, value in (("k", 200.0), ("k3", 2e6), ("c", 0.05)):
+        # four standard errors: 6e-5 of chance each
         assert abs(found[name]["value"] - value) < 4.0 * found[name]["standard_error"]
     assert not list((folder / "answer").glob("force_wing*"))
     assert run(["validate", "wing.csv", "answer"]) == 0
@@ -164,6 +165,7 @@ def test_from_taps_to_a_payload(folder: Path, capsys: pytest.CaptureFixture[str]
     result = json.loads(capsys.readouterr().out.partition("{")[2].join(["{", ""]))
     found = result["links"][0]["coefficients"]
     for name, value in (("k", 200.0), ("k3", 2e6), ("c", 0.05)):
+        # four standard errors: 6e-5 of chance each
         assert abs(found[name]["value"] - value) < 4.0 * found[name]["standard_error"]
 
 

@@ -76,6 +76,7 @@ def test_every_mass_and_coefficient_where_a_force_sets_the_scale() -> None:
 
 def test_a_known_mass_sets_the_scale_of_another(record: lw.Record, chain: lw.Structure) -> None:
     fit = weak(record, chain.unknown("nes", "mass:m2"))
+    # four standard errors: 6e-5 of chance each
     assert fit.trusted and max(misses(fit, chain).values()) < 4.0
 
 
@@ -122,6 +123,7 @@ def test_gaps_and_single_missing_samples(record: lw.Record, chain: lw.Structure)
     values[np.random.default_rng(0).integers(0, len(record), 60), 0] = np.nan
     fit = weak(replace(record, values=values), chain.unknown("all"))
     lost = int(np.isnan(values).sum())
+    # four standard errors: 6e-5 of chance each
     assert fit.trusted and max(misses(fit, chain).values()) < 4.0
     assert f"{lost} samples are missing; equations that need them are left out." in fit.findings
     assert fit.samples == values.size - lost

@@ -46,6 +46,7 @@ def test_a_structure_that_moves_before_the_tap_is_identified_from_two_records_wi
     values[100:130, 0] = np.nan
     found = lw.identify_host([replace(records[0], values=values), records[1]], modes=3)
     assert found.trusted
+    # four standard errors: of twelve values beyond once in 1300
     assert np.abs(errors(found.host)).max() < 4.0
 
 
@@ -59,6 +60,7 @@ def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:
     found = lw.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
     third = found.host.modes[2]
     assert found.faint == ("beam.mode3",) or any("beam.mode3 hardly moves" in text for text in found.remarks)
+    # measured half of the largest
     assert max(third.shape_sigma.values()) > 0.1 * max(map(abs, third.shape.values()))
 
 

@@ -40,6 +40,7 @@ def test_a_law_that_lacks_the_state_is_refused(record: lw.Record) -> None:
     wrong = rig("k*d + c*v", {"k": 5000.0, "c": 900.0})
     result = lw.validate(record[1000:], wrong)
     assert not result.trusted
+    # measured 42 %
     assert result.channels["f:damper"].nmse_percent > 10.0
 
 

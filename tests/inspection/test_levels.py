@@ -43,10 +43,12 @@ def test_modes_of_a_linear_structure_stay() -> None:
     assert found.first_nonlinear is None
     assert found.frequencies.shape == (3, 1)
     true = np.sqrt(STIFFNESS / MASS) / (2.0 * np.pi)
+    # four standard errors: 6e-5 of chance each
     assert np.abs((found.frequencies - true) / found.frequency_errors).max() < 4.0
     ratio = DAMPER / (2.0 * np.sqrt(STIFFNESS * MASS))
     assert np.abs((found.damping - ratio) / found.damping_errors).max() < 4.0
     assert str(found).startswith("Linear up to")
+    # at 50 dB; measured 0.989
     assert np.nanmax(found.responses[2].coherence) > 0.9
     assert found.distortions == (None, None, None)
 
@@ -69,11 +71,13 @@ def test_a_ring_down_follows_the_backbone() -> None:
     records = [tap(size, cubic, "x:m1").with_noise(60.0, seed=1) for size in (0.1, 4.0)]
     [ring] = lw.compare_levels(records, modes=1).ring_downs
     backbone = np.sqrt((STIFFNESS + 0.75 * cubic * ring.amplitude**2) / MASS) / (2.0 * np.pi)
+    # measured 7.7 times, and 1.7 %
     assert ring.amplitude[0] > 3.0 * ring.amplitude[-1]
     assert backbone[0] > 1.01 * backbone[-1]
     # the harmonic balance of one term: its error is of the order of the square of the relative stiffening, below 0.1 %
     assert np.abs(ring.frequency / backbone - 1.0).max() < 2e-3
     ratio = DAMPER / (2.0 * MASS * 2.0 * np.pi * ring.frequency)
+    # measured 2 %
     assert np.median(np.abs(ring.damping / ratio - 1.0)) < 0.1
 
 
@@ -90,6 +94,7 @@ def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, 
     assert found.period == pytest.approx(0.25)
     assert found.odd is not None and found.even is not None
     levels = {"odd": found.odd, "even": found.even}
+    # measured 31 and 15 dB
     assert levels[kind] > levels[other] + 10.0
 
 

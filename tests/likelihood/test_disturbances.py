@@ -83,6 +83,7 @@ def test_every_record_has_sizes_of_its_own() -> None:
     records = [disturbed(DRIFT, seed=23), disturbed(-2.0 * HUM, seed=24, start=7.0)]
     fit = lw.identify(records, ASKED, drifts=["x:m2"], hums={"x:m2": 50.0})
     assert fit.trusted
+    # four standard errors: 6e-5 of chance each
     assert farthest(fit) < 4.0
     assert sum("x:m2 drifts over" in line for line in fit.findings) == 2
 

@@ -84,10 +84,12 @@ def test_frequencies_known_to_within_are_found() -> None:
     )
     fit = lw.identify(record(), beam(within).unknown("nes"))
     assert fit.trusted
+    # four standard errors: 6e-5 of chance each
     assert np.abs(errors(fit)).max() < 4.0
     for number_, true in enumerate(FREQUENCIES, start=1):
         found = fit.coefficient(f"beam.mode{number_}.frequency")
         assert found.standard_error is not None
+        # the prior; measured a twentieth of it and less
         assert found.standard_error < 0.01 * true
         assert abs(found.value - true) < 4.0 * found.standard_error
     assert fit.to_dict()["modes"][0]["frequency"]["unit"] == "Hz"
@@ -115,6 +117,7 @@ def test_a_gap_of_all_channels_is_bridged() -> None:
     values[400:460, : len(whole.responses)] = np.nan
     fit = lw.identify(replace(whole, values=values), beam().unknown("nes"))
     assert fit.trusted
+    # four standard errors: 6e-5 of chance each
     assert np.abs(errors(fit)).max() < 4.0
 
 

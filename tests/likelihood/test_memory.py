@@ -122,6 +122,7 @@ def test_a_hysteretic_link_is_identified_from_no_starts(hysteretic: lw.Record, c
     assert fit.trusted, fit.explanation
     for name, value in BOUC_WEN.items():
         found = fit.coefficient(f"joint.{name}")
+        # 3.5 standard errors: 5e-4 of chance each
         assert abs(found.value - value) < 3.5 * present(found.standard_error), name
 
 
@@ -146,6 +147,7 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
     assert fit.coefficient("piezo.theta").unit == "N/V" and fit.coefficient("piezo.R").unit == "ohm"
     for name, value in HARVESTER.items():
         found = fit.coefficient(f"piezo.{name}")
+        # 3.5 standard errors: 5e-4 of chance each
         assert abs(found.value - value) < 3.5 * present(found.standard_error), name
 
 

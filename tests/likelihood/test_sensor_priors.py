@@ -42,6 +42,7 @@ def test_a_prior_adds_its_precision(kind: str, what: str, unit: float) -> None:
     value, error = told(lw.identify(stating(noisy(), **{kind: free}), UNKNOWN), what)
     # as precise as the record: half the variance; both are told to two digits
     assert error / unit == pytest.approx(free / np.sqrt(2.0), rel=0.08)
+    # four standard errors: 6e-5 of chance each
     assert abs(value) < 4.0 * error
 
 
@@ -70,6 +71,7 @@ def test_a_prior_of_a_delay_is_of_the_whole_delay() -> None:
     wrong = lw.identify(stating(late(), delay=1e-4), UNKNOWN)
     assert not wrong.trusted
     assert wrong.diagnosis[0].kind == "prior" and wrong.diagnosis[0].where == "delay of x:m2"
+    # measured 0.4 % off
     assert wrong.diagnosis[0].unit == "s" and wrong.diagnosis[0].size == pytest.approx(3e-3, rel=0.01)
 
 

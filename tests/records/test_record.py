@@ -267,6 +267,7 @@ def test_noise_has_the_variance_of_the_paper(decibel: float) -> None:
     assert abs(np.mean(noise**2) / expected - 1.0) < 4.0 * np.sqrt(2.0 / n)
     # likewise four deviations, of a mean and of a correlation of n samples
     assert abs(np.mean(noise)) < 4.0 * np.sqrt(expected / n)
+    # four standard deviations of the correlation of n white samples
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(n)
 
 
@@ -354,6 +355,7 @@ def test_decimated_white_noise_is_white(factor: int) -> None:
     correlation = np.correlate(taps, taps, "full")[len(taps) - 1 :: factor]
     # what the ends of the filter that are cut off leave; a filter that stops at the Nyquist frequency has 0.1
     assert np.max(np.abs(correlation[1:])) < 1e-4 * correlation[0]
+    # measured 2e-5
     assert correlation[0] == pytest.approx(1.0 / factor, rel=1e-3)
 
 

@@ -106,4 +106,5 @@ def test_an_average_is_identified_as_all_periods_are() -> None:
         assert averaged.standard_error is not None and every.standard_error is not None
         # the free start of each segment costs a little more of one period than of eight
         assert every.standard_error < averaged.standard_error < 1.5 * every.standard_error
+        # four standard errors: 6e-5 of chance each
         assert abs(averaged.value - true) < 4.0 * averaged.standard_error

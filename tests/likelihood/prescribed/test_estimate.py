@@ -91,6 +91,7 @@ def test_friction_of_bristles_is_found_without_starts() -> None:
     for name, value in values.items():
         found = fit.coefficient(f"damper.{name}")
         assert found.standard_error is not None
+        # four standard errors: 6e-5 of chance each
         assert abs(found.value - value) < 4.0 * found.standard_error
 
 

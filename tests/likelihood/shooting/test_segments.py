@@ -134,6 +134,7 @@ def test_the_gradient_is_the_costs_difference(
     assert np.abs(expected[checked]).min() > 0.0  # every unknown shows in the cost
     # in units of |column| |residuals|, the largest that J'r can be: single precision, and order 4 in (h omega)/4
     largest = np.sqrt(curvature * misfit.cost(q))
+    # of quotients of differences; measured 6e-5
     assert np.abs((found - expected) / largest)[checked].max() < 2e-4
 
 
