@@ -151,7 +151,9 @@ def asked_oscillator(law: str, mass: float | None = None, *, name: str = "spring
     return oscillator(law, mass=unknown if mass is None else mass, name=name, **coefficients)
 
 
-def row_of_masses(masses: Sequence[float], **links: tuple[str, Mapping[str, float]]) -> lw.Structure:
+def row_of_masses(
+    masses: Sequence[float], **links: tuple[str, Mapping[str, float | lw.Coefficient]]
+) -> lw.Structure:
     """Masses m1, m2, ... each on a link, by its law and coefficients, to the one before, and the first to the ground."""
     names = [f"m{k}" for k in range(1, len(masses) + 1)]
     joined = tuple(

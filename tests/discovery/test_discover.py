@@ -386,21 +386,9 @@ def test_no_record_is_refused() -> None:
 def two_of_four_joined() -> lw.Structure:
     """Four masses, the last two of which are all but rigidly joined: which of them holds the spring to the others cannot be
     told."""
-    number, law = lw.Coefficient.number, lw.Law.parse("k*d + c*v")
-    values = {
-        ("m1", "ground"): (4e3, 0.4),
-        ("m2", "m1"): (2e3, 0.2),
-        ("m3", "m2"): (500.0, 0.1),
-        ("m4", "m3"): (4e5, 0.5),
-    }
-    return lw.Structure(
-        "four masses",
-        tuple(lw.Mass(f"m{k}", number(mass)) for k, mass in enumerate((1.0, 0.5, 0.3, 0.1), start=1)),
-        tuple(
-            lw.Link("-".join(ends), ends, law, {"k": number(k), "c": number(c)})
-            for ends, (k, c) in values.items()
-        ),
-    )
+    values = {"m1-ground": (4e3, 0.4), "m2-m1": (2e3, 0.2), "m3-m2": (500.0, 0.1), "m4-m3": (4e5, 0.5)}
+    links = {name: ("k*d + c*v", {"k": k, "c": c}) for name, (k, c) in values.items()}
+    return row_of_masses([1.0, 0.5, 0.3, 0.1], **links)
 
 
 def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:

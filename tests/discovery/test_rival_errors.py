@@ -6,25 +6,18 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+from problems import row_of_masses
 
 import linkwise as lw
 from linkwise.discovery.rival_errors import RivalError
 
-number = lw.Coefficient.number
-
-
-def link(name: str, between: tuple[str, str], text: str, **values: float) -> lw.Link:
-    return lw.Link(name, between, lw.Law.parse(text), {key: number(value) for key, value in values.items()})
-
-
-FRAME = lw.Structure(
-    "frame",
-    (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5)), lw.Mass("m3", number(0.3))),
-    (
-        link("m1-ground", ("m1", "ground"), "k*d + k3*d**3 + c*v", k=2e4, k3=1e7, c=1.0),
-        link("m2-m1", ("m2", "m1"), "k*d + c*v", k=1.2e4, c=0.8),
-        link("m3-m2", ("m3", "m2"), "k*d + c*v", k=9e3, c=0.5),
-    ),
+FRAME = row_of_masses(
+    [1.0, 0.5, 0.3],
+    **{
+        "m1-ground": ("k*d + k3*d**3 + c*v", {"k": 2e4, "k3": 1e7, "c": 1.0}),
+        "m2-m1": ("k*d + c*v", {"k": 1.2e4, "c": 0.8}),
+        "m3-m2": ("k*d + c*v", {"k": 9e3, "c": 0.5}),
+    },
 )
 MASSES = dict(zip(FRAME.mass_names, FRAME.mass_values, strict=True))
 
@@ -62,7 +55,7 @@ def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float
 
 def test_a_stiffness_that_is_stated_wrong_is_named() -> None:
     stated = FRAME.link("m2-m1")
-    wrong = replace(stated, coefficients={**stated.coefficients, "k": number(1.02 * 1.2e4)})
+    wrong = replace(stated, coefficients={**stated.coefficients, "k": lw.Coefficient.number(1.02 * 1.2e4)})
     noisy = record().with_noise(18.0, seed=11)  # with less noise the diagnosis of the fit tells it
     found = lw.discover(noisy, lw.PartialStructure(FRAME.masses, (wrong,)))
     assert not found.trusted

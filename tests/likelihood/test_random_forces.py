@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 from present import present
-from problems import oscillator
+from problems import oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -20,23 +20,12 @@ SUBSTEPS = 4  # in a sample, over which a random force is constant
 STEADY = 2000  # samples before a record, after which its start is forgotten
 NOISE = 1e-4  # m, of displacements of some mm
 ERRORS = 5.0  # standard errors that an estimate may be off: 6e-7 of chance for each
-KNOWN = lw.Coefficient.number
 
 
 def chain(n: int, law: str = "k*d + c*v") -> lw.Structure:
-    terms = lw.Law.parse(law)
     values = {"k": STIFFNESS, "c": DAMPING}
-    links = tuple(
-        lw.Link(
-            f"l{i}",
-            (f"m{i}", f"m{i - 1}" if i > 1 else "ground"),
-            terms,
-            {name: KNOWN(values.get(name, 0.0)) for name in terms.coefficients},
-        )
-        for i in range(1, n + 1)
-    )
-    masses = tuple(lw.Mass(f"m{i}", KNOWN(1.0)) for i in range(1, n + 1))
-    return lw.Structure("chain", masses, links)
+    given = {name: values.get(name, 0.0) for name in lw.Law.parse(law).coefficients}
+    return row_of_masses([1.0] * n, **{f"l{i}": (law, given) for i in range(1, n + 1)})
 
 
 def motion(forces: Floats, cubic: float = 0.0) -> Floats:

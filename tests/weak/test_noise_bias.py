@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import row_of_masses
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -20,17 +21,12 @@ SEEDS = 300
 
 def structure(*laws: str) -> lw.Structure:
     """Masses in a row, each link to the one before it, the first to the ground."""
-    masses = tuple(lw.Mass(f"m{i}", lw.Coefficient.number(1.0)) for i in range(1, len(laws) + 1))
-    links = [
-        lw.Link(
-            f"l{i}",
-            (f"m{i}", "ground" if i == 1 else f"m{i - 1}"),
-            parsed,
-            {name: lw.Coefficient.unknown(0.1) for name in parsed.coefficients},
-        )
-        for i, parsed in enumerate(map(lw.Law.parse, laws), start=1)
-    ]
-    return lw.Structure("row", masses, tuple(links))
+    unknown = lw.Coefficient.unknown(0.1)
+    links = {
+        f"l{i}": (law, dict.fromkeys(lw.Law.parse(law).coefficients, unknown))
+        for i, law in enumerate(laws, start=1)
+    }
+    return row_of_masses([1.0] * len(laws), **links)
 
 
 def record(masses: int, sigma: Sequence[float], rng: np.random.Generator | None) -> lw.Record:
