@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -149,6 +150,62 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
         found = fit.coefficient(f"piezo.{name}")
         # 3.5 standard errors: 5e-4 of chance each
         assert abs(found.value - value) < 3.5 * present(found.standard_error), name
+
+
+def nearby(structure: lw.Structure, part: float) -> lw.Structure:
+    """All coefficients unknown, with starts that are off by a part, up and down in turn."""
+    asked = structure.unknown("all")
+    factors = {p.name: 1.0 + part * (-1.0) ** number for number, p in enumerate(asked.parameters)}
+    links = []
+    for link in asked.links:
+        starts = {
+            key: replace(
+                coefficient,
+                value=present(structure.coefficient(f"{link.name}.{key}").value)
+                * factors[f"{link.name}.{key}"],
+            )
+            for key, coefficient in link.coefficients.items()
+        }
+        links.append(replace(link, coefficients=starts))
+    return lw.Structure(structure.name, structure.masses, tuple(links))
+
+
+def within_five_deviations(fit: lw.Estimate, true: lw.Structure) -> None:
+    """5.7e-7 of chance for each coefficient."""
+    assert fit.trusted, fit.explanation
+    for parameter in fit.parameters:
+        found = fit.coefficient(parameter.name)
+        error = abs(found.value - present(true.coefficient(parameter.name).value))
+        assert error < 5.0 * present(found.standard_error), parameter.name
+
+
+def test_a_harvester_is_identified_from_its_voltage_alone() -> None:
+    link = lw.named_law("piezo-harvester").link("piezo", ("m1", "base"), numbers(HARVESTER))
+    true = lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(0.02)),), (link,))
+    base = "0.004*sin(40*t) + 0.003*sin(57*t + 1) + 0.002*sin(33*t + 2)"
+    record = lw.simulate(true, duration=3.0, rate=500.0, base=base, sensors=["state", "x:base"])
+    noisy = record.with_noise(20.0, seed=4).values.copy()
+    noisy[:, record.channels.index("x:base")] = record.channel("x:base")
+    record = replace(record, values=noisy, simulated=None)
+    within_five_deviations(lw.identify(record, nearby(true, 0.2)), true)
+    with pytest.raises(lw.IdentificationError, match="mass m1 has no channel; record its motion, or state"):
+        lw.identify(record, true.unknown("all"))
+
+
+def test_a_hidden_mass_beside_links_with_memory_is_found_from_starts() -> None:
+    true = two_masses()
+    forces = {"m1": multisine(6.0, 60.0)}
+    record = lw.simulate(true, duration=4.0, rate=200.0, sensors=["x", "state"], forces=forces)
+    record = record.select(["x:m1", "state:piezo.V", "force:m1"]).with_noise(40.0, seed=3)
+    within_five_deviations(lw.identify(record, nearby(true, 0.1)), true)
+
+
+def test_a_record_without_any_motion_is_refused(hysteretic: lw.Record) -> None:
+    only = hysteretic.select(["state:joint.z", "force:m1"])
+    with pytest.raises(
+        lw.IdentificationError, match=r"no channel shows the motion of a mass \(state:joint.z"
+    ):
+        lw.identify(only, nearby(joint(), 0.1))
 
 
 def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:

@@ -39,6 +39,7 @@ from linkwise.likelihood.shooting.waveforms import frequencies_by_channel, lengt
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
+from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
@@ -252,10 +253,13 @@ class MaximumLikelihood(Estimator):
         given = dict(self.starts or {})
         if not structure.topology.states:
             return ()
-        if all(p.name in given for p in structure.parameters):
-            return (Valley(np.array([given[p.name] for p in structure.parameters]), 0.0),)
+        stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
+        framed_ones = framed_records(records, structure)
+        known = given if shows_every_mass(framed_ones[0], structure) else stated
+        if all(p.name in known for p in structure.parameters):
+            return (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),)
         with one_blas_thread():
-            return memory_starts(framed_records(records, structure), structure, given)
+            return memory_starts(framed_ones, structure, given)
 
 
 def _held(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:

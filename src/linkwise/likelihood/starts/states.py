@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
 from linkwise.likelihood.starts.hosts import host_motion
 from linkwise.likelihood.starts.inverse_dynamics import determines_links, link_signals, masses_from_links
 from linkwise.likelihood.starts.link_states import link_states
+from linkwise.likelihood.starts.motion_from_states import motion_from_states
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.integrate import DRIFT_FREQUENCY, highpass, integral, smoothed
@@ -23,6 +25,8 @@ from linkwise.signals.integrate import DRIFT_FREQUENCY, highpass, integral, smoo
 _UNMEASURED = (
     0.1  # of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
 )
+
+_FROM_STATES = 0.3  # of the motion that a measured state of a link tells, with the starts of its coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +70,11 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
     -------
     StartStates
         The states.
+
+    Raises
+    ------
+    IdentificationError
+        If no channel shows the motion of a mass.
     """
     if structure.hosts:
         return _states_with_hosts(record, structure, sigma)
@@ -81,7 +90,14 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
         displaced = kinds[name][0] == "x"
         scale[0, i] = sigma[channel] if displaced else ratio * _rms(x[i])
         scale[1, i] = sigma[channel] * record.rate * reach if displaced else ratio * _rms(v[i])
+    for number in motion_from_states(record, structure, sigma, x, v):
+        scale[:, number] = _FROM_STATES * _rms(x[number]), _FROM_STATES * _rms(v[number])
     hidden = np.isnan(scale[0])
+    if hidden.all():
+        raise IdentificationError(
+            f"no channel shows the motion of a mass ({', '.join(record.responses)} alone), from which the states start: "
+            f"record a displacement, velocity or acceleration, such as rel:v:{structure.mass_names[0]}"
+        )
     for order, motion in enumerate((x, v)):
         scale[order, hidden] = _UNMEASURED * np.sqrt(np.mean(motion[~hidden] ** 2))
     memory, sizes = link_states(record, structure, sigma, x, v)
@@ -100,6 +116,11 @@ def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, fl
 def measured_motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N) of the masses, smoothed, integrated where need be; zero without a sensor."""
     return _smoothed_motion(record, structure, sigma, _kinds(record, structure))
+
+
+def shows_every_mass(record: Record, structure: Structure) -> bool:
+    """Whether every mass has a channel of its displacement, velocity or acceleration."""
+    return all(_kinds(record, structure).values())
 
 
 def _kinds(record: Record, structure: Structure) -> dict[str, list[str]]:
