@@ -22,21 +22,20 @@ L. Tierney and J. B. Kadane, J. Am. Stat. Assoc. 81, 82 (1986), for the Laplace 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
 _STEP = 0.5  # standard errors: for the differences of log det by an unknown
-_LOG_STEP = 0.05  # for those by the logarithm of a deviation
+_LOUDER = 2.0  # times its noise, to tell what a channel adds to the equations
 _ROUNDS = 30
 _SETTLED = 0.05  # standard errors, or of the logarithm of a deviation over `_LOG_WEIGHT`
 _LOG_WEIGHT = 5.0
@@ -221,53 +220,46 @@ class _LogDeterminant:
 
     def slope(self, free: Bools, deviation: Floats) -> Floats:
         """(P,) its gradient by the unknowns that all nodes share, zero for those that are not free."""
-        border = self.point.border
-
-        def at(column: int, step: float) -> float:
-            moved = border.copy()
-            moved[column] += step
-            return replace(self, point=self.point.moved(self.point.nodes, moved)).value()
-
-        steps = np.where(free, _STEP * deviation, 0.0)
-        return np.array(
-            [
-                _slope(partial(at, column), float(size)) if size > 0.0 else 0.0
-                for column, size in enumerate(steps)
-            ]
-        )
+        slopes = np.zeros(len(free))
+        for column in np.flatnonzero(free & (deviation > 0.0)).tolist():
+            step = np.zeros(len(free))
+            step[column] = _STEP * deviation[column]
+            slope = (self._value(step) - self._value(-step)) / (2.0 * step[column])
+            slopes[column] = slope if np.isfinite(slope) else 0.0
+        return slopes
 
     def freedoms(self, known_noise: Bools) -> tuple[Floats, Floats]:
-        """(C,) residuals and (r,) forces that the record determines, of those whose deviations are to be found."""
+        """(C,) residuals and (r,) forces that the record determines, of those whose deviations are to be found.
+
+        They are all but the traces of H^-1 times what each channel, and each force, adds to H.
+        """
         random = self.segments.random
         assert random is not None
-        residuals = self.factor * self.segments.observed.sum(axis=(0, 2)).astype(float)
-        forces = np.full(len(random.rows), self.factor * self.segments.count)
+        residuals = self.segments.observed.sum(axis=(0, 2)).astype(float)
+        forces = np.full(len(random.rows), float(self.segments.count))
+        whole, inverse = self.linear.data.state, self._inverse_blocks()
         for channel in np.flatnonzero(~known_noise).tolist():
-            residuals[channel] += 0.5 * _slope(partial(self._louder, channel), _LOG_STEP)
-        for force in np.flatnonzero(random.found).tolist():
-            forces[force] += 0.5 * _slope(partial(self._stronger, force), _LOG_STEP)
-        return residuals, forces
+            sigma = self.scales.sigma.copy()
+            sigma[channel] *= _LOUDER
+            without = replace(self, scales=replace(self.scales, sigma=sigma)).linear.data.state
+            residuals[channel] -= float(np.vdot(inverse, whole - without)) / (1.0 - _LOUDER**-2)
+        own = inverse[:, random.rows, random.rows].T
+        forces -= np.sum(own * random.curvature(self.scales.state), axis=1)
+        return self.factor * residuals, self.factor * forces
 
-    def _louder(self, channel: int, step: float) -> float:
-        sigma = self.scales.sigma.copy()
-        sigma[channel] *= np.exp(step)
-        return replace(self, scales=replace(self.scales, sigma=sigma)).value()
-
-    def _stronger(self, force: int, step: float) -> float:
-        random = self.segments.random
-        assert random is not None
-        factors = np.ones(len(random.rows))
-        factors[force] = np.exp(step)
-        return replace(self, segments=replace(self.segments, random=random.scaled(factors))).value()
-
-    def value(self) -> float:
-        misfit = evaluate(self.segments, self.point, self.scales, self.annealer.loss)
-        linear = linearise(self.segments, misfit, self.scales, self.annealer.loss, self.annealer.executor)
-        factor = linear.equations(self.q).factor()
+    def _value(self, step: Floats) -> float:
+        """Log det where the border (P,) is moved by a step."""
+        moved = self.point.moved(self.point.nodes, self.point.border + step)
+        factor = replace(self, point=moved).linear.equations(self.q).factor()
         return np.nan if factor is None else self.factor * 2.0 * float(np.log(factor.chol[0]).sum())
 
+    @cached_property
+    def linear(self) -> Linearization:
+        """The linearised equations."""
+        misfit = evaluate(self.segments, self.point, self.scales, self.annealer.loss)
+        return linearise(self.segments, misfit, self.scales, self.annealer.loss, self.annealer.executor)
 
-def _slope(function: Callable[[float], float], step: float) -> float:
-    """Derivative by a central difference, zero where it is not finite."""
-    slope = (function(step) - function(-step)) / (2.0 * step)
-    return slope if np.isfinite(slope) else 0.0
+    def _inverse_blocks(self) -> Floats:
+        """(K, m, m) blocks of the inverse of those of the states; zeros where they are singular."""
+        factor = self.linear.equations(self.q).factor()
+        return np.zeros_like(self.linear.data.state) if factor is None else factor.inverse_blocks()

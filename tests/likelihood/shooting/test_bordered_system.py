@@ -57,6 +57,16 @@ def equations(request: pytest.FixtureRequest) -> BorderedSystem:
     )
 
 
+def test_blocks_of_the_inverse_are_those_of_a_dense_one(equations: BorderedSystem) -> None:
+    size = equations.diagonal.shape[0] * M
+    inverse = np.linalg.inv(dense(equations)[0][:size, :size])
+    blocks = present(equations.factor()).inverse_blocks()
+    assert len(blocks) == len(equations.diagonal)
+    for k, block in enumerate(blocks):
+        here = slice(M * k, M * (k + 1))
+        np.testing.assert_allclose(block, inverse[here, here], rtol=1e-8, atol=1e-12)
+
+
 def test_solves_as_a_dense_matrix_does(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
     nodes, border = present(present(equations.factor()).solve(np.ones(P, bool)))

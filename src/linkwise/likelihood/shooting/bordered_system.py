@@ -96,6 +96,21 @@ class BorderedFactor:
         """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `BorderedSystem.drop` takes for zero."""
         return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
 
+    def inverse_blocks(self) -> Floats:
+        """(K, m, m) diagonal blocks of H^-1, from the last node to the first (Takahashi, Fagan and Chen 1973)."""
+        K, m = self.shape
+        root, below = np.zeros((K, m, m)), np.empty((K - 1, m, m))
+        for column in range(m):
+            band = self.chol[:, column::m].T
+            root[:, column:, column] = band[:, : m - column]
+            below[:, :, column] = band[:-1, m - column : 2 * m - column]
+        inverse = np.linalg.inv(root)
+        carried = below @ inverse[:-1]
+        blocks = inverse.transpose(0, 2, 1) @ inverse
+        for k in range(K - 2, -1, -1):
+            blocks[k] += carried[k].T @ blocks[k + 1] @ carried[k]
+        return np.asarray(blocks)
+
     def log_determinant(self, free: Bools) -> float:
         """Of the whole matrix, border restricted to `free`."""
         _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
