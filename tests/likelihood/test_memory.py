@@ -241,3 +241,23 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> Non
         low, high = present(fit.coefficient(name).interval)
         most = (1.0 + INERTIA_OF_AVERAGING) * value if name == "m1.mass" else value
         assert low < most and value < high, name
+
+
+@pytest.mark.parametrize("frequency", [1.0, 10.0])
+def test_hysteretic_storeys_of_any_speed_are_found_from_accelerations(frequency: float) -> None:
+    """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
+    w = 2.0 * np.pi * frequency
+    values = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.005 * w**2, "x0": 0.01, "s": 0.6}
+    link = lw.named_law("bouc-wen").link("frame", ("m1", "base"), numbers(values))
+    true = lw.Structure("storey", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
+    base = "+".join(
+        f"{size}*sin({part * w}*t + {phase})"
+        for size, part, phase in ((0.01, 0.9, 0), (0.008, 1.7, 1), (0.008, 0.6, 2), (0.003, 2.9, 0.3))
+    )
+    record = lw.simulate(
+        true, duration=15.0 / frequency, rate=60.0 * frequency, base=base, sensors=["a", "a:base"]
+    )
+    noisy = record.with_noise(30.0, seed=11).values.copy()
+    noisy[:, record.channels.index("a:base")] = record.channel("a:base")
+    record = replace(record, values=noisy, simulated=None)
+    within_five_deviations(lw.identify(record, true.unknown("all")), true)

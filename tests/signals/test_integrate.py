@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from linkwise.signals.integrate import integral
+from linkwise.signals.integrate import DRIFT_FREQUENCY, drift_frequency, integral
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 100, 101])
@@ -22,3 +22,10 @@ def test_the_integral_has_its_order() -> None:
         time = np.linspace(0.0, 2.0, count)
         errors.append(np.abs(integral(np.cos(3.0 * time), time[1]) - np.sin(3.0 * time) / 3.0).max())
     assert errors[0] / errors[1] == pytest.approx(2.0**4, rel=0.05)  # order four, as of parabolas
+
+
+@pytest.mark.parametrize(("frequency", "cutoff"), [(0.5, 0.15), (5.0, 1.5), (40.0, DRIFT_FREQUENCY)])
+def test_drift_is_below_the_motion(frequency: float, cutoff: float) -> None:
+    sine = np.sin(2.0 * np.pi * frequency * np.arange(20_000) / 1000.0)
+    assert drift_frequency(sine, 1000.0) == pytest.approx(cutoff, rel=0.02)
+    assert drift_frequency(np.full(100, 9.81), 1000.0) == DRIFT_FREQUENCY  # at rest

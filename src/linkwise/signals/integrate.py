@@ -10,7 +10,12 @@ from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth
 from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half
 
-DRIFT_FREQUENCY = 3.0  # Hz: below it a twice integrated acceleration is drift
+DRIFT_FREQUENCY = 3.0  # Hz: below it a twice integrated acceleration is drift, unless the structure is slow
+_LOW_POWER = 0.1  # of an acceleration, and ...
+_BELOW = (
+    0.3  # of the frequency below which that lies: the noise of a twice integrated one grows as the power -3/2
+)
+_ROUNDING = 1e-24  # of the power of a constant
 _DEGREE = 5
 
 
@@ -95,6 +100,29 @@ def _first_interval(values: Floats, step: float) -> Floats:
     """Integrals (N - 2,) of the parabolas through three samples in a row, from the first to the second of them."""
     first, second, third = values[:-2], values[1:-1], values[2:]
     return np.asarray(step / 3 * (5 * first / 4 + 2 * second - third / 4))
+
+
+def drift_frequency(acceleration: Floats, rate: float) -> float:
+    """Frequency below which the integral of an acceleration is taken for drift.
+
+    Parameters
+    ----------
+    acceleration : array of shape (N,)
+        The samples.
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    float
+        Frequency in Hz: a part of that below which a tenth of the power lies, so that slow structures keep their motion, and
+        at most `DRIFT_FREQUENCY`.
+    """
+    power = np.cumsum(np.abs(np.fft.rfft(acceleration - acceleration.mean())) ** 2)
+    if not power[-1] > _ROUNDING * len(acceleration) * float(acceleration @ acceleration):
+        return DRIFT_FREQUENCY  # at rest
+    lowest = float(np.searchsorted(power, _LOW_POWER * power[-1])) * rate / len(acceleration)
+    return min(_BELOW * lowest, DRIFT_FREQUENCY)
 
 
 def highpass(values: Floats, rate: float, cutoff: float) -> Floats:

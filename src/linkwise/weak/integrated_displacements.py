@@ -10,7 +10,7 @@ import numpy as np
 from linkwise.model.link import Mass
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.integrate import DRIFT_FREQUENCY, highpass, integral, smoothed
+from linkwise.signals.integrate import drift_frequency, highpass, integral, smoothed
 
 
 def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
@@ -30,8 +30,9 @@ def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
         value = smoothed(record, channel, sigma[channel])[0]
         x = integral(value, record.step)
         if kind == "a":
-            velocity = highpass(x, record.rate, DRIFT_FREQUENCY)
-            x = highpass(integral(velocity, record.step), record.rate, DRIFT_FREQUENCY)
+            cutoff = drift_frequency(value, record.rate)
+            velocity = highpass(x, record.rate, cutoff)
+            x = highpass(integral(velocity, record.step), record.rate, cutoff)
         names.append(f"x:{name}")
         columns.append(x[:, None])
         relative = sigma[channel] / float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))

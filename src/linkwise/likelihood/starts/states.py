@@ -20,7 +20,7 @@ from linkwise.likelihood.starts.link_states import link_states
 from linkwise.likelihood.starts.motion_from_states import motion_from_states
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.integrate import DRIFT_FREQUENCY, highpass, integral, smoothed
+from linkwise.signals.integrate import drift_frequency, highpass, integral, smoothed
 
 _UNMEASURED = (
     0.1  # of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
@@ -158,12 +158,13 @@ def _smoothed_motion(
         elif "x" in measured:
             v[i] = measured["x"][1]
         else:
-            v[i] = highpass(integral(measured["a"][0], record.step), record.rate, DRIFT_FREQUENCY)
+            cutoff = drift_frequency(measured["a"][0], record.rate)
+            v[i] = highpass(integral(measured["a"][0], record.step), record.rate, cutoff)
         if "x" in measured:
             x[i] = measured["x"][0]
         else:
             integrated_v = integral(v[i], record.step)
-            x[i] = integrated_v if "v" in measured else highpass(integrated_v, record.rate, DRIFT_FREQUENCY)
+            x[i] = integrated_v if "v" in measured else highpass(integrated_v, record.rate, cutoff)
     return x, v
 
 

@@ -1,0 +1,67 @@
+"""A bistable piezoelectric harvester on a moving base: its law and circuit from displacement, velocity or the voltage alone.
+
+LINKWISE_SEEDS says how many records (default 40; 200 are asked). With the voltage alone starts are 20 % off, each up or down.
+Seeds are others than those of the tests.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+
+SEEDS = int(os.environ.get("LINKWISE_SEEDS", "40"))
+FIRST = 6000  # of the seeds
+SNR = 20.0
+BASE = "0.004*sin(40*t) + 0.003*sin(57*t + 1) + 0.002*sin(33*t + 2)"
+LAW = lw.named_law("piezo-harvester")
+TRUE = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}
+SENSORS = {
+    "displacement and voltage": ("rel:x:m1", "state:harvester.V"),
+    "velocity and voltage": ("rel:v:m1", "state:harvester.V"),
+    "voltage alone": ("state:harvester.V",),
+}
+
+
+def harvester(coefficients: dict[str, lw.Coefficient]) -> lw.Structure:
+    """A magnet of 20 g between two wells, with a transducer on a resistor."""
+    link = LAW.link("harvester", ("m1", "base"), coefficients)
+    return lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(0.02)),), (link,))
+
+
+@pytest.mark.parametrize("sensors", SENSORS)
+def test_coverage_of_a_harvester(sensors: str) -> None:
+    structure = harvester({name: lw.Coefficient.number(value) for name, value in TRUE.items()})
+    clean = lw.simulate(
+        structure, duration=6.0, rate=500.0, base=BASE, sensors=["rel:x", "rel:v", "state", "x:base"]
+    ).select([*SENSORS[sensors], "x:base"])
+    trusted, errors, seconds = 0, [], []
+    for seed in range(FIRST, FIRST + SEEDS):
+        noisy = clean.with_noise(SNR, seed=seed).values.copy()
+        noisy[:, clean.channels.index("x:base")] = clean.channel("x:base")
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(TRUE))
+        starts = {
+            name: lw.Coefficient.unknown(value * (1.0 + 0.2 * sign))
+            for (name, value), sign in zip(TRUE.items(), signs, strict=True)
+        }
+        asked = harvester(starts if sensors == "voltage alone" else {})
+        fit = lw.identify(replace(clean, values=noisy, simulated=None), asked)
+        seconds.append(fit.seconds)
+        trusted += fit.trusted
+        if fit.trusted:
+            true = np.array([structure.coefficient(p.name).value for p in asked.parameters], dtype=float)
+            errors.append((fit.values - true) / np.sqrt(fit.covariance.diagonal()))
+        else:
+            print(f"\n  seed {seed}: {fit.message[:110]}", end="")
+    z = np.array(errors)
+    covered = 100.0 * float(np.mean(np.abs(z) < 1.96))
+    print(
+        f"\nharvester, {sensors}: {trusted} of {SEEDS} trusted, coverage {covered:.1f} %, mean square of z "
+        f"{np.mean(z**2):.2f}, worst {np.abs(z).max():.1f}, {np.median(seconds):.1f} s in the median"
+    )
+    assert 92.0 <= covered <= 98.0
+    assert np.mean(z**2) <= 1.3  # of the bound, which the variances state
