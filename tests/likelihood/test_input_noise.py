@@ -9,23 +9,21 @@ import numpy as np
 import pytest
 import scipy
 from present import present
+from problems import oscillator
 
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.input_noise import _multipliers
+from linkwise.likelihood.input_noise import _multipliers, _normal_score
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.verdict import Verdict
 
 RATE, COUNT = 100.0, 801
 STIFFNESS, DAMPING = 900.0, 1.0  # of a mass of 1 kg: 4.8 Hz, of which 8 s hold 38 periods
-KNOWN = lw.Coefficient.number
 
 
-def oscillator(end: str) -> lw.Structure:
-    law = lw.Law.parse("k*d + c*v")
-    link = lw.Link("l1", ("m1", end), law, {"k": KNOWN(STIFFNESS), "c": KNOWN(DAMPING)})
-    return lw.Structure("oscillator", (lw.Mass("m1", KNOWN(1.0)),), (link,))
+def mounted(end: str) -> lw.Structure:
+    return oscillator("k*d + c*v", to=end, name="l1", k=STIFFNESS, c=DAMPING)
 
 
 @cache
@@ -40,9 +38,9 @@ def driven(channel: str, noise: float, seed: int) -> lw.Record:
     length = (COUNT - 1) / RATE
     if moving:
         sensors = ("rel:x", channel)
-        clean = lw.simulate(oscillator("base"), duration=length, rate=RATE, base=given, sensors=sensors)
+        clean = lw.simulate(mounted("base"), duration=length, rate=RATE, base=given, sensors=sensors)
     else:
-        clean = lw.simulate(oscillator("ground"), duration=length, rate=RATE, forces={"m1": given})
+        clean = lw.simulate(mounted("ground"), duration=length, rate=RATE, forces={"m1": given})
     record = clean.with_noise(40.0, seed=seed)
     values = record.values.copy()
     column = values[:, record.channels.index(channel)]
@@ -55,7 +53,7 @@ def driven(channel: str, noise: float, seed: int) -> lw.Record:
 )
 def test_noise_that_nobody_stated_takes_trust_and_is_named(channel: str, end: str, noise: float) -> None:
     record = driven(channel, noise, 21)
-    fit = lw.identify(record, oscillator(end).unknown("all"))
+    fit = lw.identify(record, mounted(end).unknown("all"))
     assert not fit.trusted
     [cause] = [each for each in fit.diagnosis if each.kind == "input noise"]
     assert (cause.where, cause.is_instrument) == (channel, True)
@@ -63,19 +61,19 @@ def test_noise_that_nobody_stated_takes_trust_and_is_named(channel: str, end: st
     true = noise * record.channel(channel).std()
     # of the dozen residuals that tell it the coefficients have fitted some: to within a factor of three
     assert true / 3.0 < cause.size < 3.0 * true
-    assert lw.identify(record, oscillator(end).unknown("all"), input_noise=[channel]).trusted
+    assert lw.identify(record, mounted(end).unknown("all"), input_noise=[channel]).trusted
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
 @pytest.mark.parametrize(("channel", "end"), [("a:base", "base"), ("force:m1", "ground")])
 def test_clean_inputs_have_no_noise(channel: str, end: str, seed: int) -> None:
-    fit = lw.identify(driven(channel, 0.0, seed), oscillator(end).unknown("all"))
+    fit = lw.identify(driven(channel, 0.0, seed), mounted(end).unknown("all"))
     assert fit.trusted, fit.message
     assert "input noise" not in [cause.kind for cause in fit.diagnosis]
 
 
 def test_slopes_by_kicks_are_those_of_a_dense_least_squares_problem() -> None:
-    record, structure = driven("force:m1", 0.02, 5), oscillator("ground").unknown("all")
+    record, structure = driven("force:m1", 0.02, 5), mounted("ground").unknown("all")
     fit = likelihood_fit([record], structure, np.array([STIFFNESS, DAMPING]))
     segments, optimum = fit.segments, fit.optimum
     misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
@@ -123,6 +121,30 @@ def test_slopes_by_kicks_are_those_of_a_dense_least_squares_problem() -> None:
 
 
 def test_a_model_error_of_a_driven_structure_may_be_noise_of_the_input() -> None:
-    fit = lw.identify(driven("force:m1", 0.05, 6), oscillator("ground").unknown("all"))
+    fit = lw.identify(driven("force:m1", 0.05, 6), mounted("ground").unknown("all"))
     assert fit.fit_verdicts == (Verdict.MODEL_ERROR_NEEDED,)
     assert "Noise of force:m1 leaves such an error, too" in fit.message
+
+
+def test_noise_that_moves_nothing_has_no_score() -> None:
+    """Of a base that a damper alone joins, noise of the displacement is no force in the equations."""
+    damper = oscillator("c*v", to="base", name="damper", c=DAMPING).links[0]
+    structure = replace(mounted("ground"), links=(*mounted("ground").links, damper))
+    base = lw.Sampled(
+        0.0, RATE, 3e-3 * np.convolve(np.random.default_rng(9).standard_normal(COUNT), np.ones(9), "same")
+    )
+    clean = lw.simulate(structure, base=base, duration=(COUNT - 1) / RATE, rate=RATE, sensors=("x", "x:base"))
+    fit = lw.identify(clean.with_noise(40.0, seed=9), structure.unknown("l1.k", "damper"))
+    assert fit.trusted, fit.message
+    assert "input noise" not in [cause.kind for cause in fit.diagnosis]
+
+
+def test_normal_scores_are_finite_wherever_a_sum_of_squares_is() -> None:
+    """Chances below the least number come from an asymptotic series, to within the 1 / 100 that its first term leaves out."""
+    for freedom in (10.0, 1000.0):
+        chi_square = np.linspace(freedom, freedom + 8000.0, 400)
+        scores = [_normal_score(each - freedom, freedom, freedom) for each in chi_square]
+        assert np.isfinite(scores).all() and (np.diff(scores) > 0.0).all()
+        assert np.diff(scores, 2).max() < 0.01 * scores[-1]
+    # traces by draws of a sum of many terms, where skewness is lost in their scatter: a normal score as it is
+    assert _normal_score(30.0, 50.0, -1.0) == pytest.approx(3.0, rel=1e-12)

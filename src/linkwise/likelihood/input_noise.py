@@ -60,6 +60,8 @@ def noise_of_inputs(fit: LikelihoodFit, identified: Structure, channels: Sequenc
     for channel, rms, pattern in inputs:
         slopes = np.einsum("kn,knr->kr", pattern, multipliers)
         score = _VarianceScore.of(slopes[:, 0], slopes[:, 1:])
+        if score is None:
+            continue
         gain = score.normal**2
         if score.normal > 0.0 and gain > _CHANCE and score.deviation < _LARGEST * rms:
             yield Cause(
@@ -173,8 +175,8 @@ class _VarianceScore:
     error: float
 
     @classmethod
-    def of(cls, slopes: Floats, draws: Floats) -> _VarianceScore:
-        """From slopes (K - 1,), and those (K - 1, d) of draws without kicks.
+    def of(cls, slopes: Floats, draws: Floats) -> _VarianceScore | None:
+        """From slopes (K - 1,), and those (K - 1, d) of draws without kicks; None where kicks move nothing.
 
         Products of different draws tell the traces of the square and the cube of the covariance of the slopes.
         """
@@ -185,8 +187,24 @@ class _VarianceScore:
         square = float(np.sum(products**2)) / (count * (count - 1))
         cube = float(np.trace(products @ products @ products)) / (count * (count - 1) * (count - 2))
         excess = float(slopes @ slopes) - mean
-        freedom = square**3 / max(cube, np.finfo(float).tiny) ** 2
-        scale = cube / square
-        chance = float(scipy.stats.chi2.logsf(excess / scale + freedom, freedom))
-        normal = -float(scipy.special.ndtri_exp(chance))
-        return cls(normal, float(np.sqrt(max(excess, 0.0) / square)), float(np.sqrt(2.0 / square)))
+        if square <= 0.0:
+            return None
+        error = float(np.sqrt(2.0 / square))
+        deviation = float(np.sqrt(max(excess, 0.0) / square))
+        return cls(_normal_score(excess, square, cube), deviation, error)
+
+
+def _normal_score(excess: float, square: float, cube: float) -> float:
+    """The normal score of the `excess` over its mean of a sum of squares, by traces of powers of their covariance.
+
+    Of many slopes draws may tell a `cube` that is not positive; their sum is then normal.
+    """
+    if cube <= 0.0:
+        return excess / float(np.sqrt(2.0 * square))
+    freedom, scale = square**3 / cube**2, cube / square
+    place = excess / scale + freedom
+    chance = float(scipy.stats.chi2.logsf(place, freedom))
+    if np.isneginf(chance):  # below the least number: the first term of the incomplete gamma function far out
+        half = 0.5 * freedom
+        chance = (half - 1.0) * np.log(0.5 * place) - 0.5 * place - float(scipy.special.gammaln(half))
+    return -float(scipy.special.ndtri_exp(chance))
