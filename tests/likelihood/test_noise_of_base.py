@@ -172,3 +172,12 @@ def test_a_base_that_nothing_stands_on_is_refused() -> None:
     record = lw.Record(0.0, RATE, ("x:m1", "x:base"), columns)
     with pytest.raises(lw.IdentificationError, match="no motion of a base that the structure stands on"):
         lw.identify(record, storey("ground").unknown("all"), input_noise="all")
+
+
+def test_a_base_that_only_dampers_join_is_refused() -> None:
+    """Their force follows the derivative of the noise, which is left out of what is counted in."""
+    damper = oscillator("c*v", to="base", name="damper", c=1.0).links[0]
+    structure = replace(storey("ground"), links=(*storey("ground").links, damper)).unknown("all")
+    record = on_noisy_base(("x", "x:base"), "k*d + c*v", 8).select(["x:m1", "x:base"])
+    with pytest.raises(lw.IdentificationError, match=r"no spring joins the base \(damper\)"):
+        lw.identify(record, structure, input_noise="all")

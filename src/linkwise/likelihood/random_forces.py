@@ -17,6 +17,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.random_force import RandomForceEstimate
+from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
@@ -121,7 +122,7 @@ def random_forces(
         unit = Channel.parse(channel).unit
         forces[name] = RandomForce(name, _positive(value, f"the noise of {channel}", unit), False)
         if channel == moving:
-            _require_white(channel, record)
+            _require_white(channel, record, structure)
     return tuple(forces[name] for name in (*names, *_OF_BASE) if name in forces)
 
 
@@ -135,7 +136,7 @@ def exciting_base(record: Record, structure: Structure) -> str | None:
     return named[0] if named and acts else None
 
 
-def _require_white(channel: str, record: Record) -> None:
+def _require_white(channel: str, record: Record, structure: Structure) -> None:
     """IdentificationError where noise of the base is not white in what it does to the masses and sensors."""
     if channel == f"v:{BASE}":
         raise IdentificationError(
@@ -147,6 +148,12 @@ def _require_white(channel: str, record: Record) -> None:
         raise IdentificationError(
             f"noise of {channel} cannot be counted in beside {rates[0]}, to which its derivative is added: leave {channel} "
             f"out, and give the acceleration, a:{BASE}"
+        )
+    at_base = [link for link in structure.links if BASE in link.between]
+    if channel == f"x:{BASE}" and at_base and not any("d" in symbols(link.law.elastic) for link in at_base):
+        raise IdentificationError(
+            f"noise of {channel} cannot be counted in: no spring joins the base ({', '.join(each.name for each in at_base)}), "
+            f"and what moves the masses is its derivative, which is not white; give the acceleration, a:{BASE}"
         )
 
 
