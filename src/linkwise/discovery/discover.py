@@ -349,7 +349,7 @@ def _discovery(
         runners_up=runners_up(selection),
         remarks=(
             *(remark for _, remark in search),
-            *rival_form_remarks(forms, selection.quadratic.names),
+            *rival_form_remarks(forms, selection),
             *rival_remarks(rivals, selection.quadratic.names),
             *link_exchange_remarks(moved),
             *checks.remarks,

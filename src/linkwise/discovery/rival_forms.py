@@ -32,6 +32,10 @@ _STRONG = 6.0  # of the criterion: "strong" evidence for the form (Kass and Raft
 _MOST_LINKS = 40
 _MOST_TERMS = 4  # of one kind on a link, of which all subsets are tried
 _NAMED = 3
+_NOT_TESTED = (
+    "Beside random forces it is not tested whether terms stand in for a form that was not offered, or for an error of what "
+    "was stated."
+)
 
 
 @dataclass(frozen=True)
@@ -92,9 +96,11 @@ def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm
     return tuple(sorted(replacing, key=lambda rival: -rival.gain))
 
 
-def rival_form_remarks(rivals: Sequence[RivalForm], names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on the first of the `rivals`, with the `names` of terms by number."""
-    return tuple(rival.remark(names) for rival in rivals[:_NAMED])
+def rival_form_remarks(rivals: Sequence[RivalForm], selection: Selection) -> tuple[str, ...]:
+    """Sentences on the first of the `rivals` of a `selection`, or that none was looked for."""
+    if selection.fit.random_forces:
+        return (_NOT_TESTED,)
+    return tuple(rival.remark(selection.quadratic.names) for rival in rivals[:_NAMED])
 
 
 def allowing_for(estimate: Estimate, rivals: Sequence[RivalForm]) -> Estimate:
