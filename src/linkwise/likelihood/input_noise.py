@@ -202,9 +202,10 @@ def _normal_score(excess: float, square: float, cube: float) -> float:
     if cube <= 0.0:
         return excess / float(np.sqrt(2.0 * square))
     freedom, scale = square**3 / cube**2, cube / square
-    place = excess / scale + freedom
-    chance = float(scipy.stats.chi2.logsf(place, freedom))
-    if np.isneginf(chance):  # below the least number: the first term of the incomplete gamma function far out
-        half = 0.5 * freedom
-        chance = (half - 1.0) * np.log(0.5 * place) - 0.5 * place - float(scipy.special.gammaln(half))
+    half, place = 0.5 * freedom, 0.5 * max(excess / scale + freedom, 0.0)
+    below, above = float(scipy.special.gammainc(half, place)), float(scipy.special.gammaincc(half, place))
+    if above > 0.0:
+        chance = float(np.log1p(-below) if below < 0.5 else np.log(above))
+    else:  # below the least number: the first term of the incomplete gamma function far out
+        chance = (half - 1.0) * float(np.log(place)) - place - float(scipy.special.gammaln(half))
     return -float(scipy.special.ndtri_exp(chance))
