@@ -29,6 +29,7 @@ from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, differences, read_displacements
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import SIGNIFICANT, WeakFit, weak_fit
+from linkwise.weak.pieces import disagreement
 from linkwise.weak.priors import with_priors
 from linkwise.weak.residual import weak_residual
 from linkwise.weak.score_tests import significant_score
@@ -100,7 +101,7 @@ class WeakForm(Estimator):
             equations, fit, converged = weak_search(record, structure, motion)
             fit, contradicted = with_priors(fit, structure.parameters)
         verdict, message = (
-            _verdict(record, structure, equations, fit)
+            _verdict(record, structure, equations, fit, _noise(structure, motion, frame))
             if converged
             else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
         )
@@ -212,7 +213,11 @@ def _nonlinear(structure: Structure) -> set[str]:
 
 
 def _verdict(
-    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
+    record: Record,
+    structure: Structure,
+    equations: WeakEquations,
+    fit: WeakFit,
+    noise: Mapping[str, NoiseEstimate],
 ) -> tuple[Verdict, str]:
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
@@ -252,14 +257,49 @@ def _verdict(
             "off, so no interval is given: it would be too narrow. Give a number, record a motion that stands farther above "
             'the noise, or use method "ml", which needs no such correction.'
         )
+    follows = _follows_the_motion(record, structure, equations, fit, noise)
+    if follows:
+        return Verdict.SYSTEMATIC_MISFIT, f"{explained}, but {follows}"
+    return Verdict.CONVERGED, f"{explained}."
+
+
+def _follows_the_motion(
+    record: Record,
+    structure: Structure,
+    equations: WeakEquations,
+    fit: WeakFit,
+    noise: Mapping[str, NoiseEstimate],
+) -> str:
+    """What in the record follows the motion and the laws do not explain, in words; empty where there is nothing."""
     lacking = significant_score(record, structure, equations, fit.values, fit.excess)
     if lacking is not None:
-        return Verdict.SYSTEMATIC_MISFIT, (
-            f"{explained}, but what they leave follows the motion: {lacking.description}, {abs(lacking.z):.3g} standard "
+        return (
+            f"what they leave follows the motion: {lacking.description}, {abs(lacking.z):.3g} standard "
             "errors in size, would explain a part of it. Intervals would count that as noise, so none is given; a term or a "
             'link is missing, or a sensor or a stated mass is not what it is taken for. Method "ml" tells these apart.'
         )
-    return Verdict.CONVERGED, f"{explained}."
+    wrong_noise = (
+        bool(record.noise) and fit.excess > _NOTED_EXCESS
+    )  # of which the bias differs from piece to piece
+    given = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    sigmas = {name: found.sigma for name, found in noise.items()}
+    search = partial(_fit_of_piece, structure, given)
+    apart = None if wrong_noise else disagreement(record, structure, sigmas, search)
+    if apart is not None:
+        return (
+            f"pieces of it do not agree on {apart.name}: they give {apart.lowest:.3g} to "
+            f"{apart.highest:.3g}, which chance does not explain, so no interval is given. A term is missing that depends on "
+            'how large the motion is, such as friction, or the structure changed. Method "ml" names terms.'
+        )
+    return ""
+
+
+def _fit_of_piece(
+    structure: Structure, given: Mapping[str, float], piece: Record
+) -> tuple[tuple[str, ...], WeakFit] | None:
+    """The parameters of a piece of a record by name, from those `given`; None where the search does not converge."""
+    equations, fit, converged = weak_search(piece, structure, read_displacements(piece, structure), given)
+    return (equations.parameters, fit) if converged else None
 
 
 def _limits(windows: float) -> tuple[float, float]:
