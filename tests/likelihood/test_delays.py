@@ -218,6 +218,20 @@ def test_shifts_without_a_fit_are_passed_over() -> None:
     assert tried[:3] == [0, 1, -1]
 
 
+@pytest.mark.parametrize("far", [1, -2])
+def test_a_delay_at_the_end_of_its_range_is_no_optimum(far: int) -> None:
+    """A sample and a half at this shift, of which the next one stands for a half, and explains less."""
+
+    def answers(shift: int) -> Found:
+        ended = Found(1.0, model_error=5.0, delays={"a:m1": -1.5 * float(np.sign(far)) / 120.0})
+        return ended if shift == far else Found(4.0 + abs(shift), model_error=0.5)
+
+    kept, tried = shifts_tried(answers)
+    assert far in tried
+    assert kept .delays == {"a:m1": 1e-3}
+    assert kept.model_error == 0.5
+
+
 def test_an_interrupt_ends_the_search_over_shifts() -> None:
     stopped = Found(9.0, status=AnnealingStatus.INTERRUPTED)
     kept, tried = shifts_tried(lambda shift: stopped if shift == 1 else Found(1.0))

@@ -26,6 +26,7 @@ _LARGEST = (
     0.5  # relative deviation of a calibration: the first order tells no sensor that may show half or twice
 )
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
+_BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
 _ALIKE = (
     10.0  # difference of -2 log likelihood by which one error is told from another, "very strong" evidence
 )
@@ -220,6 +221,11 @@ class _ShiftedFit(Generic[Fit]):
         return not self.fit.chi_square_off and self.fit.model_error == 0.0
 
     @property
+    def is_optimum(self) -> bool:
+        """Whether the delays are such that no other shift stands for them; at the end of their range they have no errors."""
+        return all(abs(delay) <= _BESIDE * self.shifts.step for delay in self.fit.delays.values())
+
+    @property
     def misfit(self) -> tuple[bool, float]:
         """By which fits at other shifts are ordered; a model error says little, as it depends on the noise beside it."""
         return not self.is_exact, self.fit.chi_square
@@ -270,7 +276,10 @@ def _at_best_shift(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
             return other
         others += [] if other is None else [other]
     nearest = min(others, key=lambda other: other.misfit, default=best)
-    return _nearest(nearest, name) if nearest.misfit < best.misfit else best
+    if not nearest.misfit < best.misfit:
+        return best
+    far = _nearest(nearest, name)
+    return far if far.is_optimum or _interrupted(far) else best
 
 
 def _interrupted(found: _ShiftedFit[Fit]) -> bool:
@@ -291,7 +300,7 @@ def _nearest(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
             if other is None or not other.misfit < best.misfit:
                 break
             best = other
-        if best is not found:
+        if best is not found and best.is_optimum:
             return best
     return found
 
