@@ -228,7 +228,7 @@ def test_a_delay_at_the_end_of_its_range_is_no_optimum(far: int) -> None:
 
     kept, tried = shifts_tried(answers)
     assert far in tried
-    assert kept .delays == {"a:m1": 1e-3}
+    assert kept.delays == {"a:m1": 1e-3}
     assert kept.model_error == 0.5
 
 

@@ -28,8 +28,8 @@ CAUSE = Cause("term", "spring", 0.2, "N", 40.0, 0.01, term="d**3", shift=3.0, sh
 def test_a_hidden_term_names_the_coefficient_that_it_changes_and_none_else(
     shifted: str, change: float, said: str
 ) -> None:
-    fit = cast(LikelihoodFit, SimpleNamespace(model_error=0.0))
-    hidden = HiddenTerm(replace(CAUSE, shifted=shifted), change, fit)
+    fit = cast(LikelihoodFit, SimpleNamespace(model_error=0.0, random_forces=()))
+    hidden = HiddenTerm(replace(CAUSE, shifted=shifted), change, 3.0, fit)
     verdict, message = _with_hidden_term(fit, lw.Verdict.CONVERGED, "", hidden)
     assert verdict is lw.Verdict.SYSTEMATIC_MISFIT
     assert f"would lower -2 log likelihood {said}Intervals would" in message

@@ -146,6 +146,23 @@ def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:
     assert "the noise found of a:base exceeds" in fit.message
 
 
+@pytest.mark.parametrize("seed", [61, 62, 63])
+def test_noise_that_stands_for_a_missing_term_is_not_trusted(seed: int) -> None:
+    """The base has no noise: beside what is found of it the damping would be 13 to 20 standard errors off."""
+    true = oscillator("k*d + c*v + 0.3*v*abs(v)", to="base", name="l1", k=1600.0, c=0.8)
+    rng, count = np.random.default_rng(seed), 481
+    frequency = np.fft.rfftfreq(count, 1.0 / 120.0)
+    spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 2.0) & (frequency < 12.0))
+    motion = np.fft.irfft(spectrum / np.maximum(frequency, 2.0) ** 2, count)
+    base = lw.Sampled(0.0, 120.0, 2e-3 * motion / motion.std())
+    record = lw.simulate(true, duration=4.0, rate=120.0, base=base, sensors=("rel:x", "a:base"))
+    record = replace(record.with_noise(40.0, seed=seed), simulated=None)
+    law = oscillator("k*d + c*v", to="base", name="l1", k=1600.0, c=0.8).unknown("all")
+    fit = lw.identify(record, law, input_noise=["a:base"])
+    assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,), fit.message
+    assert "only with the noise of a:base" in fit.message
+
+
 @pytest.mark.parametrize(
     ("sensors", "noise", "words"),
     [

@@ -1,8 +1,9 @@
-"""What a model error hides: a missing term that explains most of what is left once the motion is held closer to the laws.
+"""What a model error or noise of an input hides: a missing term that explains most of what is left without it.
 
 A model error lets the motion forget, and with it what a small term does over many periods: a score test beside the model error
 is silent on friction that would change a damping by ten standard errors. Held ten times closer, the laws leave more than that.
-Where one term would explain most of that, they lack it; an error that is random leaves what no term explains.
+Where one term would explain most of that, they lack it; an error that is random leaves what no term explains. Noise of an
+input lets the motion forget likewise, and is found where there is none; the motion is held closer with a tenth of it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import numpy as np
 from linkwise.estimates.cause import Cause
 from linkwise.expression import symbols
 from linkwise.likelihood.diagnosis import diagnose
-from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.marginal import relaxation
 from linkwise.likelihood.shooting.anneal import (
     AnnealingFit,
     AnnealingSchedule,
@@ -25,7 +27,7 @@ from linkwise.likelihood.shooting.anneal import (
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 
-_CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error
+_CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error, or the noise of inputs
 _STEPS = 40
 _MOST = 0.5  # of what is left there
 
@@ -34,11 +36,12 @@ _MOST = 0.5  # of what is left there
 class HiddenTerm:
     """The `cause`, and by how much of its value the term would change the coefficient that it changes most: `change`.
 
-    `held` is the fit that is held closer.
+    `shift` is the same in standard errors of the fit, and `held` the fit that is held closer.
     """
 
     cause: Cause
     change: float
+    shift: float
     held: LikelihoodFit
 
     @property
@@ -53,7 +56,7 @@ def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[st
     Parameters
     ----------
     fit : LikelihoodFit
-        A fit with a model error, or whose links between segments were loosened.
+        A fit with a model error, with noise of inputs, or whose links between segments were loosened.
     identified : Structure
         The structure with the values of the fit.
     channels : sequence of str
@@ -65,31 +68,47 @@ def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[st
         The term; None where there is none, or the motion cannot be held closer.
     """
     optimum = fit.optimum
-    if fit.random_forces or optimum.coloured is not None or optimum.q <= AnnealingSchedule.final_q:
+    exact = not fit.random_forces and optimum.q <= AnnealingSchedule.final_q
+    if exact or optimum.coloured is not None or any(force.ambient for force in fit.random_forces):
         return None
     for factor in _CLOSER:
-        q = max(factor * optimum.q, AnnealingSchedule.final_q)
-        schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_STEPS)
-        closer = anneal(optimum.segments, optimum.point, optimum.scales, schedule, loss=optimum.loss)
+        tight = _tightened(optimum, factor)
+        schedule = AnnealingSchedule(initial_q=tight.q, final_q=tight.q, max_steps=_STEPS)
+        closer = anneal(tight.segments, tight.point, tight.scales, schedule, loss=tight.loss)
         if closer.status is AnnealingStatus.INTERRUPTED:
             return None
         if closer.status is AnnealingStatus.CONVERGED:
-            return _explaining(fit, closer, identified, channels)
+            return _explaining(fit, closer, tight, (identified, channels))
     return None
 
 
+def _tightened(optimum: Optimum, factor: float) -> Optimum:
+    """From where the motion is to be held closer: with the relaxation, or the noise of inputs, times a factor."""
+    segments, random = optimum.segments, optimum.segments.random
+    if random is None:
+        return replace(optimum, q=max(factor * optimum.q, AnnealingSchedule.final_q))
+    quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
+    segments = replace(segments, random=quieter)
+    return replace(optimum, segments=segments, q=relaxation(segments, optimum.scales, optimum.point))
+
+
 def _explaining(
-    fit: LikelihoodFit, closer: AnnealingFit, identified: Structure, channels: Sequence[str]
+    fit: LikelihoodFit, closer: AnnealingFit, tight: Optimum, asked: tuple[Structure, Sequence[str]]
 ) -> HiddenTerm | None:
-    """The term that explains most of what a fit leaves that is held `closer` than `fit`."""
+    """The term that explains most of what a fit leaves that is held `closer` than `fit`, by the equations of `tight`.
+
+    `asked` are the structure with the values of the fit, and the channels.
+    """
     optimum, p = fit.optimum, len(fit.values)
+    identified, channels = asked
     held = replace(
         fit,
         values=closer.point.theta,
         covariance=optimum.noise**2 * closer.covariance[:p, :p],
         free=~closer.at_bound[:p],
         misfit=closer.misfit,
-        optimum=replace(optimum, point=closer.point, q=closer.q),
+        segments=tight.segments,
+        optimum=replace(tight, point=closer.point, q=closer.q),
     )
     names = fit.segments.system.parameters.names
     there = identified.with_values(dict(zip(names, map(float, closer.point.theta), strict=True)))
@@ -97,9 +116,11 @@ def _explaining(
     causes = diagnose(held, there, channels, terms=True) if np.isfinite(left) else ()
     if not causes or causes[0].kind != "term" or not causes[0].gain > _MOST * left:
         return None
-    change = 0.0
+    change, shift = 0.0, 0.0
     if causes[0].shifted:
         number = names.index(causes[0].shifted)
         error = float(np.sqrt(held.covariance[number, number]))
-        change = causes[0].shift * error / max(abs(float(fit.values[number])), np.finfo(float).tiny)
-    return HiddenTerm(causes[0], change, held)
+        changed, tiny = causes[0].shift * error, np.finfo(float).tiny
+        change = changed / max(abs(float(fit.values[number])), tiny)
+        shift = changed / max(float(np.sqrt(fit.covariance[number, number])), tiny)
+    return HiddenTerm(causes[0], change, shift, held)

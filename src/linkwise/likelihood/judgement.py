@@ -34,7 +34,7 @@ _LARGEST_TERM = 0.05
 """Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
 would change by more than an engineer can neglect."""
 _LARGEST_SHIFT = 3.0
-"""Standard errors: the largest change of a coefficient by a missing link that is trusted."""
+"""Standard errors: the largest change of a coefficient by a missing link, or term beside noise, that is trusted."""
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NOT_WHITE = (
     ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "
@@ -117,19 +117,23 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
 def _with_hidden_term(
     fit: LikelihoodFit, verdict: Verdict, message: str, hidden: HiddenTerm
 ) -> tuple[Verdict, str]:
-    """The verdict where a model error hides a missing term, so that the diagnosis beside it is silent.
+    """The verdict where a model error, or noise of inputs, hides a missing term, so that the diagnosis beside it is silent.
 
     A damper or friction is a small part of the force in its link, and a large one of what dissipates: it takes trust where it
-    would change a coefficient by more than can be neglected.
+    would change a coefficient by more than can be neglected. Beside noise of inputs every term does that would change one by
+    more than its interval says.
     """
     if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < _LARGEST_TERM):
         return verdict, f"{message}{_likeliest((hidden.cause,))}{_moved((hidden.cause,))}"
+    if fit.random_forces and hidden.shift <= _LARGEST_SHIFT:
+        return verdict, message + _likeliest((hidden.cause,))
     named = bool(hidden.cause.shifted) and hidden.change > 0.0
     change = f", and change {hidden.cause.shifted} by {100.0 * hidden.change:.2g} %" if named else ""
+    noise = " and ".join(f"noise of {force.where}" for force in fit.random_forces)
+    where = f"with the {noise}" if noise else "where the motion departs from it a little"
     return Verdict.SYSTEMATIC_MISFIT, (
-        "The structure explains the record only where the motion departs from it a little. Held closer, most of what is left "
-        f"follows the motion: {_would_explain(hidden.cause)}{change}. Intervals would not count that, so none is given; a "
-        "term is missing."
+        f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
+        f"{_would_explain(hidden.cause)}{change}. Intervals would not count that, so none is given; a term is missing."
     )
 
 
