@@ -99,7 +99,7 @@ class MaximumLikelihood(Estimator):
     ambient : sequence of str or mapping of str to float or None, optional
         Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
         other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found for the masses in a sequence, and for
-        those mapped to None; ``"all"`` stands for every mass.
+        those mapped to None; ``"all"`` stands for every mass. Whether one acts on a mass that is left out is not tested for.
     input_noise : sequence of str or mapping of str to float or None, optional
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts.
