@@ -28,19 +28,25 @@ def motion_from_states(
     known[GROUND] = np.zeros(len(record))
     if f"x:{BASE}" in record.channels:
         known[BASE] = np.gradient(record.channel(f"x:{BASE}"), record.step)
-    found = []
-    for link in structure.links:
-        first, second = link.between
-        if (first in known) == (second in known):
-            continue
-        rate = _rate(link, record, sigma)
-        if rate is None:
-            continue
-        name = second if first in known else first
-        known[name] = known[first] - rate if first in known else known[second] + rate
-        number = names.index(name)
-        v[number], x[number] = known[name], integral(known[name], record.step)
-        found.append(number)
+    found, waiting = [], list(structure.links)
+    while waiting:
+        links, waiting = waiting, []
+        for link in links:
+            first, second = link.between
+            if first not in known and second not in known:
+                waiting.append(link)  # until a link of one of its ends tells
+            if (first in known) == (second in known):
+                continue
+            rate = _rate(link, record, sigma)
+            if rate is None:
+                continue
+            name = second if first in known else first
+            known[name] = known[first] - rate if first in known else known[second] + rate
+            number = names.index(name)
+            v[number], x[number] = known[name], integral(known[name], record.step)
+            found.append(number)
+        if len(waiting) == len(links):
+            break
     return tuple(found)
 
 
