@@ -14,7 +14,12 @@ from problems import oscillator
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.input_noise import _multipliers, _normal_score
+from linkwise.likelihood.input_noise import (
+    _multipliers,
+    _normal_score,
+    for_noise_of_inputs,
+    noise_of_inputs,
+)
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.verdict import Verdict
 
@@ -118,6 +123,25 @@ def test_slopes_by_kicks_are_those_of_a_dense_least_squares_problem() -> None:
     # residuals and Jacobian agree to what the relaxed flow and single precision leave
     assert len(dense) == len(slopes) == segments.count - 1 > 100
     np.testing.assert_allclose(slopes[:, 0], dense, atol=0.02 * np.abs(dense).max())
+    named = dict(zip((p.name for p in structure.parameters), values.tolist(), strict=True))
+    [noise] = noise_of_inputs(fit, structure.with_values(named), record.channels)
+    _, added = present(for_noise_of_inputs(fit, [replace(noise, normal=3.0)]))
+    moved = (
+        np.linalg.lstsq(columns, every[:, samples:COUNT:samples] * noise.pattern[:, 0])[0][:2]
+        * values[:, None]
+    )
+    np.testing.assert_allclose(added, (noise.deviation**2 + noise.error) * (moved @ moved.T), rtol=0.02)
+
+
+def test_intervals_hold_noise_that_residuals_hint_at() -> None:
+    record, asked = driven("force:m1", 0.008, 34), mounted("ground").unknown("all")
+    fit = lw.identify(record, asked)
+    assert fit.trusted
+    assert "The residuals hint at noise of force:m1" in fit.message
+    stated = lw.identify(record, asked, input_noise={"force:m1": 0.008})
+    # the noise that is hinted at is told to a factor of three
+    ratios = np.sqrt(fit.covariance.diagonal() / stated.covariance.diagonal())
+    assert np.all((ratios > 1.0 / 3.0) & (ratios < 3.0))
 
 
 def test_a_model_error_of_a_driven_structure_may_be_noise_of_the_input() -> None:

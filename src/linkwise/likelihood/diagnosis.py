@@ -19,7 +19,6 @@ from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms
-from linkwise.likelihood.input_noise import noise_of_inputs
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
@@ -62,12 +61,7 @@ def diagnose(
                 tested = _diagnosed(fit, identified, channels, terms)
     except np.linalg.LinAlgError:
         tested = ()
-    try:
-        with one_blas_thread():
-            noisy = tuple(noise_of_inputs(fit, identified, channels))
-    except np.linalg.LinAlgError:
-        noisy = ()
-    return tuple(sorted((*tested, *noisy, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
+    return tuple(sorted((*tested, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
 
 
 def least_gain(causes: int) -> float:

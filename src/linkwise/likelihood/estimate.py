@@ -285,7 +285,8 @@ def estimate_of(
     identified = structure.with_values(values)
     judgement = assess(fit, identified, records[0].channels)
     covariance, faint = with_faint_modes(fit, identified)
-    missing = judgement.for_missing_terms
+    missing, noise = judgement.for_missing_terms, judgement.for_input_noise
+    added = [each for each in (missing, noise) if each is not None]
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),
@@ -294,7 +295,7 @@ def estimate_of(
         given_structure=structure,
         parameters=structure.parameters,
         values=fit.values,
-        covariance=covariance if missing is None else covariance + missing,
+        covariance=sum(added, covariance),
         free=fit.free,
         noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
         chi_square_per_sample=fit.chi_square,
@@ -303,7 +304,7 @@ def estimate_of(
         record=records[0],
         more_records=tuple(records[1:]),
         remarks=fit_remarks(fit, delays or {}, faint),
-        profile=partial(profile_ends, fit.optimum) if missing is None else None,
+        profile=None if added else partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,

@@ -25,12 +25,14 @@ from linkwise.arrays import Bools, Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
+from linkwise.runtime import one_blas_thread
 
 _DRAWS = (
     64  # of noise of sensors, whose products tell the moments of a sum of squares: 2016 pairs, 41664 triples
@@ -38,40 +40,111 @@ _DRAWS = (
 _SEED = 20200
 _RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
 _CHANCE = 11.0  # square of a normal score, as one input in 2000 gives by chance
+_HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
 _LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
 
 
-def noise_of_inputs(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Iterator[Cause]:
-    """Inputs among `channels` whose noise would explain a significant part of the residuals of exact laws.
+@dataclass(frozen=True, eq=False)
+class InputNoise:
+    """What residuals say of the noise of a `channel` of an input, whose root mean square is `rms`.
 
-    Raises numpy.linalg.LinAlgError where the equations at the optimum are singular.
+    Attributes
+    ----------
+    pattern : array of shape (K - 1, n)
+        Kicks in m/s that noise of size one gives the masses at the nodes.
+    normal : float
+        Score of its variance, as a normal one.
+    deviation, error : float
+        The standard deviation that the score tells, and the standard error of its square.
     """
+
+    channel: str
+    rms: float
+    pattern: Floats
+    normal: float
+    deviation: float
+    error: float
+
+    @property
+    def description(self) -> str:
+        """In words, with its size."""
+        return f"noise of {self.channel} of {self.deviation:.3g} {Channel.parse(self.channel).unit}"
+
+    @property
+    def cause(self) -> Cause | None:
+        """The noise as a cause of the residuals, where it is significant and small enough to be noise."""
+        if self.normal**2 < _CHANCE or self.normal < 0.0 or self.deviation > _LARGEST * self.rms:
+            return None
+        return Cause(
+            kind="input noise",
+            where=self.channel,
+            size=self.deviation,
+            unit=Channel.parse(self.channel).unit,
+            gain=self.normal**2,
+            standard_error=0.5 * self.error / self.deviation,
+        )
+
+
+def noise_of_inputs(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str]
+) -> tuple[InputNoise, ...]:
+    """What the residuals of exact laws say of the noise of each input among `channels`; nothing for other fits."""
     optimum = fit.optimum
     exact = fit.model_error == 0.0 and not fit.random_forces and isinstance(optimum.loss, Gaussian)
     if not exact or identified.hosts or identified.size >= MANY:
-        return
+        return ()
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
     inputs = list(_inputs(optimum, misfit, identified, channels))
     if not inputs:
-        return
-    free = np.ones(optimum.segments.parameters, dtype=bool)
-    free[: len(fit.free)] = fit.free
-    multipliers = _multipliers(optimum, misfit, free)
+        return ()
+    try:
+        with one_blas_thread():
+            multipliers = _multipliers(optimum, misfit, _free(fit))
+    except np.linalg.LinAlgError:
+        return ()
+    found = []
     for channel, rms, pattern in inputs:
         slopes = np.einsum("kn,knr->kr", pattern, multipliers)
         score = _VarianceScore.of(slopes[:, 0], slopes[:, 1:])
         if score is None:
             continue
-        gain = score.normal**2
-        if score.normal > 0.0 and gain > _CHANCE and score.deviation < _LARGEST * rms:
-            yield Cause(
-                kind="input noise",
-                where=channel,
-                size=score.deviation,
-                unit=Channel.parse(channel).unit,
-                gain=gain,
-                standard_error=0.5 * score.error / score.deviation,
-            )
+        found.append(InputNoise(channel, rms, pattern, score.normal, score.deviation, score.error))
+    return tuple(found)
+
+
+def for_noise_of_inputs(fit: LikelihoodFit, found: Sequence[InputNoise]) -> tuple[InputNoise, Floats] | None:
+    """The input whose noise the residuals hint at, and the covariance (p, p) that it adds to the parameters.
+
+    Its variance is taken as one standard error above what the score tells. None where nothing hints at such noise.
+    """
+    hinted = [each for each in found if each.normal > _HINT and each.deviation < _LARGEST * each.rms]
+    if not hinted:
+        return None
+    noise, optimum = max(hinted, key=lambda each: each.normal), fit.optimum
+    segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
+    misfit = evaluate(segments, optimum.point, scales, optimum.loss)
+    free, p = _free(fit), len(fit.values)
+    with one_blas_thread():
+        factor = linearise(segments, misfit, scales, optimum.loss).equations(_RELAXED).factor()
+        rows = eliminated_rows(segments, misfit, scales, optimum.loss, _RELAXED)
+        if factor is None or rows is None:
+            return None
+        kicks = np.zeros((segments.count, n))
+        kicks[:-1] = noise.pattern / scales.state[n : 2 * n] / _RELAXED
+        pulls = np.concatenate(
+            [np.einsum("knp,kn->kp", each.defects[:, n : 2 * n], kicks[each.part]) for each in rows]
+        )
+    inverse = np.zeros((len(free), len(free)))
+    inverse[np.ix_(free, free)] = np.linalg.inv(factor.schur[np.ix_(free, free)])
+    moved = (pulls @ inverse)[:, :p] * scales.theta[:p]
+    return noise, np.asarray((noise.deviation**2 + noise.error) * (moved.T @ moved))
+
+
+def _free(fit: LikelihoodFit) -> Bools:
+    """(P,) whether an unknown of the border is not at a bound."""
+    free = np.ones(fit.optimum.segments.parameters, dtype=bool)
+    free[: len(fit.free)] = fit.free
+    return free
 
 
 def _inputs(

@@ -14,6 +14,7 @@ from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_closer import HiddenTerm, hidden_term
+from linkwise.likelihood.input_noise import for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.missing_terms import for_missing_terms
 from linkwise.likelihood.model_error import lag_one_autocorrelation
@@ -59,7 +60,8 @@ class Judgement:
     """The `verdict` on a fit with its explanation; `model_error`, the part of the forces that the laws leave unexplained, and
     the `diagnosis` of it, the largest gain in likelihood first.
 
-    `for_missing_terms` (p, p) is to be added to the covariance where a model error is trusted that terms explain a part of.
+    `for_missing_terms` (p, p) is to be added to the covariance where a model error is trusted that terms explain a part of,
+    `for_input_noise` (p, p) where the residuals hint at noise of an input.
     """
 
     verdict: Verdict
@@ -67,6 +69,7 @@ class Judgement:
     model_error: float = 0.0
     diagnosis: tuple[Cause, ...] = ()
     for_missing_terms: Floats | None = None
+    for_input_noise: Floats | None = None
 
 
 def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Judgement:
@@ -88,7 +91,10 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         or fit.model_error > 0.0
         or fit.chi_square > 1.0 + chance * np.sqrt(2.0 / fit.samples)
     )
-    causes = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
+    diagnosed = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
+    inputs = noise_of_inputs(fit, identified, channels)
+    noisy = (each.cause for each in inputs if each.cause is not None)
+    causes = tuple(sorted((*diagnosed, *noisy), key=lambda cause: -cause.gain))
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
@@ -111,7 +117,11 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     message += _of_forces(fit, verdict, causes, channels)
     allowed = verdict is Verdict.MODEL_ERROR_NEEDED and causes
     missing = for_missing_terms(shown, identified) if allowed else None
-    return Judgement(verdict, message, share, causes, missing)
+    hinted = for_noise_of_inputs(fit, inputs) if verdict is Verdict.CONVERGED and not causes else None
+    if hinted is None:
+        return Judgement(verdict, message, share, causes, missing)
+    message += f" The residuals hint at {hinted[0].description}, which intervals hold."
+    return Judgement(verdict, message, share, causes, missing, hinted[1])
 
 
 def _with_hidden_term(
