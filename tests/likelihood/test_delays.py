@@ -120,17 +120,20 @@ def test_the_column_of_a_delay_is_its_difference_quotient() -> None:
 
 
 @pytest.mark.parametrize(("kind", "exact"), [(0, np.sin), (1, np.cos), (2, lambda t: -np.sin(t))])
-def test_the_motion_between_samples_is_of_eighth_order(kind: int, exact: np.ufunc) -> None:
-    """sin(t) on a grid of step h: displacement to h^9 inside, velocity to h^8, acceleration to h^7."""
+def test_the_motion_between_samples_is_of_degree_11(kind: int, exact: np.ufunc) -> None:
+    """sin(t) on a grid of step h: displacement to h^12 inside, velocity to h^11, acceleration to h^10.
+
+    Steps of a third of a period, whose errors are above those of rounding, show two orders less.
+    """
     errors = []
-    for step in (1.0, 0.5):
+    for step in (2.0, 1.0):
         time = step * np.arange(6)[:, None]
         states = np.stack([np.sin(time), step * np.cos(time)], axis=1)[:, :, None]
         empty = np.empty((0, 0))
         orbit = Trajectories(states, empty, -np.sin(time)[:, None], empty, empty, empty, empty)
         shown, _ = late_motion(orbit, np.array([step]), 1, mass=0, kind=kind, delay=0.5 * step)
         errors.append(np.abs(shown[1:, 0] - exact(time[1:-1, 0] - 0.5 * step)).max())
-    assert errors[0] / errors[1] > 0.7 * 2.0 ** (9 - kind)
+    assert errors[0] / errors[1] > 2.0 ** (10 - kind)
 
 
 QUAKE = "0.0004*sin(61*t) + 0.0003*sin(97*t + 1) + 0.0002*sin(131*t + 2) + 0.0001*sin(210*t)"

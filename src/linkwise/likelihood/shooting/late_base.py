@@ -15,7 +15,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.late_sensors import LARGEST
 from linkwise.model.input_signal import Sampled
 
-_POINTS = 7  # an odd number, so that one of them is no delay; 1e-4 of a signal at a sixth of the sampling rate is left
+_POINTS = 9  # odd, so that one of them is no delay; 1e-4 of a signal at 0.29 of the sampling rate is left
 EDGE = 3
 """Samples at both ends of a record that late sensors cannot use, as the base a delay earlier or later was not recorded."""
 _BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately

@@ -1,7 +1,7 @@
 """What sensors show that are late: the fitted motion between its samples, and its rate.
 
-Between its samples the motion is the polynomial of eighth degree that agrees with displacement, velocity and acceleration at
-three of them; before the first of a segment it is that of the first three.
+Between its samples the motion is the polynomial of degree 11 that agrees with displacement, velocity and acceleration at
+four of them around; before the first of a segment it is that of the first four.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.flow import Trajectories
 
-_POINTS = 3  # samples of a polynomial: with two, accelerations half a sample before a segment would be some percent off
+_POINTS = 4  # samples of a polynomial: before a segment, fewer would leave more of accelerations at a third of the rate
 LARGEST = 1.5
 """Delay in samples up to which the polynomials hold; the records are shifted by whole samples for more."""
 
@@ -30,7 +30,8 @@ def late_motion(
     a = orbit.accelerations[::stride, mass] * step**2
     points = min(_POINTS, len(x))
     sample = np.arange(len(x) - 1)[:, None]
-    first = np.clip(sample + np.floor(-delay / step).astype(int), 0, len(x) - points)
+    around = np.floor(-delay / step).astype(int) + 1 - points // 2
+    first = np.clip(sample + around, 0, len(x) - points)
     known = [np.take_along_axis(each, first + point, axis=0) for point in range(points) for each in (x, v, a)]
     place = sample - delay / step - first
     polynomial = np.tensordot(_through(points), np.stack(known), axes=1)
