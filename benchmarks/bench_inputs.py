@@ -1,4 +1,4 @@
-"""Inputs as they are: a base known by its acceleration or velocity alone, and forces that are held between their samples.
+"""Inputs as they are: a base known by its acceleration or velocity alone or with noise, and held forces.
 
 LINKWISE_SEEDS says how many records of each kind (default 20). Bases and forces are random, of other seeds than those of the
 tests, and all records come from simulations in absolute coordinates.
@@ -21,6 +21,12 @@ SENSORS = {
     "rel:x, a:base": ("rel:x", "a:base"),
     "rel:x, v:base": ("rel:x", "v:base"),
     "a, a:base": ("a", "a:base"),
+}
+
+NOISY = {
+    "rel:x, a:base": ("rel:x", "a:base"),
+    "a, a:base": ("a", "a:base"),
+    "x, x:base": ("x", "x:base"),
 }
 
 
@@ -77,6 +83,29 @@ def test_coverage_on_a_moving_base(case: str) -> None:
         fits.append(lw.identify(clean.with_noise(SNR, seed=seed), STOREYS.unknown("all")))
     z = report(case, STOREYS, fits)
     assert len(z) >= 0.9 * len(fits)
+
+
+@pytest.mark.parametrize("decibels", [20.0, 40.0])
+@pytest.mark.parametrize("case", [*NOISY, "not stated"])
+def test_coverage_with_noise_of_the_base(case: str, decibels: float) -> None:
+    """Stated as there, intervals hold the noise; not stated, what is trusted must not be far off."""
+    sensors, fits = NOISY.get(case, ("rel:x", "a:base")), []
+    for seed in range(FIRST, FIRST + SEEDS):
+        rng = np.random.default_rng(seed)
+        base = lw.Sampled(0.0, RATE, 3e-3 * random_signal(rng, (1.0, 14.0)))
+        clean = lw.simulate(STOREYS, duration=DURATION, rate=RATE, base=base, sensors=sensors)
+        record = clean.with_noise(SNR, seed=seed)
+        values = record.values.copy()
+        column = values[:, record.channels.index(sensors[-1])]
+        column += 10.0 ** (-decibels / 20.0) * column.std() * rng.standard_normal(len(values))
+        stated = "all" if case in NOISY else ()
+        fits.append(lw.identify(replace(record, values=values), STOREYS.unknown("all"), input_noise=stated))
+    z = report(f"{case}, noise of the base at {decibels:g} dB", STOREYS, fits)
+    if case in NOISY:
+        assert len(z) >= 0.9 * len(fits)
+        assert SEEDS < 20 or 0.9 <= np.mean(np.abs(z) < 1.96) <= 0.98
+    else:
+        assert len(z) == 0 or np.max(np.abs(z)) < 5.0
 
 
 @pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
