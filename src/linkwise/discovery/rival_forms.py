@@ -28,7 +28,7 @@ from linkwise.likelihood.shooting.residuals import evaluate
 _STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
 _DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")
 _SATURATING = (0.2, 0.7)  # times the root mean square rate of a link: where tanh turns
-_STRONG = 6.0  # of the criterion: "strong" evidence for the form (Kass and Raftery 1995)
+_STRONG = 10.0  # of the criterion: "very strong" evidence for the form (Kass and Raftery 1995)
 _MOST_LINKS = 40
 _MOST_TERMS = 4  # of one kind on a link, of which all subsets are tried
 _NAMED = 3
