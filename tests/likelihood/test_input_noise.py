@@ -138,6 +138,8 @@ def test_intervals_hold_noise_that_residuals_hint_at() -> None:
     fit = lw.identify(record, asked)
     assert fit.trusted
     assert "The residuals hint at noise of force:m1" in fit.message
+    with pytest.raises(lw.IdentificationError, match="nor for noise of an input that the residuals hint at"):
+        lw.profile_interval(fit, "l1.c")
     stated = lw.identify(record, asked, input_noise={"force:m1": 0.008})
     # the noise that is hinted at is told to a factor of three
     ratios = np.sqrt(fit.covariance.diagonal() / stated.covariance.diagonal())

@@ -72,7 +72,8 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
         raise IdentificationError(
             f'profile intervals need the likelihood, and method "{estimate.method}" has none: use "ml"'
             if estimate.method != "ml"
-            else "a profile does not allow for terms that are missing or that a discovery dropped, as its intervals do"
+            else "a profile does not allow for terms that are missing or that a discovery dropped, nor for noise of an input "
+            "that the residuals hint at, as its intervals do"
         )
     if not estimate.trusted:
         raise IdentificationError(
