@@ -11,10 +11,7 @@ from linkwise.signals.noise import bandwidth
 from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half
 
 DRIFT_FREQUENCY = 3.0  # Hz: below it a twice integrated acceleration is drift, unless the structure is slow
-_LOW_POWER = 0.1  # of an acceleration, and ...
-_BELOW = (
-    0.3  # of the frequency below which that lies: the noise of a twice integrated one grows as the power -3/2
-)
+_BELOW = 0.2  # of the frequency below which half of the power lies: the noise of an integral grows towards low ones
 _ROUNDING = 1e-24  # of the power of a constant
 _DEGREE = 5
 
@@ -115,14 +112,14 @@ def drift_frequency(acceleration: Floats, rate: float) -> float:
     Returns
     -------
     float
-        Frequency in Hz: a part of that below which a tenth of the power lies, so that slow structures keep their motion, and
-        at most `DRIFT_FREQUENCY`.
+        Frequency in Hz: a part of that below which half of the power lies, so that slow structures keep their motion and a
+        weaker drift of the sensor does not count, and at most `DRIFT_FREQUENCY`.
     """
     power = np.cumsum(np.abs(np.fft.rfft(acceleration - acceleration.mean())) ** 2)
     if not power[-1] > _ROUNDING * len(acceleration) * float(acceleration @ acceleration):
         return DRIFT_FREQUENCY  # at rest
-    lowest = float(np.searchsorted(power, _LOW_POWER * power[-1])) * rate / len(acceleration)
-    return min(_BELOW * lowest, DRIFT_FREQUENCY)
+    median = float(np.searchsorted(power, 0.5 * power[-1])) * rate / len(acceleration)
+    return min(_BELOW * median, DRIFT_FREQUENCY)
 
 
 def highpass(values: Floats, rate: float, cutoff: float) -> Floats:
