@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from present import present
 from problems import oscillator, truth
 
 import linkwise as lw
@@ -47,3 +50,18 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
 def test_laws_that_lack_nothing_keep_their_intervals() -> None:
     fit = lw.identify(record(TRUE, 4), TRUE.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.for_dropped_terms is None
+
+
+def test_a_term_that_hardly_raises_chi_square_takes_trust_away() -> None:
+    """Coefficients of a chain of six masses were 11 standard errors off, and trusted: chi-square was within chance of 1."""
+    chain = lw.bnes_chain(6)
+    links = {link.name: link for link in chain.links}
+    coefficients = {**links["nes1"].coefficients, "q": lw.Coefficient.number(1e7)}
+    law = lw.Law.parse("alpha*d + beta*d**3 + c*v + q*d**5")
+    links["nes1"] = replace(links["nes1"], law=law, coefficients=coefficients)
+    true = replace(chain, links=tuple(links.values()))
+    clean = lw.simulate(true, release={"v:m1": 3.0}, duration=4.0, rate=1000.0)
+    fit = lw.identify(clean.with_noise(30.0, seed=5), chain.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
+    assert abs(present(fit.chi_square_per_sample) - 1.0) < 3.0 * np.sqrt(2.0 / fit.samples)
+    assert (fit.diagnosis[0].where, fit.diagnosis[0].term) == ("nes1", "d**5")

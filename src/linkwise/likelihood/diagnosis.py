@@ -18,7 +18,7 @@ from linkwise.expression import to_text
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
-from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms
+from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms, usual_terms
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
@@ -49,7 +49,7 @@ _CONTRADICTED = 16.0  # square of the standard errors by which records may diffe
 def diagnose(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
 ) -> tuple[Cause, ...]:
-    """The causes that are significant, that with the largest gain first; missing terms only where `terms` is true.
+    """The causes that are significant, that with the largest gain first; all missing terms only where `terms` is true.
 
     `channels` are those of the record.
     """
@@ -266,7 +266,7 @@ def _forces(
     optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
 ) -> tuple[list[Hypothesis], CandidateForces, Floats]:
     """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
-    hypotheses, forces = missing_forces(identified) if terms else ([], [])
+    hypotheses, forces = (missing_forces if terms else usual_terms)(identified)
     of_terms, _ = candidate_forces(optimum, misfit, forces)
     of_errors, errors, units = force_errors(optimum, misfit, identified)
     sizes = np.ones(len(forces))  # of a term: the root mean square of its force, which is its scale here

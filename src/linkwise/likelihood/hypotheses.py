@@ -13,6 +13,7 @@ from linkwise.model.structure import Structure
 _TERMS = tuple(
     map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
 )
+_USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)")
 _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
 _LINKS = 40  # that are tested, in the structure's order
@@ -49,6 +50,17 @@ def missing_forces(structure: Structure) -> tuple[list[Hypothesis], list[Candida
     hypotheses, forces = missing_terms(structure)
     of_links, added = _missing_links(structure)
     return hypotheses + of_links, forces + added
+
+
+def usual_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+    """The few terms that links lack most often, with the force of each, for fits that leave no more than noise."""
+    hypotheses, forces = missing_terms(structure)
+    usual = [
+        number
+        for number, each in enumerate(hypotheses)
+        if each.term in _USUAL and each.where not in structure.modes
+    ]
+    return [hypotheses[number] for number in usual], [forces[number] for number in usual]
 
 
 def missing_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
