@@ -47,6 +47,19 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
         lw.profile_interval(fit, f"link.{moved}")
 
 
+def test_intervals_beside_errors_of_sensors_hold_the_same() -> None:
+    """An offset is found with the coefficients, and is not one of them."""
+    given = record(oscillator(f"{LAW} + q*v*abs(v)", k=987.0, c=2.0, k3=4e5, q=0.5), 3)
+    unknown = TRUE.unknown("all")
+    fit = lw.identify(given, unknown, offsets=["x:m1"])
+    added = present(fit.for_dropped_terms)
+    assert added.shape == (3, 3)
+    alone = present(lw.identify(given, unknown).for_dropped_terms)
+    number = [parameter.name for parameter in fit.parameters].index("link.c")
+    # an offset moves the damping by far less than the missing damping does
+    assert added[number, number] == pytest.approx(alone[number, number], rel=0.2)
+
+
 def test_laws_that_lack_nothing_keep_their_intervals() -> None:
     fit = lw.identify(record(TRUE, 4), TRUE.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.for_dropped_terms is None

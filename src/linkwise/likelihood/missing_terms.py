@@ -70,5 +70,5 @@ def for_missing_terms(fit: LikelihoodFit, identified: Structure) -> Floats | Non
     values = np.linalg.lstsq(curvature[np.ix_(both, both)], slope[both], rcond=_SINGULAR)[0][p:]
     beside = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
     moved = np.linalg.lstsq(*beside, rcond=_SINGULAR)[0] @ values
-    moved = np.where(fit.free, moved * scale[:p] * optimum.scales.theta, 0.0)
+    moved = np.where(fit.free, moved * scale[:p] * optimum.scales.theta[:p], 0.0)
     return np.outer(moved, moved)
