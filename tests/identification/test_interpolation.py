@@ -54,8 +54,8 @@ def test_a_held_force_taken_for_a_band_limited_one_looks_half_a_sample_late() ->
     first = fit.diagnosis[:2]  # the response is then as late as the force
     assert {(cause.kind, cause.where) for cause in first} == {("force delay", "force:m1"), ("delay", "x:m1")}
     [cause] = [each for each in first if each.kind == "force delay"]
-    # to first order in the delay; measured 1.7 % off
-    assert cause.size == pytest.approx(0.5 / RATE, rel=0.1)
+    # a hold is late by half a sample, and its gain sin(a)/a less by a^2/6 at most, a = pi 12 Hz / RATE
+    assert cause.size == pytest.approx(0.5 / RATE, rel=(np.pi * 12.0 / RATE) ** 2 / 6.0)
     assert "held between its samples" in cause.description
     assert not lw.validate(driven("held"), duffing()).trusted
 

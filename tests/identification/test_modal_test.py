@@ -34,7 +34,7 @@ def test_modes_of_a_tapped_beam_are_within_their_intervals() -> None:
     assert found.host.points == ("beam.tip", "beam.mid")
     assert len(found.host.modes) == 3
     assert np.abs(errors(found.host)).max() < 4.0  # twelve values: beyond 4 once in 1300
-    assert found.host.modes[1].frequency.sigma < 0.01
+    assert found.host.modes[1].frequency.sigma < 0.01 / 1.5  # Hz: noise of 1 % of the resolution of 1.5 s
     assert found.chi_square_per_sample == pytest.approx(1.0, abs=0.08)  # where the verdict calls it off
     assert "3 modes at 2 points, can be trusted" in str(found)
     assert "beam.mode3" in str(found)
@@ -60,8 +60,8 @@ def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:
     found = lw.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
     third = found.host.modes[2]
     assert found.faint == ("beam.mode3",) or any("beam.mode3 hardly moves" in text for text in found.remarks)
-    # measured half of the largest
-    assert max(third.shape_sigma.values()) > 0.1 * max(map(abs, third.shape.values()))
+    # from this part of the largest on a scale is called undetermined
+    assert max(third.shape_sigma.values()) > 0.2 * max(map(abs, third.shape.values()))
 
 
 def test_what_a_modal_test_needs_is_told() -> None:

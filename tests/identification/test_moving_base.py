@@ -131,5 +131,6 @@ def test_validation_predicts_what_the_sensors_show(sensors: tuple[str, ...]) -> 
     run = lw.free_run(two_storeys(), record)
     for name, error in run.rmse.items():
         noise = float(np.std(record.channel(name) - exact(*sensors).channel(name)))
-        # measured 2 % off
+        # four values of the state at the start, from 100 samples, leave 4/100 of the noise in power where nothing dies out,
+        # 2 % in deviation; two and a half times that has a chance of 4 % at this seed
         assert error == pytest.approx(noise, rel=0.05)

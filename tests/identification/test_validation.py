@@ -40,8 +40,10 @@ def test_nmse_takes_true_elongations_and_forces_at_rest(duffing: lw.Structure, f
     """Noise in the record and another damper change nothing."""
     off = oscillator("k*d + k3*d**3 + c*v", k=950.0, k3=2e6, c=99.0).links[0]
     noisy = forced.with_noise(0.0, seed=1)
-    # in %: the laws differ indeed; measured 0.25
-    assert lw.nmse(duffing.links[0], off, noisy) == lw.nmse(duffing.links[0], off, forced) > 0.01
+    d = present(forced.simulated).displacement[:, 0]
+    expected = 100.0 * np.mean((50.0 * d) ** 2) / np.var(900.0 * d + 2e6 * d**3)  # in %
+    assert lw.nmse(duffing.links[0], off, forced) == pytest.approx(expected, rel=1e-12)
+    assert lw.nmse(duffing.links[0], off, noisy) == lw.nmse(duffing.links[0], off, forced)
     measured = replace(noisy, simulated=None)
     assert lw.nmse(duffing.links[0], off, measured) != lw.nmse(duffing.links[0], off, forced)
 

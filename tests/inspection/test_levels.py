@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from problems import oscillator
 
 import linkwise as lw
@@ -48,8 +49,9 @@ def test_modes_of_a_linear_structure_stay() -> None:
     ratio = DAMPER / (2.0 * np.sqrt(STIFFNESS * MASS))
     assert np.abs((found.damping - ratio) / found.damping_errors).max() < 4.0
     assert str(found).startswith("Linear up to")
-    # at 50 dB; measured 0.989
-    assert np.nanmax(found.responses[2].coherence) > 0.9
+    loudest = found.responses[2].coherence
+    # eight blocks that overlap by half count as seven: unrelated signals show this much once in 10 000 records
+    assert np.nanmax(loudest) > 1.0 - (1e-4 / loudest.size) ** (1.0 / 6.0)
     assert found.distortions == (None, None, None)
 
 
@@ -71,14 +73,17 @@ def test_a_ring_down_follows_the_backbone() -> None:
     records = [tap(size, cubic, "x:m1").with_noise(60.0, seed=1) for size in (0.1, 4.0)]
     [ring] = lw.compare_levels(records, modes=1).ring_downs
     backbone = np.sqrt((STIFFNESS + 0.75 * cubic * ring.amplitude**2) / MASS) / (2.0 * np.pi)
-    # measured 7.7 times, and 1.7 %
-    assert ring.amplitude[0] > 3.0 * ring.amplitude[-1]
-    assert backbone[0] > 1.01 * backbone[-1]
+    assert (
+        ring.amplitude[0] > np.e * ring.amplitude[-1]
+    )  # followed for more than a time constant of the decay
     # the harmonic balance of one term: its error is of the order of the square of the relative stiffening, below 0.1 %
-    assert np.abs(ring.frequency / backbone - 1.0).max() < 2e-3
+    balance = 2e-3
+    assert np.abs(ring.frequency / backbone - 1.0).max() < balance
+    assert backbone[0] / backbone[-1] - 1.0 > 5.0 * balance  # no constant frequency is as near
     ratio = DAMPER / (2.0 * MASS * 2.0 * np.pi * ring.frequency)
-    # measured 2 %
-    assert np.median(np.abs(ring.damping / ratio - 1.0)) < 0.1
+    # the amplitude decays by (1 + 3q/4)/(1 + q) of the rate of a linear one, q = k3 A^2/k, and the noise of 60 dB is less
+    stiffening = cubic * ring.amplitude[0] ** 2 / STIFFNESS
+    assert np.median(np.abs(ring.damping / ratio - 1.0)) < stiffening
 
 
 @pytest.mark.parametrize(
@@ -94,8 +99,9 @@ def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, 
     assert found.period == pytest.approx(0.25)
     assert found.odd is not None and found.even is not None
     levels = {"odd": found.odd, "even": found.even}
-    # measured 31 and 15 dB
-    assert levels[kind] > levels[other] + 10.0
+    # noise alone would have this ratio of powers once in a million records: sums over 22 odd and 24 even lines or more
+    chance = 10.0 * np.log10(scipy.stats.f.ppf(1.0 - 1e-6, 2 * 22, 2 * 22))
+    assert levels[kind] > levels[other] + chance
 
 
 def test_what_of_the_start_has_not_died_out_is_called_scatter() -> None:

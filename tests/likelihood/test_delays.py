@@ -125,7 +125,7 @@ def test_the_column_of_a_delay_is_its_difference_quotient() -> None:
 @pytest.mark.parametrize("delay", [0.5, -0.3])
 @pytest.mark.parametrize("degree", [11, 12])
 def test_the_motion_between_samples_is_of_degree_11(kind: int, delay: float, degree: int) -> None:
-    """Motion t^11 is shown exactly, and t^12 less the remainder of Hermite's polynomial: prod (t - t_i)^3 over four samples."""
+    """Motion t^11 is exact, and t^12 less the remainder of Hermite's polynomial: prod (t - t_i)^3 over four samples."""
     step, count, points = 0.4, 6, 4
     time = step * (np.arange(count) - 2.5)
     motion = Polynomial.basis(degree)

@@ -295,7 +295,7 @@ def test_outliers_bend_the_gaussian_and_not_the_robust(
     # on seeds 2000 to 2005 the Gaussian is off by 6.3 to 16.6 deviations of the record without outliers, the others by 0.8
     # to 2.3, which is 6 to 35 % of it
     assert wrong.max() > WITHIN > right.max()
-    # of the 6 to 35 % above; measured 0.11 and 0.12
+    # of the 6 to 35 % above
     assert right.max() < 0.5 * wrong.max()
 
 

@@ -89,7 +89,7 @@ def test_frequencies_known_to_within_are_found() -> None:
     for number_, true in enumerate(FREQUENCIES, start=1):
         found = fit.coefficient(f"beam.mode{number_}.frequency")
         assert found.standard_error is not None
-        # the prior; measured a twentieth of it and less
+        # the prior: the record adds to what is stated
         assert found.standard_error < 0.01 * true
         assert abs(found.value - true) < 4.0 * found.standard_error
     assert fit.to_dict()["modes"][0]["frequency"]["unit"] == "Hz"

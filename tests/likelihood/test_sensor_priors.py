@@ -71,8 +71,8 @@ def test_a_prior_of_a_delay_is_of_the_whole_delay() -> None:
     wrong = lw.identify(stating(late(), delay=1e-4), UNKNOWN)
     assert not wrong.trusted
     assert wrong.diagnosis[0].kind == "prior" and wrong.diagnosis[0].where == "delay of x:m2"
-    # measured 0.4 % off
-    assert wrong.diagnosis[0].unit == "s" and wrong.diagnosis[0].size == pytest.approx(3e-3, rel=0.01)
+    # four standard errors of the delay, 6e-5 of chance
+    assert wrong.diagnosis[0].unit == "s" and wrong.diagnosis[0].size == pytest.approx(3e-3, abs=4e-3 * error)
 
 
 def test_an_offset_beyond_its_prior_takes_trust_away() -> None:

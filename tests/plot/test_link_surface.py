@@ -20,8 +20,10 @@ def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
     largest = max(abs(float(link.link.force(d, v))) for d in link.d_range for v in link.v_range)
     assert np.abs(shown).max() >= largest
     motion = axes.lines[0]
-    # measured 1.5 % less
-    assert np.ptp(np.asarray(motion.get_xdata(), dtype=float)) == pytest.approx(1e3 * (high - low), rel=0.05)
+    drawn = np.asarray(motion.get_xdata(), dtype=float)
+    # what is drawn of the samples may miss an end by the farthest that two of them are apart, each end once
+    assert np.ptp(drawn) <= 1e3 * (high - low)
+    assert np.ptp(drawn) > 1e3 * (high - low) - 2.0 * np.abs(np.diff(drawn)).max()
 
 
 def test_a_link_with_memory_has_no_surface() -> None:

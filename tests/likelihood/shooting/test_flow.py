@@ -18,6 +18,9 @@ from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.model.input_signal import TimeFunction
 
 RATE = 1000.0
+LONG_STEP = (
+    1e-5  # of the motion, five samples on: ten times what the test of the order allows in the mean of squares
+)
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
 
 
@@ -77,12 +80,11 @@ def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three: 
     )  # fmt: skip
     end = orbit.states[-1] / np.array([1.0, 1e-3])[:, None, None]
     error = np.abs(end - start[..., 1:]).max(axis=(1, 2)) / np.abs(start).max(axis=(1, 2))
-    # a step of a sample is long where m2 flies far out; the next test measures the order
-    assert error.max() < 1e-5
+    # where m2 flies far out a step of a sample is long, and the error ten times the mean; the next test measures the order
+    assert error.max() < LONG_STEP
     for j in range(5):  # accelerations at every sample too, as close as the states that they follow from
         seen = record.values[j : j + 5 * len(time) : 5, 6:9].T
-        # measured 5e-7
-        assert np.abs(orbit.accelerations[j] - seen).max() < 1e-5 * np.abs(seen).max()
+        assert np.abs(orbit.accelerations[j] - seen).max() < LONG_STEP * np.abs(seen).max()
 
 
 def test_the_flow_has_order_eight(three: lw.Structure) -> None:

@@ -42,7 +42,7 @@ def test_elongations_follow_from_forces(n: int, kind: str) -> None:
         # noise of 3 % in a force moves a place by a few per cent; a stretch on a wrong branch is off by wells, 100 %.
         # On seeds 2000 to 2007 the largest error was 6 to 61 % of the deviation, the mean one 1.1 to 3.5 %.
         assert np.abs(found - exact).max() < exact.std()
-        # measured 2.5 %
+        # twice the mean of those seeds, and a twentieth of what a wrong branch leaves
         assert np.sqrt(np.mean((found - exact) ** 2, axis=1) / exact.var(axis=1)).max() < 0.05
 
 
