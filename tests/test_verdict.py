@@ -14,8 +14,17 @@ ADMISSIBLE = {
     Verdict.NO_INTERVALS,
     Verdict.MODEL_ERROR_NEEDED,
     Verdict.PREDICTION_AGREES,
+    Verdict.UNKNOWNS_DETERMINED,
+    Verdict.NOTHING_WRONG_SEEN,
+    Verdict.LINEAR_IN_RANGE,
+    Verdict.MODES_MOVE,
+    Verdict.STUDY_COMPLETE,
+    Verdict.CASES_WITHOUT_ANSWER,
 }
-GOOD = ("converged", "prediction agrees")
+GOOD = {
+    "converged",
+    *(v.status for v in ADMISSIBLE if v not in (Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED)),
+}
 
 
 @pytest.mark.parametrize("verdict", Verdict)

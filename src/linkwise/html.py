@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from functools import singledispatch
 from html import escape
+from typing import TYPE_CHECKING, Any
+
+from linkwise.verdict import Verdict, is_trusted
 
 _GOOD, _BAD, _NEUTRAL = "#1a7f37", "#b42318", "#57606a"
 
@@ -16,13 +18,23 @@ class NotebookView:
         return as_html(self)
 
 
-class JudgedView(NotebookView, ABC):
-    """The same for a result that says whether it can be trusted."""
+class JudgedView(NotebookView):
+    """The same for an answer: a result with `verdicts`, which say whether it can be trusted."""
+
+    if TYPE_CHECKING:  # a field or a property of the answer
+
+        @property
+        def verdicts(self) -> tuple[Verdict, ...]:
+            """What can be said of the answer, the most important first."""
 
     @property
-    @abstractmethod
     def trusted(self) -> bool:
         """Whether no verdict forbids trust."""
+        return is_trusted(self.verdicts)
+
+    def _judgement(self) -> dict[str, Any]:
+        """The part of `to_dict` that all answers share."""
+        return {"verdicts": [verdict.name for verdict in self.verdicts], "trusted": self.trusted}
 
 
 @singledispatch

@@ -106,6 +106,43 @@ class Verdict(Enum):
         "conditions of the test are not those of the answer, or its intervals are too narrow."
     )
 
+    UNKNOWNS_DETERMINED = "The sensors of this test determine every unknown."
+    UNKNOWNS_NOT_DETERMINED = (
+        "This test does not determine every unknown: give some as known, or add a sensor or a force that moves them "
+        "differently."
+    )
+
+    NOTHING_WRONG_SEEN = "No check saw anything wrong with a channel."
+    CHANNELS_IN_DOUBT = (
+        "Something is wrong with a channel, and would make answers wrong unless it is mended or estimated: see the alerts for "
+        "what and how."
+    )
+
+    LINEAR_IN_RANGE = "Linear modes explain every level alike: none moves by more than its errors."
+    MODES_MOVE = (
+        "Modes move with the level by more than their errors: the structure is not linear over these levels."
+    )
+    MODES_NOT_DETERMINED = (
+        "The records determine some modes too poorly to tell whether they move with the level. Record for longer or with less "
+        "noise, excite more strongly, or follow fewer modes."
+    )
+    RESIDUALS_GROW_WITH_LEVEL = (
+        "Linear modes explain a higher level less well than the lowest, though none moves: the structure is hardly linear "
+        "over these levels. Look at the distortion under a periodic force."
+    )
+
+    STUDY_COMPLETE = "Every case of the study was run and has an answer."
+    STUDY_INCOMPLETE = (
+        "Some cases were not run yet, so that the statistics may change. Run the study again: it goes on from where it was, "
+        "however it was stopped."
+    )
+    CASES_WITHOUT_ANSWER = (
+        "Some cases have no answer: medians and quantiles count them as worse than any answer."
+    )
+    CELLS_WITHOUT_ANSWER = (
+        "A method has no answer at all for some structure and noise, so that nothing can be compared there."
+    )
+
     @property
     def forbids(self) -> bool:
         """Whether an answer with this verdict must not be trusted."""
@@ -118,7 +155,18 @@ class Verdict(Enum):
 
 
 _ADMISSIBLE = frozenset(
-    {Verdict.CONVERGED, Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED, Verdict.PREDICTION_AGREES}
+    {
+        Verdict.CONVERGED,
+        Verdict.NO_INTERVALS,
+        Verdict.MODEL_ERROR_NEEDED,
+        Verdict.PREDICTION_AGREES,
+        Verdict.UNKNOWNS_DETERMINED,
+        Verdict.NOTHING_WRONG_SEEN,
+        Verdict.LINEAR_IN_RANGE,
+        Verdict.MODES_MOVE,
+        Verdict.STUDY_COMPLETE,
+        Verdict.CASES_WITHOUT_ANSWER,
+    }
 )
 _STATUS = {  # as result.json has always named them
     Verdict.NOISE_MISMATCH: "chi-square off",

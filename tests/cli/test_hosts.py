@@ -153,6 +153,9 @@ def test_from_taps_to_a_payload(folder: Path, capsys: pytest.CaptureFixture[str]
     tap = ["--force", "wing.tip=2*exp(-((t - 0.1)/0.01)**2)", "--sensors", "a:wing.tip,a:wing.joint"]
     recorded = ["--duration", "2", "--rate", "200", "--noise", "40", "--seed", "1", "-o", "taps.csv"]
     assert run(["simulate", "bare.toml", *tap, *recorded]) == 0
+    assert run(["structure", "host", "taps.csv", "--modes", "auto", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert told["host"][0]["name"] == told["identified"]["host"] and told["identified"]["trusted"] is True
     assert run(["structure", "host", "taps.csv", "--modes", "auto", "-o", "wing.toml"]) == 0
     assert "wing: 2 modes at 2 points, can be trusted" in capsys.readouterr().out
     (folder / "true.toml").write_text((folder / "bare.toml").read_text() + LINK)

@@ -165,4 +165,4 @@ def test_nothing_in_a_record_stops_an_inspection() -> None:
         )
         found = lw.inspect(lw.Record(0.0, 10.0 ** rng.uniform(-2, 6), names, values))
         assert len(found.channels) == len(names) and str(found)
-        assert set(found.to_dict()) == {"channels", "alerts", "records"}
+        assert set(found.to_dict()) == {"verdicts", "trusted", "channels", "alerts", "records"}

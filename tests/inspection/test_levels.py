@@ -53,6 +53,7 @@ def test_modes_of_a_linear_structure_stay() -> None:
     # eight blocks that overlap by half count as seven: unrelated signals show this much once in 10 000 records
     assert np.nanmax(loudest) > 1.0 - (1e-4 / loudest.size) ** (1.0 / 6.0)
     assert found.distortions == (None, None, None)
+    assert found.verdicts == (lw.Verdict.LINEAR_IN_RANGE,)
 
 
 def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
@@ -63,9 +64,37 @@ def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
     assert found.moved(2) == (1,)
     assert found.frequency_changes[2, 0] > 0.01  # it hardens
     assert str(found).startswith("Not linear from")
+    assert found.verdicts == (lw.Verdict.MODES_MOVE,) and found.trusted
     document = found.to_dict()
     assert document["first_nonlinear"] == found.labels[2]
     assert document["levels"][0]["modes"][0]["frequency"] == found.frequencies[0, 0]
+
+
+def test_records_too_short_to_tell_are_not_trusted() -> None:
+    # 0.5 s at 10 dB: the cubic spring moves the mode by 1.2 %, and the damping is uncertain by half
+    records = [tap(size, 1e9).with_noise(10.0, seed=1)[:101] for size in (0.1, 1.0)]
+    found = lw.compare_levels(records)
+    assert found.first_nonlinear is None
+    assert found.verdicts == (lw.Verdict.MODES_NOT_DETERMINED,) and not found.trusted
+    assert str(found).startswith("Perhaps linear up to") and found.verdicts[0].value in str(found)
+
+
+def test_distortion_that_moves_no_mode_is_not_called_linear() -> None:
+    force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"
+    records = [
+        lw.simulate(
+            spring(square=1e5),
+            forces={"m1": f"{size}*({force})"},
+            duration=16.0,
+            rate=400.0,
+            sensors=["a:m1"],
+        ).with_noise(50.0, seed=seed)
+        for seed, size in enumerate((0.05, 0.5))
+    ]
+    found = lw.compare_levels(records, modes=1)
+    # the even term leaves 6.7 times the power of the noise at the higher level, and moves the mode by 1 in 10^5
+    assert found.first_nonlinear is None
+    assert found.verdicts == (lw.Verdict.RESIDUALS_GROW_WITH_LEVEL,) and not found.trusted
 
 
 def test_a_ring_down_follows_the_backbone() -> None:

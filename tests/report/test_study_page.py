@@ -235,7 +235,7 @@ def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_pa
     """
     told = StudyReport.of(parse_study(text, "other.toml", Path()), [])
     assert dict(told.paper.masses) == {"two": 2} and told.comparison.cells == ()
-    assert told.beyond == [("two", 50.0)] and told.holds is False
+    assert told.beyond == [("two", 50.0)] and told.trusted is False
     page = body(study_page(told, {}, version="1.2.3"))
     assert (
         "0 of 2 cases were run" in page

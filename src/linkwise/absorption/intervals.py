@@ -23,7 +23,7 @@ from linkwise.estimates.uncertainty import Posterior
 from linkwise.html import JudgedView
 from linkwise.progress import Progress, part, silent
 from linkwise.text import as_text
-from linkwise.verdict import Verdict, is_trusted
+from linkwise.verdict import Verdict
 
 COVERED = 0.95
 _LEAST_COMPLETED = 0.9  # of the draws
@@ -133,11 +133,6 @@ class AbsorptionIntervals(JudgedView):
         raise KeyError(f"unknown quantity {name!r}; choose from {names}")
 
     @property
-    def trusted(self) -> bool:
-        """Whether no verdict forbids trust."""
-        return is_trusted(self.verdicts)
-
-    @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Whether all energy balances close."""
         return tuple(dict.fromkeys((*self.absorption.verdicts, closure_verdict(self.closure))))
@@ -152,8 +147,7 @@ class AbsorptionIntervals(JudgedView):
         """
         return {
             **self.absorption.to_dict(),
-            "verdicts": [verdict.name for verdict in self.verdicts],
-            "trusted": self.trusted,
+            **self._judgement(),
             "draws": self.draws,
             "seed": self.seed,
             "diverged": self.diverged,

@@ -14,7 +14,7 @@ from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
-from linkwise.verdict import Verdict, is_trusted
+from linkwise.verdict import Verdict
 
 _EQUAL_RATIOS = 1e-6  # relative differences of ratios below it are rounding
 
@@ -112,11 +112,6 @@ class AbsorptionMap(JudgedView):
         return np.ascontiguousarray(self.values[..., names.index(name)])
 
     @property
-    def trusted(self) -> bool:
-        """Whether no verdict forbids trust."""
-        return is_trusted(self.verdicts)
-
-    @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Whether the energy balance of every completed run closes."""
         return (closure_verdict(float(np.nanmax(self["closure"]))),)
@@ -174,8 +169,7 @@ class AbsorptionMap(JudgedView):
             "diverged": int(np.sum(~self.completed)),
             "horizon": self.horizon,
             "findings": list(self.findings),
-            "verdicts": [verdict.name for verdict in self.verdicts],
-            "trusted": self.trusted,
+            **self._judgement(),
             "axes": [
                 {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
             ],

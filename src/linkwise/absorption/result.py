@@ -22,7 +22,7 @@ from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.html import JudgedView
 from linkwise.text import as_text
-from linkwise.verdict import Verdict, is_trusted
+from linkwise.verdict import Verdict
 
 CLOSURE = 1e-6  # of the energy supplied: an energy balance with a larger error is not to be trusted
 
@@ -94,11 +94,6 @@ class Absorption(JudgedView):
         )
 
     @property
-    def trusted(self) -> bool:
-        """Whether no verdict forbids trust."""
-        return is_trusted(self.verdicts)
-
-    @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Whether the energy balances of both runs close."""
         return (closure_verdict(max(self.with_sinks.closure, self.without.closure)),)
@@ -135,8 +130,7 @@ class Absorption(JudgedView):
             "sinks": {result.sink.link: sink_document(result) for result in self.sinks},
             "harvesters": {harvest.link: harvest_document(harvest) for harvest in self.harvests},
             "findings": list(self.findings),
-            "verdicts": [verdict.name for verdict in self.verdicts],
-            "trusted": self.trusted,
+            **self._judgement(),
         }
 
     def __str__(self) -> str:

@@ -115,7 +115,8 @@ def host(
         with atomic_file(output) as partial:
             partial.write_text(text, encoding="utf-8", newline="\n")
     if as_json:
-        click.echo(to_json(tomllib.loads(text)))
+        identified = {} if estimate is None else {"identified": estimate.to_dict()}
+        click.echo(to_json({**tomllib.loads(text), **identified}))
     elif output is None:
         click.echo(text.rstrip())
     if estimate is None:

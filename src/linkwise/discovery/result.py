@@ -14,7 +14,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
-from linkwise.verdict import Decision, Verdict, is_trusted
+from linkwise.verdict import Decision, Verdict
 
 #: Rise of the criterion, on the scale of -2 log likelihood, that makes a decision certain: the odds are exp(5) to 1 or better,
 #: "very strong" evidence.
@@ -253,11 +253,6 @@ class Discovery(JudgedView):
         """The discovered structure, every coefficient a number."""
         return self.estimate.structure
 
-    @property
-    def trusted(self) -> bool:
-        """Whether no verdict forbids trust."""
-        return is_trusted(self.verdicts)
-
     @cached_property
     def kept(self) -> tuple[TermEvidence, ...]:
         """The terms that were kept, the most certain first."""
@@ -337,8 +332,7 @@ class Discovery(JudgedView):
             "seconds": self.seconds,
             "remarks": list(self.remarks),
             "links_in_doubt": list(self.in_doubt),
-            "verdicts": [verdict.name for verdict in self.verdicts],
-            "trusted": self.trusted,
+            **self._judgement(),
             "settled": Verdict.SEARCH_UNSETTLED not in self.verdicts,
             "seen": Verdict.DISPLACEMENTS_INTEGRATED not in self.verdicts,
             "exact": Verdict.TERMS_MAY_BE_MISSING not in self.verdicts,

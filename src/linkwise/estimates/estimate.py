@@ -122,11 +122,6 @@ class Estimate(JudgedView):
     asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
     moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))
 
-    @property
-    def trusted(self) -> bool:
-        """Whether no verdict forbids trust."""
-        return is_trusted(self.verdicts)
-
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Verdicts on the fit and on the identified laws."""
@@ -311,8 +306,7 @@ class Estimate(JudgedView):
         return {
             "method": self.method,
             "status": self.status,
-            "verdicts": [verdict.name for verdict in self.verdicts],
-            "trusted": self.trusted,
+            **self._judgement(),
             "message": self.explanation,
             "seconds": self.seconds,
             "noise": {

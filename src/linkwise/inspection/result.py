@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from linkwise.errors import RecordError
-from linkwise.html import NotebookView
+from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.records.record import Record
 from linkwise.text import as_text
+from linkwise.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class ChannelSummary:
 
 
 @dataclass(frozen=True, repr=False)
-class Inspection(NotebookView):
+class Inspection(JudgedView):
     """What the channels of records hold, and what is wrong with them.
 
     Attributes
@@ -102,8 +103,8 @@ class Inspection(NotebookView):
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
     >>> found = lw.inspect(record.with_noise(20.0, seed=1))
-    >>> found.alerts
-    ()
+    >>> found.alerts, found.trusted
+    ((), True)
     >>> round(found.channel("x:m1").snr_db)
     20
     """
@@ -119,6 +120,12 @@ class Inspection(NotebookView):
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(alert.kind for alert in self.alerts)) or "no alerts"
         return f"Inspection of {len(self.records)} records, {len(self.channels)} channels: {kinds}"
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether something is wrong with a channel, and what levels tell where these were compared."""
+        channels = Verdict.CHANNELS_IN_DOUBT if self.alerts else Verdict.NOTHING_WRONG_SEEN
+        return (channels, *(() if self.levels is None else self.levels.verdicts))
 
     def channel(self, name: str) -> ChannelSummary:
         """What a channel holds, in the first record that has it.
@@ -166,11 +173,13 @@ class Inspection(NotebookView):
         Returns
         -------
         dict
-            "channels" by name, "alerts" worst first, "records", and "levels" where these were compared; of several records
-            "channels" holds each channel as the first record with it has it, and each of "records" its own.
+            "verdicts" and "trusted", "channels" by name, "alerts" worst first, "records", and "levels" where these were
+            compared; of several records "channels" holds each channel as the first record with it has it, and each of
+            "records" its own.
         """
         names = dict.fromkeys(summary.name for summary in self.channels)
         return {
+            **self._judgement(),
             "channels": {name: self.channel(name).to_dict() for name in names},
             "alerts": [alert.to_dict() for alert in self.alerts],
             "records": [

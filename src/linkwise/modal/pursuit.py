@@ -67,7 +67,8 @@ class RefinedModes:
     """Modes of a test with `frequencies` in Hz and `damping` (n,), and their standard errors relative to them (n, 2).
 
     Errors are those of the curvature, or of the scatter of scores between blocks of the records where these are larger.
-    `residues` (n, C, P) are in 1/kg. `left` is the power that the modes leave, as a part of that of the responses.
+    `residues` (n, C, P) are in 1/kg. `left` is the power that the modes leave, as a part of that of the responses,
+    `power` (C,).
     """
 
     frequencies: Floats
@@ -75,6 +76,7 @@ class RefinedModes:
     relative_errors: Floats
     residues: Floats
     left: float
+    power: Floats
 
 
 def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floats) -> RefinedModes:
@@ -103,13 +105,15 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
     robust = inverse @ (sums @ sums.T) @ inverse
     variance = np.maximum(np.maximum(inverse.diagonal(), robust.diagonal()), 0.0)
     unexplained = sum(np.nansum(each**2, axis=1) for each in left)
-    power = sum(np.nansum(run.responses**2, axis=1) for run in runs)
+    power = np.sum([np.nansum(run.responses**2, axis=1) for run in runs], axis=0)
+    samples = np.sum([np.isfinite(run.responses).sum(axis=1) for run in runs], axis=0)
     return RefinedModes(
         frequencies=np.exp(logs[:, 0]),
         damping=np.exp(logs[:, 1]),
         relative_errors=np.sqrt(variance).reshape(logs.shape),
         residues=_residues(part, logs),
         left=float(np.mean(unexplained / np.maximum(power, np.finfo(float).tiny))),
+        power=power / np.maximum(samples, 1),
     )
 
 

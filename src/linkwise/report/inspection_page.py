@@ -74,7 +74,7 @@ def _level_sections(levels: LevelComparison) -> dict[str, Section]:
     sections = {
         "levels": Section(
             "Modes over level",
-            [level_headline(levels)],
+            level_headline(levels),
             rows=mode_rows(levels),
             figure=partial(levels_figure, levels),
         ),
@@ -115,6 +115,9 @@ def inspection_page(reported: Reported[Inspection], pictures: Mapping[str, Marku
         inspection_sections(reported),
         pictures,
         title="Inspection",
-        verdict=[headline(inspection)],
-        trusted=not inspection.alerts,
+        verdict=[
+            headline(inspection),
+            *(verdict.value for verdict in inspection.verdicts if verdict.forbids),
+        ],
+        trusted=inspection.trusted,
     )

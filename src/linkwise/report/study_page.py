@@ -15,6 +15,7 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.cells import SPREAD, Cell, StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
+from linkwise.verdict import Verdict, is_trusted
 
 _READING = {
     "coefficients": "the force read from the coefficients of the sink's own x and x³",
@@ -72,16 +73,21 @@ class StudyReport:
             return (
                 f"{len(unmet)} of {len(self.claims)} claims {'does' if len(unmet) == 1 else 'do'} not hold."
             )
-        if open_:
+        if open_ or Verdict.STUDY_INCOMPLETE in self.table.verdicts:
             return "So far nothing speaks against it, but the study is not complete."
         if self.comparison.cells:
             return "The paper's results are reproduced, and surpassed."
         return "The study is complete."
 
     @property
-    def holds(self) -> bool:
-        """Whether every claim holds."""
-        return all(claim.met for claim in self.claims)
+    def trusted(self) -> bool:
+        """Whether every claim holds, and no verdict on the study forbids trust."""
+        return all(claim.met for claim in self.claims) and is_trusted(self.table.verdicts)
+
+    @property
+    def lacks(self) -> list[str]:
+        """What verdicts say against the study."""
+        return [verdict.value for verdict in self.table.verdicts if verdict is not Verdict.STUDY_COMPLETE]
 
 
 def study_page(

@@ -12,6 +12,7 @@ import numpy as np
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.study.definition import Study
 from linkwise.study.row import Case, Row
+from linkwise.verdict import Verdict
 
 SPREAD = (0.05, 0.95)  # quantiles over the seeds that figures show about a median
 
@@ -149,6 +150,17 @@ class StudyTable:
         return cls(
             tuple(_cell(key, inside[0].masses, len(inside), inside) for key, inside in gathered.items())
         )
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What of the study was not run, and what has no answer."""
+        failed = [cell for cell in self.cells if cell.failures]
+        holds = {
+            Verdict.STUDY_INCOMPLETE: self.missing > 0,
+            Verdict.CELLS_WITHOUT_ANSWER: any(not cell.answers for cell in failed),
+            Verdict.CASES_WITHOUT_ANSWER: any(cell.answers for cell in failed),
+        }
+        return tuple(verdict for verdict, held in holds.items() if held) or (Verdict.STUDY_COMPLETE,)
 
     @property
     def structures(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.html import NotebookView
+from linkwise.html import JudgedView
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
 from linkwise.text import align_columns
@@ -16,7 +16,7 @@ from linkwise.verdict import Verdict
 
 
 @dataclass(frozen=True)
-class StudySummary(NotebookView):
+class StudySummary(JudgedView):
     """The summary of a study; printed, a table for each structure and noise level.
 
     Attributes
@@ -30,14 +30,19 @@ class StudySummary(NotebookView):
     --------
     >>> import linkwise as lw
     >>> summary = lw.study_summary("results/mine")
-    >>> summary.complete, summary.failed_cells
-    (True, ())
+    >>> summary.complete, summary.failed_cells, summary.trusted
+    (True, (), True)
     """
 
     name: str
     cells: tuple[Cell, ...]
 
     hopeless = DeprecatedAttribute(Deprecated("failed_cells", since="0.2.0", until="0.4.0"))
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What of the study was not run, and what has no answer."""
+        return StudyTable(self.cells).verdicts
 
     @property
     def complete(self) -> bool:
@@ -55,13 +60,16 @@ class StudySummary(NotebookView):
         Returns
         -------
         dict
-            "study", "cases", "done", "failed" and "cells".
+            "study", "cases", "done", "failed", "verdicts", "trusted" and "cells".
         """
-        return {"study": self.name, **self._counts(), "cells": [cell_record(cell) for cell in self.cells]}
+        cells = [cell_record(cell) for cell in self.cells]
+        return {"study": self.name, **self._counts(), **self._judgement(), "cells": cells}
 
     def __str__(self) -> str:
         counts = self._counts()
-        blocks = ["{}: {done} of {cases} cases done, {failed} failed".format(self.name, **counts)]
+        lacks = [verdict.value for verdict in self.verdicts if verdict is not Verdict.STUDY_COMPLETE]
+        head = "{}: {done} of {cases} cases done, {failed} failed".format(self.name, **counts)
+        blocks = ["\n".join([head, *lacks])]
         for (structure, level), group in groupby(self.cells, key=lambda cell: (cell.structure, cell.snr_db)):
             lines: list[tuple[str, ...]] = [
                 ("method", "median %", "worst %", "failed", "untrusted", "of", "seconds")

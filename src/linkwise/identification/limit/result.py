@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
-from linkwise.html import NotebookView
+from linkwise.html import JudgedView
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.text import as_text
+from linkwise.verdict import Verdict
 
 DETECTION = (
     3.605  # standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
@@ -66,7 +67,7 @@ class LinkLimit:
 
 
 @dataclass(frozen=True, eq=False)
-class Limit(NotebookView):
+class Limit(JudgedView):
     """The smallest standard errors that a planned test allows, of p unknowns; printed, a table.
 
     The bound holds for estimates that look at segments of the record, each with a free start and all with the same laws; a
@@ -100,8 +101,8 @@ class Limit(NotebookView):
     >>> planned = lw.limit(chain, duration=0.5, rate=1000.0, noise=40.0, unknown=["nes"], release={"v:m1": 1.0})
     >>> [parameter.name for parameter in planned.parameters]
     ['nes1.alpha', 'nes1.beta', 'nes1.c']
-    >>> planned.standard_errors.shape, planned.findings
-    ((3,), ())
+    >>> planned.standard_errors.shape, planned.findings, planned.trusted
+    ((3,), (), True)
     """
 
     structure: Structure
@@ -222,6 +223,12 @@ class Limit(NotebookView):
             )
         return links[name]
 
+    @cached_property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether the sensors determine every unknown."""
+        all_determined = not self.precision.confounded and np.isfinite(self.standard_errors).all()
+        return (Verdict.UNKNOWNS_DETERMINED if all_determined else Verdict.UNKNOWNS_NOT_DETERMINED,)
+
     @property
     def findings(self) -> tuple[str, ...]:
         """Sentences on what the sensors do not determine; empty where they determine everything."""
@@ -242,9 +249,10 @@ class Limit(NotebookView):
         Returns
         -------
         dict
-            Coefficients and links by name, noise and findings; SI units.
+            Coefficients and links by name, noise, verdicts and findings; SI units.
         """
         return {
+            **self._judgement(),
             "segment": self.segment,
             "samples": len(self.record) * len(self.record.responses),
             "noise": dict(self.noise),

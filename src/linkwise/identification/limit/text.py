@@ -19,6 +19,7 @@ def limit_text(limit: Limit) -> str:
     """The whole result as text."""
     head = (
         f"{limit.structure.name or 'structure'}: the best accuracy that this test allows\n"
+        f"{limit.verdicts[0].value}\n"
         f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, in segments of "
         f"{limit.segment:g} s with free starts;\na fit that links segments may come out somewhat better."
     )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from linkwise.html import JudgedView
 from linkwise.model.host import Host
 from linkwise.text import as_text
-from linkwise.verdict import Verdict, is_trusted
+from linkwise.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,37 @@ class HostEstimate(JudgedView):
     remarks: tuple[str, ...]
     seconds: float
 
-    @property
-    def trusted(self) -> bool:
-        """Whether no verdict forbids trust."""
-        return is_trusted(self.verdicts)
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data.
+
+        Returns
+        -------
+        dict
+            "modes" with frequencies in Hz, damping as a part of the critical one and shapes in 1/sqrt(kg), each with its
+            standard error; the fit, verdicts and remarks.
+        """
+        return {
+            "method": "identify_host",
+            **self._judgement(),
+            "message": " ".join(verdict.value for verdict in self.verdicts),
+            "seconds": self.seconds,
+            "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
+            "host": self.host.name,
+            "modes": [
+                {
+                    "name": name,
+                    "faint": name in self.faint,
+                    "frequency": {"value": mode.frequency.value, "standard_error": mode.frequency.sigma},
+                    "damping": {"value": mode.damping.value, "standard_error": mode.damping.sigma},
+                    "shape": {
+                        point: {"value": size, "standard_error": mode.shape_sigma.get(point, 0.0)}
+                        for point, size in mode.shape.items()
+                    },
+                }
+                for name, mode in zip(self.host.coordinates, self.host.modes, strict=True)
+            ],
+            "remarks": list(self.remarks),
+        }
 
     def __str__(self) -> str:
         return as_text(self)

@@ -16,7 +16,7 @@ from linkwise.inspection.inspect import inspect
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.text import as_text
-from linkwise.verdict import Verdict, is_trusted, status_of
+from linkwise.verdict import Verdict, status_of
 
 
 @dataclass(frozen=True)
@@ -261,11 +261,6 @@ class Validation(JudgedView):
         return (Verdict.PREDICTION_AGREES if agrees else Verdict.PREDICTION_DISAGREES,)
 
     @property
-    def trusted(self) -> bool:
-        """Whether the prediction agrees with the record."""
-        return is_trusted(self.verdicts)
-
-    @property
     def status(self) -> str:
         """The verdict in words."""
         return status_of(self.verdicts) if not self.trusted else self.verdicts[0].status
@@ -333,8 +328,7 @@ class Validation(JudgedView):
             },
             "coefficients": {entry.name: _plain(entry) for entry in self.coefficients},
             "model_error_percent": 100.0 * self.model_error,
-            "verdicts": [verdict.name for verdict in self.verdicts],
-            "trusted": self.trusted,
+            **self._judgement(),
             "alerts": [alert.to_dict() for alert in self.alerts],
             "findings": list(self.findings),
         }

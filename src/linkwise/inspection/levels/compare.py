@@ -9,7 +9,7 @@ import numpy as np
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
-from linkwise.inspection.levels.result import LevelComparison
+from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, LevelComparison
 from linkwise.inspection.levels.ring_down import ring_down
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
@@ -18,8 +18,6 @@ from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 
 _UNDAMPED = 2e-4  # damping of what is no mode, but a line of the force or its distortion
-_OF_BANDWIDTH, _OF_DAMPING = 0.1, 0.05
-"""Standard errors of the frequency, over half the bandwidth, and of the damping, relative, of a mode that can be followed."""
 _MOST = 6  # modes that are followed, where their number is not given: those that respond most
 
 
@@ -97,7 +95,7 @@ def compare_levels(
     response, force = _channels(records[order[0]])
     highest, last = ordered[-1], found[-1]
     noise = channel_noise(highest)
-    shown = [name for name in highest.responses if name.partition(":")[0] in ("x", "v", "a")]
+    shown = _shown(highest)
     rings = []
     for mode in range(len(kept)):
         sizes = np.abs(last.residues[mode]).max(axis=1)
@@ -112,6 +110,7 @@ def compare_levels(
         frequency_errors=np.array([each.relative_errors[:, 0] * each.frequencies for each in found]),
         damping_errors=np.array([each.relative_errors[:, 1] * each.damping for each in found]),
         left=np.array([each.left for each in found]),
+        noise=np.array([_noise_share(record, each) for record, each in zip(ordered, found, strict=True)]),
         responses=tuple(ResponseFunction.of(record, response, force) for record in ordered),
         distortions=tuple(distortion(record, response, force) for record in ordered),
         ring_downs=tuple(each for each in rings if each is not None),
@@ -122,6 +121,18 @@ def _level(record: Record) -> float:
     """The largest magnitude of all forces."""
     forces = [record.channel(name) for name in record.inputs if name.startswith("force:")]
     return max(float(np.abs(force).max()) for force in forces)
+
+
+def _noise_share(record: Record, modes: RefinedModes) -> float:
+    """Power of the noise as a part of that of the responses, as `RefinedModes.left` is one."""
+    noise = channel_noise(record)
+    variance = np.array([noise[name] ** 2 for name in _shown(record)])
+    return float(np.mean(variance / np.maximum(modes.power, np.finfo(float).tiny)))
+
+
+def _shown(record: Record) -> list[str]:
+    """The responses that are motions."""
+    return [name for name in record.responses if name.partition(":")[0] in ("x", "v", "a")]
 
 
 def _require_same_channels(records: Sequence[Record]) -> None:
@@ -142,8 +153,8 @@ def _followed(found: RefinedModes) -> list[int]:
     errors = found.relative_errors
     firm = (
         (found.damping > _UNDAMPED)
-        & (errors[:, 0] < _OF_BANDWIDTH * found.damping)
-        & (errors[:, 1] < _OF_DAMPING)
+        & (errors[:, 0] < OF_BANDWIDTH * found.damping)
+        & (errors[:, 1] < OF_DAMPING)
     )
     some = np.flatnonzero(firm) if firm.any() else np.arange(len(peaks))
     return sorted(some[np.argsort(-peaks[some])][:_MOST].tolist())
@@ -154,7 +165,7 @@ def _channels(record: Record) -> tuple[str, str]:
     forces = [name for name in record.inputs if name.startswith("force:")]
     force = max(forces, key=lambda name: float(np.mean(record.channel(name) ** 2)))
     place = force.partition(":")[2]
-    shown = [name for name in record.responses if name.partition(":")[0] in ("x", "v", "a")]
+    shown = _shown(record)
     at_force = [name for name in shown if name.partition(":")[2] == place]
     noise = channel_noise(record)
     return max(

@@ -8,19 +8,23 @@ from typing import Any
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.html import NotebookView
+from linkwise.html import JudgedView
 from linkwise.inspection.levels.distortion import Distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.ring_down import RingDown
 from linkwise.text import as_text
+from linkwise.verdict import Verdict
 
 _SIGNIFICANT = 4.0
 """Standard errors by which a frequency or a damping must differ from those at the lowest level: by chance once in 16 000."""
 _FREQUENCY, _DAMPING = 5e-4, 0.05  # relative changes that matter: less is what temperature and sensors do
+OF_BANDWIDTH, OF_DAMPING = 0.1, 0.05
+"""Standard errors of the frequency, over half the bandwidth, and of the damping, relative, of a mode that can be followed."""
+_GROWTH = 2.0  # times what linear modes leave of the lowest level, noise allowed for: shares of taps scatter by less
 
 
 @dataclass(frozen=True, eq=False)
-class LevelComparison(NotebookView):
+class LevelComparison(JudgedView):
     """Records of one test at several levels, from the lowest to the highest.
 
     Attributes
@@ -33,8 +37,8 @@ class LevelComparison(NotebookView):
         Of the linear modes that explain each record best, in Hz and as parts of the critical damping.
     frequency_errors, damping_errors : array of shape (R, n)
         Their standard errors.
-    left : array of shape (R,)
-        The power of the responses that linear modes do not explain, as a part of the whole.
+    left, noise : array of shape (R,)
+        The power of the responses that linear modes do not explain, and that of the noise, as parts of the whole.
     responses : tuple of ResponseFunction
         The response where most moves to the largest force, of each record.
     distortions : tuple of Distortion or None
@@ -59,6 +63,8 @@ class LevelComparison(NotebookView):
     >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
     >>> found.first_nonlinear is None, found.frequencies.shape
     (True, (2, 1))
+    >>> [verdict.name for verdict in found.verdicts]
+    ['LINEAR_IN_RANGE']
     """
 
     labels: tuple[str, ...]
@@ -68,6 +74,7 @@ class LevelComparison(NotebookView):
     frequency_errors: Floats
     damping_errors: Floats
     left: Floats
+    noise: Floats
     responses: tuple[ResponseFunction, ...]
     distortions: tuple[Distortion | None, ...]
     ring_downs: tuple[RingDown, ...]
@@ -110,6 +117,25 @@ class LevelComparison(NotebookView):
         """The number of the lowest level, from 0, at which a mode has moved; None if there is none."""
         return next((level for level in range(1, len(self.levels)) if self.moved(level)), None)
 
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether modes move, and what keeps the records from telling."""
+        first = self.first_nonlinear
+        below = slice(
+            first
+        )  # from the first level on at which they move, errors are those of motion that is not linear
+        unclear = (self.frequency_errors > OF_BANDWIDTH * self.damping * self.frequencies) | (
+            self.damping_errors > OF_DAMPING * self.damping
+        )
+        excess = np.maximum(self.left - self.noise, 0.0)
+        grown = excess > _GROWTH * excess[0] + self.noise + self.noise[0]
+        holds = {
+            Verdict.MODES_NOT_DETERMINED: bool(unclear[below].any()),
+            Verdict.RESIDUALS_GROW_WITH_LEVEL: first is None and bool(grown.any()),
+            Verdict.MODES_MOVE: first is not None,
+        }
+        return tuple(verdict for verdict, held in holds.items() if held) or (Verdict.LINEAR_IN_RANGE,)
+
     def __str__(self) -> str:
         return as_text(self)
 
@@ -119,15 +145,17 @@ class LevelComparison(NotebookView):
         Returns
         -------
         dict
-            "levels", lowest first, with "modes" each, and "first_nonlinear", the label of a level or None.
+            "levels", lowest first, with "modes" each, "first_nonlinear", the label of a level or None, and verdicts.
         """
         first = self.first_nonlinear
         return {
+            **self._judgement(),
             "levels": [
                 {
                     "record": label,
                     "force_peak": float(self.levels[number]),
                     "unexplained": float(self.left[number]),
+                    "noise": float(self.noise[number]),
                     "moved": list(self.moved(number)),
                     "modes": [
                         {"frequency": f, "frequency_error": df, "damping": d, "damping_error": dd}

@@ -9,7 +9,7 @@ from linkwise.text import align_columns, as_text, format_error, format_value
 @as_text.register
 def levels_text(comparison: LevelComparison) -> str:
     """The verdict, then a table of modes over level, distortion, and what modes do as they ring down."""
-    blocks = [headline(comparison), "\n".join(align_columns(mode_rows(comparison)))]
+    blocks = ["\n".join(headline(comparison)), "\n".join(align_columns(mode_rows(comparison)))]
     distorted = distortion_rows(comparison)
     if len(distorted) > 1:
         blocks.append("\n".join(align_columns(distorted)))
@@ -19,14 +19,17 @@ def levels_text(comparison: LevelComparison) -> str:
     return "\n\n".join(blocks)
 
 
-def headline(comparison: LevelComparison) -> str:
-    """Whether the structure moved linearly, in a sentence."""
+def headline(comparison: LevelComparison) -> list[str]:
+    """Whether the structure moved linearly, in a sentence, and the verdicts that forbid trust in it."""
+    return [_claim(comparison), *(verdict.value for verdict in comparison.verdicts if verdict.forbids)]
+
+
+def _claim(comparison: LevelComparison) -> str:
     first = comparison.first_nonlinear
     top = comparison.levels[-1]
     if first is None:
-        return (
-            f"Linear up to a peak force of {top:.3g} N: no mode moves with the level by more than its errors."
-        )
+        claim = "Linear" if comparison.trusted else "Perhaps linear"
+        return f"{claim} up to a peak force of {top:.3g} N: no mode moves with the level by more than its errors."
     modes = ", ".join(str(mode) for mode in comparison.moved(first))
     return (
         f"Not linear from a peak force of {comparison.levels[first]:.3g} N on ({comparison.labels[first]}): mode {modes} "

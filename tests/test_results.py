@@ -1,0 +1,176 @@
+"""Every answer of a public function says whether it can be trusted: in attributes, text, JSON and a notebook."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from problems import chain_record, oscillator
+from small_study import small
+from tapped_beam import tapped
+from test_public_types import public, returned
+
+import linkwise as lw
+from linkwise.atomic import to_json
+from linkwise.verdict import is_trusted
+
+NO_ANSWERS = {  # what public functions give that is not an answer of its own, and why
+    "DenseSystem": "the equations that a regression solves",
+    "Equilibria": "a property of a structure whose numbers are given",
+    "Equivalent": "a property of a law whose numbers are given",
+    "FreeRun": "a simulation beside a record; `Validation` judges one",
+    "HostMode": "what a file says",
+    "HostReduction": "arithmetic of matrices that are given; it has its own error",
+    "LawStep": "one of several laws, ranked by a criterion; `identify` judges it",
+    "Modes": "a property of a structure whose numbers are given",
+    "NamedLaw": "a law by its name",
+    "PartialStructure": "what a file says",
+    "Posterior": "refused for estimates that are not trusted",
+    "Record": "what sensors show; `inspect` judges it",
+    "RecordMapping": "what a file says",
+    "Row": "a line of a study, with the status of its estimate; `StudySummary` judges all",
+    "States": "arrays",
+    "StreamedSystem": "the equations that a regression solves",
+    "Structure": "what is given or identified; `Estimate` judges it",
+    "Study": "what is asked for",
+    "Term": "what is asked for",
+    "TermScore": "a comparison with a truth that is given",
+}
+
+RELEASE = {"v:m1": 1.0}
+
+
+def answers() -> dict[str, type[Any]]:
+    """The types of linkwise that public functions return, but for those that are no answers."""
+    return {name: kind for name, kind in results().items() if name not in NO_ANSWERS}
+
+
+def results() -> dict[str, type[Any]]:
+    """The types of linkwise that public functions return."""
+    names = dict(public())
+    kinds = {value: name for name, value in names.items() if isinstance(value, type)}
+    return {
+        kinds[kind]: kind
+        for value in names.values()
+        if inspect.isroutine(value)
+        for kind in returned(value)
+        if kind in kinds
+    }
+
+
+def finished(folder: Path) -> lw.StudySummary:
+    """The summary of a study of two structures by three methods."""
+    lw.run_study(lw.read_study(small(folder, cycles=1)), folder / "out", workers=1)
+    return lw.study_summary(folder / "out")
+
+
+def taps() -> list[lw.Record]:
+    spring = oscillator("k*d + c*v", mass=1.0, name="spring", k=4e3, c=1.0)
+    return [
+        lw.simulate(
+            spring,
+            forces={"m1": f"{size}*exp(-((t - 0.1)/0.01)**2)"},
+            duration=2.0,
+            rate=200.0,
+            sensors=["a:m1"],
+        ).with_noise(40.0, seed=1)
+        for size in (1.0, 2.0)
+    ]
+
+
+def absorbed(over: dict[str, list[float]] | None = None) -> Any:
+    chain = lw.bnes_chain(2)
+    if over is not None:
+        return lw.absorption_map(chain, over, duration=0.5, release=RELEASE)
+    return lw.absorb(chain, duration=0.5, release=RELEASE)
+
+
+@pytest.fixture(scope="module")
+def made(
+    fitted: lw.Estimate, discovered: lw.Discovery, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Callable[[], Any]]:
+    """How an answer of each type comes about."""
+    chain, record = lw.bnes_chain(2), chain_record(2, duration=3.0).with_noise(30.0, seed=1)
+    return {
+        "Absorption": absorbed,
+        "AbsorptionIntervals": lambda: lw.absorption_intervals(
+            lw.Posterior.of(fitted), draws=20, duration=0.5, release=RELEASE
+        ),
+        "AbsorptionMap": lambda: absorbed({"nes1.alpha": [-150.0, -100.0]}),
+        "Discovery": lambda: discovered,
+        "Estimate": lambda: fitted,
+        "HostEstimate": lambda: lw.identify_host(tapped().with_noise(40.0, seed=1)),
+        "Inspection": lambda: lw.inspect(record),
+        "LevelComparison": lambda: lw.compare_levels(taps()),
+        "Limit": lambda: lw.limit(chain, duration=0.1, rate=500.0, noise=40.0, release=RELEASE),
+        "StudySummary": lambda: finished(tmp_path_factory.mktemp("study")),
+        "Validation": lambda: lw.validate(record, fitted),
+    }
+
+
+def test_the_walk_finds_every_answer(made: dict[str, Callable[[], Any]]) -> None:
+    assert answers().keys() == made.keys() and NO_ANSWERS.keys() < results().keys()
+
+
+@pytest.mark.parametrize("name", answers())
+def test_an_answer_says_whether_it_can_be_trusted(name: str, made: dict[str, Callable[[], Any]]) -> None:
+    answer: Any = made[name]()
+    assert type(answer) is answers()[name]
+    assert answer.verdicts and all(isinstance(verdict, lw.Verdict) for verdict in answer.verdicts)
+    assert answer.trusted is is_trusted(answer.verdicts) is True
+    told = json.loads(to_json(answer.to_dict()))
+    assert told["verdicts"] == [verdict.name for verdict in answer.verdicts]
+    assert told["trusted"] is True
+    markup = answer._repr_html_()
+    assert "#1a7f37" in markup and "<script" not in markup  # green
+
+
+def test_a_limit_says_what_its_sensors_do_not_determine() -> None:
+    two = oscillator("k1*d + k2*d + c*v", mass=1.0, name="spring", k1=100.0, k2=50.0, c=0.1)
+    found = lw.limit(two, duration=0.5, rate=200.0, noise=40.0, release=RELEASE)
+    assert not np.isfinite(found.standard_errors).all()
+    assert found.verdicts == (lw.Verdict.UNKNOWNS_NOT_DETERMINED,)
+    assert not found.trusted and found.to_dict()["trusted"] is False
+    assert "does not determine every unknown" in str(found) and "#b42318" in found._repr_html_()
+
+
+def test_an_inspection_with_an_alert_says_so() -> None:
+    record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
+    x = record.channel("x:m1")
+    faulty = {
+        "x:m1": np.clip(x, -0.7 * np.abs(x).max(), 0.7 * np.abs(x).max()),
+        "x:m2": record.channel("x:m2"),
+    }
+    found = lw.inspect(lw.Record.from_arrays(record.time, faulty))
+    assert [alert.kind for alert in found.alerts] == ["clipped"]
+    assert found.verdicts == (lw.Verdict.CHANNELS_IN_DOUBT,) and not found.trusted
+    assert found.to_dict()["verdicts"] == ["CHANNELS_IN_DOUBT"]
+
+
+def test_a_summary_says_what_was_not_run_and_what_failed(tmp_path: Path) -> None:
+    definition = lw.read_study(small(tmp_path, cycles=1))
+    rows = lw.run_study(definition, tmp_path / "out", workers=1)
+    assert len(rows) == 12
+    summary = lw.study_summary(tmp_path / "out")
+    [first, *others] = summary.cells
+
+    def with_first(answers: int, failures: int) -> lw.StudySummary:
+        row = first.answers[0]
+        cell = lw.Cell(
+            first.structure, first.masses, first.snr_db, first.method, 2, (row,) * answers, (row,) * failures
+        )
+        return lw.StudySummary("small", (cell, *others))
+
+    verdicts = lw.Verdict
+    assert with_first(2, 0).verdicts == (verdicts.STUDY_COMPLETE,)
+    assert with_first(1, 1).verdicts == (verdicts.CASES_WITHOUT_ANSWER,) and with_first(1, 1).trusted
+    assert with_first(0, 2).verdicts == (verdicts.CELLS_WITHOUT_ANSWER,) and not with_first(0, 2).trusted
+    assert with_first(1, 0).verdicts == (verdicts.STUDY_INCOMPLETE,) and not with_first(1, 0).trusted
+    assert with_first(0, 1).verdicts == (verdicts.STUDY_INCOMPLETE, verdicts.CELLS_WITHOUT_ANSWER)
+    assert "not run" in str(with_first(1, 0)).splitlines()[1]
+    assert "NOT to be" not in str(with_first(2, 0))
