@@ -16,11 +16,11 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.input_noise import (
     _multipliers,
-    _normal_score,
     for_noise_of_inputs,
     noise_of_inputs,
 )
 from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.variance_score import normal_score
 from linkwise.verdict import Verdict
 
 RATE, COUNT = 100.0, 801
@@ -66,6 +66,8 @@ def test_noise_that_nobody_stated_takes_trust_and_is_named(channel: str, end: st
     true = noise * record.channel(channel).std()
     # of the dozen residuals that tell it the coefficients have fitted some: to within a factor of three
     assert true / 3.0 < cause.size < 3.0 * true
+    # a gain is what the cause takes off -2 log likelihood: that of a chi-square, which is above half the square of its excess
+    assert cause.gain > 3.3**2
     assert lw.identify(record, mounted(end).unknown("all"), input_noise=[channel]).trusted
 
 
@@ -125,12 +127,15 @@ def test_slopes_by_kicks_are_those_of_a_dense_least_squares_problem() -> None:
     np.testing.assert_allclose(slopes[:, 0], dense, atol=0.02 * np.abs(dense).max())
     named = dict(zip((p.name for p in structure.parameters), values.tolist(), strict=True))
     [noise] = noise_of_inputs(fit, structure.with_values(named), record.channels)
-    _, added = present(for_noise_of_inputs(fit, [replace(noise, normal=3.0)]))
+    hinting = replace(noise, score=replace(noise.score, normal=3.0))
+    _, added = present(for_noise_of_inputs(fit, [hinting]))
     moved = (
         np.linalg.lstsq(columns, every[:, samples:COUNT:samples] * noise.pattern[:, 0])[0][:2]
         * values[:, None]
     )
-    np.testing.assert_allclose(added, (noise.deviation**2 + noise.error) * (moved @ moved.T), rtol=0.02)
+    np.testing.assert_allclose(
+        added, (noise.score.deviation**2 + noise.score.error) * (moved @ moved.T), rtol=0.02
+    )
 
 
 def test_intervals_hold_noise_that_residuals_hint_at() -> None:
@@ -169,8 +174,8 @@ def test_normal_scores_are_finite_wherever_a_sum_of_squares_is() -> None:
     """Chances below the least number come from an asymptotic series, to within the 1 / 100 that its first term leaves out."""
     for freedom in (10.0, 1000.0):
         chi_square = np.linspace(freedom, freedom + 8000.0, 400)
-        scores = [_normal_score(each - freedom, freedom, freedom) for each in chi_square]
+        scores = [normal_score(each - freedom, freedom, freedom) for each in chi_square]
         assert np.isfinite(scores).all() and (np.diff(scores) > 0.0).all()
         assert np.diff(scores, 2).max() < 0.01 * scores[-1]
     # traces by draws of a sum of many terms, where skewness is lost in their scatter: a normal score as it is
-    assert _normal_score(30.0, 50.0, -1.0) == pytest.approx(3.0, rel=1e-12)
+    assert normal_score(30.0, 50.0, -1.0) == pytest.approx(3.0, rel=1e-12)

@@ -16,13 +16,15 @@ class Cause:
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
         share, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, ``"force gain"`` or ``"force
-        delay"`` of an applied force, ``"input noise"`` of its channel or that of the base, a missing ``"term"`` of a link, a
-        missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
+        delay"`` of an applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, a
+        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``,
+        that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
         The error, in `unit`: relative for gains, masses and frequencies, the root mean square of the force for a term or a
-        link, half the square of the time constant for a filter, the standard deviation of noise.
+        link, half the square of the time constant for a filter, the standard deviation of noise, the spectral density of an
+        ambient force.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -111,7 +113,9 @@ class Cause:
             case "delay" | "force delay":
                 return f"a delay of {1e3 * self.size:.3g} ms in {place}{self.remark and f' ({self.remark})'}"
             case "input noise":
-                return f"noise of {place} of {size:.3g} {self.unit}"
+                return f"noise of {place} of {size:.3g} {self.unit}{self.remark and f' ({self.remark})'}"
+            case "ambient":
+                return f"an ambient force on {place} of {size:.3g} {self.unit}{self.remark and f' ({self.remark})'}"
             case "drift":
                 return f"a drift of {self.size:.3g} {self.unit} in {place}"
         return f"an offset of {self.size:.3g} {self.unit} in {place}"

@@ -99,10 +99,11 @@ class MaximumLikelihood(Estimator):
     ambient : sequence of str or mapping of str to float or None, optional
         Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
         other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found for the masses in a sequence, and for
-        those mapped to None; ``"all"`` stands for every mass. Whether one acts on a mass that is left out is not tested for.
+        those mapped to None; ``"all"`` stands for every mass. The diagnosis names masses left out that it acts on, too.
     input_noise : sequence of str or mapping of str to float or None, optional
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
-        in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts.
+        in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
+        names a channel with more noise than is stated.
     admit : sequence of {"gain", "offset", "delay"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.

@@ -4,12 +4,6 @@ Noise of an input kicks the masses, and the structure rings where it resonates. 
 and they hardly stand out among all, but they are the ones that a damping is judged by. The multiplier of each defect is the
 slope of the cost by a kick there. Under noise of sensors alone the sum of squares of these slopes has a mean and a scatter
 that draws of such noise tell, with states and coefficients following; its excess is the score of the variance of the kicks.
-
-References
-----------
-C. R. Rao, Proc. Camb. Phil. Soc. 44, 50 (1948), for score tests; X. Lin, Biometrika 84, 309 (1997), for those of variances.
-
-E. S. Pearson, Biometrika 46, 364 (1959), for a sum of squares as a chi-square of the same three first moments.
 """
 
 from __future__ import annotations
@@ -18,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats
@@ -30,18 +23,19 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.variance_score import SquareSum, VarianceScore
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
-_DRAWS = (
+DRAWS = (
     64  # of noise of sensors, whose products tell the moments of a sum of squares: 2016 pairs, 41664 triples
 )
-_SEED = 20200
+SEED = 20200
 _RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
-_CHANCE = 11.0  # square of a normal score, as one input in 2000 gives by chance
+SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance
 _HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
-_LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
+LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,36 +46,33 @@ class InputNoise:
     ----------
     pattern : array of shape (K - 1, n)
         Kicks in m/s that noise of size one gives the masses at the nodes.
-    normal : float
-        Score of its variance, as a normal one.
-    deviation, error : float
-        The standard deviation that the score tells, and the standard error of its square.
+    score : VarianceScore
+        That of its variance.
     """
 
     channel: str
     rms: float
     pattern: Floats
-    normal: float
-    deviation: float
-    error: float
+    score: VarianceScore
 
     @property
     def description(self) -> str:
         """In words, with its size."""
-        return f"noise of {self.channel} of {self.deviation:.3g} {Channel.parse(self.channel).unit}"
+        return f"noise of {self.channel} of {self.score.deviation:.3g} {Channel.parse(self.channel).unit}"
 
     @property
     def cause(self) -> Cause | None:
         """The noise as a cause of the residuals, where it is significant and small enough to be noise."""
-        if self.normal**2 < _CHANCE or self.normal < 0.0 or self.deviation > _LARGEST * self.rms:
+        score = self.score
+        if score.normal < SIGNIFICANT or score.deviation > LARGEST * self.rms:
             return None
         return Cause(
             kind="input noise",
             where=self.channel,
-            size=self.deviation,
+            size=score.deviation,
             unit=Channel.parse(self.channel).unit,
-            gain=self.normal**2,
-            standard_error=0.5 * self.error / self.deviation,
+            gain=score.gain,
+            standard_error=0.5 * score.error / score.deviation,
         )
 
 
@@ -94,21 +85,20 @@ def noise_of_inputs(
     if not exact or identified.hosts or identified.size >= MANY:
         return ()
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-    inputs = list(_inputs(optimum, misfit, identified, channels))
+    inputs = list(input_kicks(optimum, misfit, identified, channels))
     if not inputs:
         return ()
     try:
         with one_blas_thread():
-            multipliers = _multipliers(optimum, misfit, _free(fit))
+            multipliers = _multipliers(optimum, misfit, free_of_bounds(fit))
     except np.linalg.LinAlgError:
         return ()
     found = []
     for channel, rms, pattern in inputs:
         slopes = np.einsum("kn,knr->kr", pattern, multipliers)
-        score = _VarianceScore.of(slopes[:, 0], slopes[:, 1:])
-        if score is None:
-            continue
-        found.append(InputNoise(channel, rms, pattern, score.normal, score.deviation, score.error))
+        score = VarianceScore.of(SquareSum.of(slopes[:, 0], slopes[:, 1:]))
+        if score is not None:
+            found.append(InputNoise(channel, rms, pattern, score))
     return tuple(found)
 
 
@@ -117,13 +107,15 @@ def for_noise_of_inputs(fit: LikelihoodFit, found: Sequence[InputNoise]) -> tupl
 
     Its variance is taken as one standard error above what the score tells. None where nothing hints at such noise.
     """
-    hinted = [each for each in found if each.normal > _HINT and each.deviation < _LARGEST * each.rms]
+    hinted = [
+        each for each in found if each.score.normal > _HINT and each.score.deviation < LARGEST * each.rms
+    ]
     if not hinted:
         return None
-    noise, optimum = max(hinted, key=lambda each: each.normal), fit.optimum
+    noise, optimum = max(hinted, key=lambda each: each.score.normal), fit.optimum
     segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
     misfit = evaluate(segments, optimum.point, scales, optimum.loss)
-    free, p = _free(fit), len(fit.values)
+    free, p = free_of_bounds(fit), len(fit.values)
     with one_blas_thread():
         factor = linearise(segments, misfit, scales, optimum.loss).equations(_RELAXED).factor()
         rows = eliminated_rows(segments, misfit, scales, optimum.loss, _RELAXED)
@@ -137,17 +129,17 @@ def for_noise_of_inputs(fit: LikelihoodFit, found: Sequence[InputNoise]) -> tupl
     inverse = np.zeros((len(free), len(free)))
     inverse[np.ix_(free, free)] = np.linalg.inv(factor.schur[np.ix_(free, free)])
     moved = (pulls @ inverse)[:, :p] * scales.theta[:p]
-    return noise, np.asarray((noise.deviation**2 + noise.error) * (moved.T @ moved))
+    return noise, np.asarray((noise.score.deviation**2 + noise.score.error) * (moved.T @ moved))
 
 
-def _free(fit: LikelihoodFit) -> Bools:
+def free_of_bounds(fit: LikelihoodFit) -> Bools:
     """(P,) whether an unknown of the border is not at a bound."""
     free = np.ones(fit.optimum.segments.parameters, dtype=bool)
     free[: len(fit.free)] = fit.free
     return free
 
 
-def _inputs(
+def input_kicks(
     optimum: Optimum, misfit: Misfit, identified: Structure, channels: Sequence[str]
 ) -> Iterator[tuple[str, float, Floats]]:
     """Each input with its root mean square, and the kick (K - 1, n) in m/s that its noise of size one gives at the nodes."""
@@ -183,15 +175,15 @@ def _multipliers(optimum: Optimum, misfit: Misfit, free: Bools) -> Floats:
     factor = equations.factor()
     if factor is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
-    nodes, border = _steps(factor, free, *_gradients(optimum, misfit, len(equations.corner)))
-    defects = _changes_of_defects(linear, nodes, border) / _RELAXED**2
+    nodes, border = steps_of(factor, free, *_gradients(optimum, misfit, len(equations.corner)))
+    defects = changes_of_defects(linear, nodes, border) / _RELAXED**2
     return np.asarray(defects[:, n : 2 * n] / scales.state[n : 2 * n, None])
 
 
 def _gradients(optimum: Optimum, misfit: Misfit, unknowns: int) -> tuple[Floats, Floats]:
     """Slopes by the nodes (K, m, 1 + draws) and by the border (P, 1 + draws) of residuals and of draws of their noise."""
     segments, m = optimum.segments, optimum.segments.system.dimension
-    nodes, border = np.zeros((segments.count, m, 1 + _DRAWS)), np.zeros((unknowns, 1 + _DRAWS))
+    nodes, border = np.zeros((segments.count, m, 1 + DRAWS)), np.zeros((unknowns, 1 + DRAWS))
     drawn = _noise(optimum, misfit)
     for part in chunks(segments, unknowns):
         rows, _ = whitened_jacobian(segments, misfit, optimum.scales, optimum.loss, part)
@@ -205,22 +197,22 @@ def _gradients(optimum: Optimum, misfit: Misfit, unknowns: int) -> tuple[Floats,
 
 def _noise(optimum: Optimum, misfit: Misfit) -> Callable[[slice], Floats]:
     """Draws (k, M C, draws) of the noise of sensors in k segments: as large as the residuals, or as coloured as was found."""
-    segments, rng = optimum.segments, np.random.default_rng(_SEED)
+    segments, rng = optimum.segments, np.random.default_rng(SEED)
     M, C, K = segments.samples.shape
     if optimum.coloured is None:
         samples = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
         sizes = np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
-        return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, _DRAWS))).reshape(
-            -1, M * C, _DRAWS
+        return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, DRAWS))).reshape(
+            -1, M * C, DRAWS
         )
-    whole = np.empty((K, M, C, _DRAWS), np.float32)
+    whole = np.empty((K, M, C, DRAWS), np.float32)
     for channel in range(C):
-        series = optimum.coloured.drawn(rng.standard_normal((K * M, _DRAWS)), channel)
-        whole[:, :, channel] = series.reshape(K, M, _DRAWS)
-    return lambda part: whole[part].reshape(-1, M * C, _DRAWS).astype(float)
+        series = optimum.coloured.drawn(rng.standard_normal((K * M, DRAWS)), channel)
+        whole[:, :, channel] = series.reshape(K, M, DRAWS)
+    return lambda part: whole[part].reshape(-1, M * C, DRAWS).astype(float)
 
 
-def _steps(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
+def steps_of(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
     """Solutions (K, m, d) and (P, d) of the equations for right-hand sides of the same shapes, zero where not `free`."""
     P, d = border.shape
     forward, _ = lapack.dtbtrs(factor.chol, nodes.reshape(-1, d), uplo="L")
@@ -232,53 +224,8 @@ def _steps(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -
     return back.reshape(nodes.shape), solved
 
 
-def _changes_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
+def changes_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
     """(K - 1, m, d) of the defects by steps of the nodes (K, m, d) and the border (P, d)."""
     ends = np.einsum("kij,kjd->kid", linear.state_ends, nodes[:-1])
     ends += np.einsum("pki,pd->kid", linear.right_ends[: len(border)], border)
     return np.asarray((nodes[1:] - ends) * linear.joined[:, :, None])
-
-
-@dataclass(frozen=True)
-class _VarianceScore:
-    """Of the variance of kicks: its `normal` score, the standard `deviation` that it tells, and the `error` of its square."""
-
-    normal: float
-    deviation: float
-    error: float
-
-    @classmethod
-    def of(cls, slopes: Floats, draws: Floats) -> _VarianceScore | None:
-        """From slopes (K - 1,), and those (K - 1, d) of draws without kicks; None where kicks move nothing.
-
-        Products of different draws tell the traces of the square and the cube of the covariance of the slopes.
-        """
-        count = draws.shape[1]
-        products = draws.T @ draws
-        mean = float(np.trace(products)) / count
-        np.fill_diagonal(products, 0.0)
-        square = float(np.sum(products**2)) / (count * (count - 1))
-        cube = float(np.trace(products @ products @ products)) / (count * (count - 1) * (count - 2))
-        excess = float(slopes @ slopes) - mean
-        if square <= 0.0:
-            return None
-        error = float(np.sqrt(2.0 / square))
-        deviation = float(np.sqrt(max(excess, 0.0) / square))
-        return cls(_normal_score(excess, square, cube), deviation, error)
-
-
-def _normal_score(excess: float, square: float, cube: float) -> float:
-    """The normal score of the `excess` over its mean of a sum of squares, by traces of powers of their covariance.
-
-    Of many slopes draws may tell a `cube` that is not positive; their sum is then normal.
-    """
-    if cube <= 0.0:
-        return excess / float(np.sqrt(2.0 * square))
-    freedom, scale = square**3 / cube**2, cube / square
-    half, place = 0.5 * freedom, 0.5 * max(excess / scale + freedom, 0.0)
-    below, above = float(scipy.special.gammainc(half, place)), float(scipy.special.gammaincc(half, place))
-    if above > 0.0:
-        chance = float(np.log1p(-below) if below < 0.5 else np.log(above))
-    else:  # below the least number: the first term of the incomplete gamma function far out
-        chance = (half - 1.0) * float(np.log(place)) - place - float(scipy.special.gammaln(half))
-    return -float(scipy.special.ndtri_exp(chance))

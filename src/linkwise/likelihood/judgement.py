@@ -19,6 +19,7 @@ from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.missing_terms import for_missing_terms
 from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.unstated_forces import unstated_forces
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
@@ -93,7 +94,8 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     )
     diagnosed = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
     inputs = noise_of_inputs(fit, identified, channels)
-    noisy = (each.cause for each in inputs if each.cause is not None)
+    noisy = [each.cause for each in inputs if each.cause is not None]
+    noisy += unstated_forces(fit, identified, channels)
     causes = tuple(sorted((*diagnosed, *noisy), key=lambda cause: -cause.gain))
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
@@ -209,10 +211,12 @@ def _verdict(
 
 def _instrument(cause: Cause) -> str:
     """What an error in what was recorded or stated means for the answer."""
-    if cause.kind == "input noise":
+    if cause.kind in ("input noise", "ambient"):
+        what = f"an ambient force on {cause.where}" if cause.kind == "ambient" else f"noise of {cause.where}"
+        more = "more of it, or let it be found" if cause.remark else what
         return (
-            f", but {_would_explain(cause)}. Such noise rings on in the structure, and coefficients, dampings above all, "
-            f"would be wrong by more than their intervals say, so none is given: allow for noise of {cause.where}."
+            f", but {_would_explain(cause)}. It rings on in the structure, and coefficients, dampings above all, would be "
+            f"wrong by more than their intervals say, so none is given: allow for {more}."
         )
     return (
         f", but {_would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than their intervals "
@@ -264,10 +268,7 @@ def _noisy_inputs(fit: LikelihoodFit, masses: Sequence[str]) -> list[str]:
 def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], channels: Sequence[str]) -> str:
     """What random forces leave open, or that they may be what is missing."""
     if any(force.ambient for force in fit.random_forces):
-        return (
-            " Ambient forces are taken as white and as acting on these masses alone; that, errors of sensors and of stated "
-            "masses are not tested for beside them."
-        )
+        return " Ambient forces are taken as white. That, errors of sensors and stated masses are not tested for beside them."
     inputs = [name for name in channels if Channel.parse(name).is_input]
     if not fit.random_forces and not inputs and verdict in _LIKE_A_FORCE:
         return " If a force acts that no channel shows, such as wind or traffic, state it as ambient."
