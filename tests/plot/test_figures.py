@@ -47,6 +47,11 @@ def test_scale_brings_numbers_near_one(largest: float, expected: tuple[float, st
     assert factor == pytest.approx(expected[0], rel=1e-12) and unit == expected[1]
 
 
+@pytest.mark.parametrize("unit", ["", "?"])
+def test_scale_leaves_numbers_without_unit(unit: str) -> None:
+    assert scale(0.02, unit) == (1.0, "")
+
+
 def test_envelope_keeps_every_extreme_and_every_gap() -> None:
     time = np.arange(100_000) / 1000.0
     values = np.sin(time)

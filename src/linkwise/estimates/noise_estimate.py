@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class NoiseEstimate:
     snr_db: float
 
     @classmethod
-    def of(cls, record: Record, name: str, sigma: float) -> NoiseEstimate:
+    def of(cls, record: Record, name: str, sigma: float, unit: str | None = None) -> NoiseEstimate:
         """Noise of a channel of a record.
 
         Parameters
@@ -49,13 +49,16 @@ class NoiseEstimate:
             Name of the channel.
         sigma : float
             Standard deviation of the noise in its SI unit.
+        unit : str, optional
+            That unit, where it is not the one of the channel's kind: of a state of a link.
 
         Returns
         -------
         NoiseEstimate
             The noise.
         """
-        return cls.from_power(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
+        noise = cls.from_power(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
+        return noise if unit is None else replace(noise, unit=unit)
 
     @classmethod
     def from_power(cls, power: float, name: str, sigma: float) -> NoiseEstimate:

@@ -44,6 +44,7 @@ from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
+from linkwise.records.channel_units import channel_unit
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
@@ -298,7 +299,10 @@ def estimate_of(
         values=fit.values,
         covariance=sum(added, covariance),
         free=fit.free,
-        noise={name: NoiseEstimate.of(records[0], name, sigma) for name, sigma in fit.noise.items()},
+        noise={
+            name: NoiseEstimate.of(records[0], name, sigma, channel_unit(records[0], name, structure))
+            for name, sigma in fit.noise.items()
+        },
         chi_square_per_sample=fit.chi_square,
         samples=fit.samples,
         compute_motion=partial(_motion, fit, identified, records),

@@ -52,7 +52,7 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     """
     record = validation.record
     measured, predicted = record.channel(channel), validation.predicted.channel(channel)
-    factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), record.unit(channel))
+    factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), validation.channels[channel].unit)
     with axes_for(ax) as axes:
         axes.plot(*envelope(record.time, measured * factor), color=MEASURED, linewidth=1.6, label="measured")
         axes.plot(
@@ -102,7 +102,7 @@ def prediction_error(
     error = record.channel(channel) - validation.predicted.channel(channel)
     deviation = validation.deviation.channel(channel)
     largest = float(np.nanmax(np.abs(error), initial=0.0))
-    factor, unit = scale(largest, record.unit(channel))
+    factor, unit = scale(largest, validation.channels[channel].unit)
     time, upper = envelope(record.time, 2.0 * deviation * factor)
     with axes_for(ax) as axes:
         for side in (-upper, upper):

@@ -10,13 +10,12 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.identification.limit.result import Limit
+from linkwise.identification.limit.result import Limit, true_path
 from linkwise.likelihood.fisher_information import fisher_information
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Impulse
-from linkwise.model.memory_support import refuse_memory
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -87,7 +86,6 @@ def limit(
     (-100.0, True)
     """
     refuse_rig(structure, "limits of accuracy")
-    refuse_memory(structure.links, "limits of accuracy")
     true, unknown_structure = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     record = simulate(
@@ -95,7 +93,7 @@ def limit(
     )
     sigma = _noise(record, noise)
     samples = _segment_samples(segment, record)
-    _require_values(record, samples, segment, 2 * true.size)
+    _require_values(record, samples, segment, System.of(true).dimension)
     refinement = _refinement(record, true)
     fine = record
     if refinement > 1:
@@ -120,10 +118,11 @@ def limit(
     segments = cut_segments(
         pieces, unknown_structure, System.of(unknown_structure), samples=samples * refinement, refine=1
     )
-    point = Iterate(_nodes(pieces, samples * refinement), values, np.zeros(0))
+    names = [f"{true.links[index].name}.{state}" for index, state in segments.system.states]
+    point = Iterate(_nodes(pieces, samples * refinement, names), values, np.zeros(0))
     units = np.where(values == 0.0, 1.0, np.abs(values))
     information = fisher_information(
-        segments, point, Scales(np.array(list(sigma.values())), _units(record), units)
+        segments, point, Scales(np.array(list(sigma.values())), _units(record, names), units)
     ).with_prior(np.array([parameter.sigma for parameter in unknown_structure.parameters]))
     return Limit(
         true,
@@ -199,18 +198,17 @@ def _require_values(record: Record, samples: int, segment: float, states: int) -
 
 def _refinement(record: Record, structure: Structure) -> int:
     """Steps per sample, so that the phase of the fastest motion grows little in one step of the sensitivities."""
-    truth = record.simulated
-    assert truth is not None
-    d = structure.elongations(truth.displacement, truth.base)
-    base_rate = None if truth.base is None else np.gradient(truth.base, record.step)
-    v = structure.elongations(truth.velocity, base_rate)
     masses, columns = structure.mass_values, structure.topology.columns
     fastest = 0.0
     for index, link in enumerate(structure.links):
-        by_d, by_v = link.tangent(d[:, index], v[:, index])
+        slopes = true_path(link, index, record).tangents(()).rows  # (N, 1 + S, 2 + S)
+        stiffness = slopes[:, 0, 0] + np.sum(
+            slopes[:, 0, 2:] * slopes[:, 1:, 1], axis=1
+        )  # held by states, too
         mobility = sum(part**2 / masses[mass] for mass, part in columns[index])
-        stiffness, damping = (float(np.nanmax(np.abs(slope))) * mobility for slope in (by_d, by_v))
-        fastest = max(fastest, np.sqrt(stiffness), damping)
+        fast, damping = (float(np.nanmax(np.abs(slope))) * mobility for slope in (stiffness, slopes[:, 0, 1]))
+        decay = float(np.nanmax(np.abs(slopes[:, 1:, 2:]), initial=0.0))
+        fastest = max(fastest, np.sqrt(fast), damping, decay)
     return int(np.clip(np.ceil(fastest * record.step / _LARGEST_PHASE), 1, _MOST_STEPS))
 
 
@@ -239,20 +237,24 @@ def _pieces(record: Record, impulses: Iterable[Impulse]) -> list[Record]:
     return [record[first:last] for first, last in spans]
 
 
-def _nodes(pieces: list[Record], samples: int) -> Floats:
-    """(2n, K) the true states at the starts of the segments."""
+def _nodes(pieces: list[Record], samples: int, states: Sequence[str]) -> Floats:
+    """(2n + S, K) the true states at the starts of the segments; `states` are those of links by full name."""
     starts = []
     for piece in pieces:
-        assert piece.simulated is not None
-        motion = np.concatenate([piece.simulated.displacement.T, piece.simulated.velocity.T])
-        starts.append(motion[..., ::samples])
+        truth = piece.simulated
+        assert truth is not None
+        rows = [*truth.displacement.T, *truth.velocity.T, *(truth.states[name] for name in states)]
+        starts.append(np.stack(rows)[:, ::samples])
     return np.concatenate(starts, axis=1)
 
 
-def _units(record: Record) -> Floats:
-    """(2n,) m and m/s: the root mean square of each state."""
-    assert record.simulated is not None
-    motion = np.stack([record.simulated.displacement, record.simulated.velocity])
+def _units(record: Record, states: Sequence[str]) -> Floats:
+    """(2n + S,) m, m/s and units of states: the root mean square of each."""
+    truth = record.simulated
+    assert truth is not None
+    motion = np.stack([truth.displacement, truth.velocity])
     size = np.sqrt(np.mean(motion**2, axis=1))
     largest = size.max(axis=1, keepdims=True)
-    return np.maximum(size, np.where(largest > 0.0, _STATE * largest, 1.0)).ravel()
+    moving = np.maximum(size, np.where(largest > 0.0, _STATE * largest, 1.0)).ravel()
+    inside = np.array([np.sqrt(np.mean(truth.states[name] ** 2)) for name in states])
+    return np.concatenate([moving, np.where(inside > 0.0, inside, 1.0)])

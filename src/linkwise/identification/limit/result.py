@@ -15,6 +15,8 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
 from linkwise.html import JudgedView
 from linkwise.likelihood.fisher_information import Precision
+from linkwise.likelihood.prescribed.state_path import LinkPath
+from linkwise.model.link import Link
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -37,7 +39,8 @@ class LinkLimit:
     nmse : float
         The expected NMSE of its force in %.
     force_error : float
-        Root mean square, over the motion, of the standard deviation of its force at rest, in N.
+        Root mean square, over the motion, of the standard deviation of its force at rest, in N; with memory, of its force
+        along the motion, from which its states follow.
     estimate : LinkEstimate
         Coefficients, wells, barrier and in-well frequencies with the intervals that an estimate at the bound would have.
 
@@ -162,7 +165,7 @@ class Limit(JudgedView):
         return coefficients[name]
 
     def force_deviation(self, name: str, d: ArrayLike) -> Floats:
-        """The standard deviation of the force of a link at rest (v = 0).
+        """The standard deviation of the force of a link at rest (v = 0); with memory, at states of 0.
 
         Parameters
         ----------
@@ -183,9 +186,12 @@ class Limit(JudgedView):
         """
         d = np.asarray(d, dtype=float)
         link = self.structure.link(name)
-        slopes = link.law.partials(d, 0.0, link.values).by_coefficient
-        gradient = np.zeros((*d.shape, len(self.values)))
-        index = self.structure.links.index(link)
+        slopes = link.law.partials(d, 0.0, {**link.values, **link.zero_states}).by_coefficient
+        return self._deviation(self.structure.links.index(link), slopes, d.shape)
+
+    def _deviation(self, index: int, slopes: Mapping[str, Floats], shape: tuple[int, ...]) -> Floats:
+        """The standard deviation in N of a force with derivatives by the coefficients of a link."""
+        gradient = np.zeros((*shape, len(self.values)))
         for column, parameter in enumerate(self.parameters):
             for member, key in parameter.members:
                 if member == index:
@@ -280,7 +286,12 @@ class Limit(JudgedView):
         truth = self.record.simulated
         assert truth is not None
         d = self.structure.elongations(truth.displacement, truth.base)[:, index]
-        force, deviation = link.force(d), self.force_deviation(link.name, d)
+        if link.law.states:
+            path, names = true_path(link, index, self.record), link.law.coefficients
+            force, slopes = path.force(), path.tangents(names).by_unknowns()
+            deviation = self._deviation(index, dict(zip(names, slopes.T, strict=False)), d.shape)
+        else:
+            force, deviation = link.force(d), self.force_deviation(link.name, d)
         power, mean = float(np.var(force)), float(np.mean(deviation**2))
         with np.errstate(divide="ignore"):
             nmse = float(100.0 * np.divide(mean, power)) if mean > 0.0 else 0.0
@@ -315,6 +326,19 @@ class Limit(JudgedView):
             covariance=covariance if np.isfinite(covariance).all() else None,
             moving_mass=1.0 / sum(part**2 / masses[mass] for mass, part in column),
         )
+
+
+def true_path(link: Link, index: int, record: Record) -> LinkPath:
+    """A link, number `index` of its structure, along the motion of a simulated record."""
+    truth = record.simulated
+    assert truth is not None
+    base_rate = None if truth.base is None else np.gradient(truth.base, record.step)
+    d = truth.structure.elongations(truth.displacement, truth.base)[:, index]
+    v = truth.structure.elongations(truth.velocity, base_rate)[:, index]
+    states = [truth.states[f"{link.name}.{name}"] for name in link.law.states]
+    ordered = tuple(link.values[name] for name in link.law.coefficients)
+    inside = np.stack(states, axis=1) if states else np.zeros((len(d), 0))
+    return LinkPath(link.law, ordered, d, v, record.step, inside, True)
 
 
 def _coefficient(name: str, unit: str, value: float, error: float) -> CoefficientEstimate:

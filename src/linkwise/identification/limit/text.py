@@ -6,6 +6,7 @@ import numpy as np
 
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
 from linkwise.identification.limit.result import DETECTION, Limit, LinkLimit
+from linkwise.records.channel_units import channel_unit
 from linkwise.text import align_columns, as_text, format_value
 
 Rows = list[tuple[str, ...]]
@@ -57,7 +58,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _noise_text(limit: Limit, name: str) -> str:
-    return f"{limit.noise[name]:.3g} {limit.record.unit(name)}"
+    return f"{limit.noise[name]:.3g} {channel_unit(limit.record, name, limit.structure)}".strip()
 
 
 def _coefficient_row(coefficient: CoefficientEstimate) -> tuple[str, ...]:

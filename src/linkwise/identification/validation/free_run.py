@@ -10,6 +10,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
+from linkwise.likelihood.shooting.system import System
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.input_signal import Sampled
 from linkwise.model.memory_support import refuse_memory
@@ -106,7 +107,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     ['x:m1', 'x:m2']
     """
     refuse_rig(structure, "validation")
-    refuse_memory(structure.links, "validation")
+    refuse_memory(structure.links, "free runs")
     refuse_hosts(structure, "free runs")
     given = record.select([*record.inputs, *_responses(structure, record)])
     frame = framed(given, structure)
@@ -176,7 +177,11 @@ def _run(
 ) -> Record:
     names = structure.mass_names
     release = {f"x:{name}": float(x) for name, x in zip(names, state[: len(names)], strict=True)}
-    release |= {f"v:{name}": float(v) for name, v in zip(names, state[len(names) :], strict=True)}
+    release |= {
+        f"v:{name}": float(v) for name, v in zip(names, state[len(names) : 2 * len(names)], strict=True)
+    }
+    inside = [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
+    release |= {name: float(value) for name, value in zip(inside, state[2 * len(names) :], strict=True)}
     forces = {name.partition(":")[2]: signal for name, signal in inputs.items() if name.startswith("force:")}
     return simulate(
         structure,
@@ -196,7 +201,7 @@ def run_from(
     state: Floats,
     extra: Mapping[str, Floats] | None = None,
 ) -> Record:
-    """The channels of a structure that runs from a state (2 n,) under the inputs of a record, with the clock of that record.
+    """The channels of a structure that runs from a state (2 n + S,) under the inputs of a record, by the record's clock.
 
     `extra` forces in N (N,) by channel are added to those of the record.
     """

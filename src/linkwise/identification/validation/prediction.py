@@ -96,11 +96,11 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
 def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
     """One run, and runs from states and with coefficients that are a little off."""
     record, structure = predictor.record, predictor.structure
-    channels, count = record.responses, 2 * structure.size
+    channels = record.responses
     start = predictor(np.zeros(1, dtype=int), burn, burn)
-    state, root = start.state[..., 0].ravel(), start.state_root[0]
+    state, root = start.state[:, 0], start.state_root[0]
     names = [parameter.name for parameter in structure.parameters]
-    follow = start.state_by_coefficients[0] @ predictor.root  # (2 n, r)
+    follow = start.state_by_coefficients[0] @ predictor.root  # (2 n + S, r)
 
     def run(state: Floats, theta: Floats, extra: dict[str, Floats] | None = None) -> Record:
         valued = structure.with_values(dict(zip(names, map(float, theta), strict=True)))
@@ -112,7 +112,7 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
     whole = run(state, predictor.values)
     motion = whole.select(channels).values
     shape, done = motion.shape, 0
-    total = count + follow.shape[1] + (structure.size if predictor.law_error else 0)
+    total = len(state) + follow.shape[1] + (structure.size if predictor.law_error else 0)
 
     def departure(moved: Floats, theta: Floats, extra: dict[str, Floats] | None = None) -> Floats:
         nonlocal done

@@ -11,13 +11,19 @@ from linkwise.arrays import Floats
 from linkwise.identification.validation.coefficients import LEVEL
 from linkwise.identification.validation.prediction import Prediction
 from linkwise.identification.validation.result import ChannelPrediction
+from linkwise.model.structure import Structure
+from linkwise.records.channel_units import channel_unit
 from linkwise.records.record import Record
 
 _ESTIMATED_NOISE = 1.2  # over the noise that is estimated from a record: how far that may be off
 
 
 def channel_scores(
-    record: Record, prediction: Prediction, steps: tuple[Floats, Floats], noise: dict[str, float]
+    record: Record,
+    structure: Structure,
+    prediction: Prediction,
+    steps: tuple[Floats, Floats],
+    noise: dict[str, float],
 ) -> dict[str, ChannelPrediction]:
     """The scores by channel.
 
@@ -47,7 +53,7 @@ def channel_scores(
         ahead = measured - steps[0][:, column]
         scores[name] = ChannelPrediction(
             name=name,
-            unit=record.unit(name),
+            unit=channel_unit(record, name, structure),
             samples=count,
             rmse=math.sqrt(mean_square),
             nmse_percent=100.0 * nmse,

@@ -23,7 +23,6 @@ from linkwise.identification.validation.scores import channel_scores
 from linkwise.identification.validation.sensor_noise import sensor_noise
 from linkwise.identification.validation.stated_sensors import unknown_sensors, with_stated_sensors
 from linkwise.identification.validation.windows import WindowPredictor
-from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import Channel
@@ -125,7 +124,7 @@ def validate(
         record=seen,
         predicted=_like(seen, prediction.predicted, "predicted"),
         deviation=_like(seen, deviation, "expected deviation"),
-        channels=channel_scores(seen, prediction, steps, noise),
+        channels=channel_scores(seen, structure, prediction, steps, noise),
         burn=samples * seen.step,
         window=prediction.window,
         windows=prediction.starts,
@@ -143,7 +142,6 @@ def _in_motion(
 ) -> _Predicted:
     """Samples of the burn, the prediction of masses that move freely, that one step ahead, and the noise by channel."""
     structure = given.structure
-    refuse_memory(structure.links, "validation")
     frame = framed(seen, structure)
     used = frame.record
     if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
@@ -176,7 +174,13 @@ def _on_rig(
 def _usable(record: Record, structure: Structure) -> Record:
     """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
     masses = structure.places
-    responses = [name for name in record.responses if Channel.parse(name).mass in masses]
+    links = {f"f:{link.name}" for link in structure.links}
+    links |= {f"state:{link.name}.{state}" for link in structure.links for state in link.law.states}
+    responses = [
+        name
+        for name, channel in ((name, Channel.parse(name)) for name in record.responses)
+        if (name in links if channel.of_link else channel.mass in masses)
+    ]
     if not responses:
         raise RecordError(
             f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
@@ -202,7 +206,7 @@ def _unscored(record: Record, seen: Record) -> tuple[str, ...]:
     if not unscored:
         return ()
     return (
-        f"{', '.join(unscored)} were not scored: a validation predicts the motion of the structure's masses.",
+        f"{', '.join(unscored)} were not scored: a validation predicts what the structure's masses and links show.",
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.segmentation import forces_at_points, sensor_arrays
-from linkwise.likelihood.shooting.segments import A, Sensors, V, X
+from linkwise.likelihood.shooting.segments import A, F, S, Sensors, V, X
 from linkwise.likelihood.shooting.shown_tangents import shown_tangents
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import POINTS
@@ -48,11 +48,11 @@ class WindowPrediction:
         Variance of it from the stated error of the laws.
     motion : array of shape (M, 2, n, K)
         Displacements in m and velocities in m/s of the masses.
-    state : array of shape (2, n, K)
-        State at the first sample, in m and m/s.
-    state_root : array of shape (K, 2 n, 2 n)
+    state : array of shape (2 n + S, K)
+        State at the first sample: in m and m/s, then the states of links in their SI units.
+    state_root : array of shape (K, 2 n + S, 2 n + S)
         Root R of the covariance R R' of the state.
-    state_by_coefficients : array of shape (K, 2 n, p)
+    state_by_coefficients : array of shape (K, 2 n + S, p)
         How the fitted state follows a change of the coefficients.
     """
 
@@ -97,7 +97,7 @@ class WindowPredictor:
         """The windows that begin at samples `firsts` (K,), with states from their first `burn` samples."""
         system = System.of(self.structure)
         setup = _Setup.of(self.record, self.structure, system, self.values, self.sigma)
-        count = 2 * self.structure.size
+        count = system.dimension
         size = max(1, _NUMBERS // (samples * count * (count + len(self.values) + 1)))
         parts = [firsts[first : first + size] for first in range(0, len(firsts), size)]
         refine = setup.refinement(firsts, samples)
@@ -112,7 +112,7 @@ class WindowPredictor:
 
 @dataclass(frozen=True, eq=False)
 class _Setup:
-    """What all windows share: `guess` (2, n, N) rough states at all samples, `prior` (2 n,) their deviations."""
+    """What all windows share: `guess` (2 n + S, N) rough states at all samples, `prior` (2 n + S,) their deviations."""
 
     record: Record
     structure: Structure
@@ -130,10 +130,11 @@ class _Setup:
         responses = record.select(record.responses)
         noise = dict(zip(responses.channels, map(float, sigma), strict=True))
         rough = start_states(record, valued, noise, samples=5)
-        guess = np.stack([rough.x, rough.v])
-        size = np.sqrt(np.mean(guess**2, axis=2))
-        seen = size.max(axis=1, keepdims=True)  # of the masses with sensors
-        prior = _PRIOR * np.where(size > 0.0, size, np.where(seen > 0.0, seen, 1.0))
+        guess = np.concatenate([rough.x, rough.v, rough.memory])
+        size = np.sqrt(np.mean(guess**2, axis=1))
+        largest = [part.max(initial=0.0) for part in np.split(size, [structure.size, 2 * structure.size])]
+        unmeasured = np.repeat(largest, [structure.size, structure.size, len(rough.memory)])
+        prior = _PRIOR * np.where(size > 0.0, size, np.where(unmeasured > 0.0, unmeasured, 1.0))
         return cls(
             record,
             structure,
@@ -142,7 +143,7 @@ class _Setup:
             sensor_arrays(record.responses, structure, (), ()),
             sigma,
             guess,
-            prior.ravel(),
+            prior,
         )
 
     def inputs(self, firsts: Indices, samples: int, refine: int) -> Inputs:
@@ -168,30 +169,36 @@ class _Setup:
         return Inputs(force, base, points=at_points)
 
     def run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
-        """The motion from states (2, n, K)."""
+        """The motion from states (2 n + S, K)."""
         step = np.full(nodes.shape[-1], self.record.step / refine)
         with np.errstate(over="ignore", invalid="ignore"):
-            start = nodes.reshape(-1, nodes.shape[-1])
-            return flow(self.system.at(self.theta), start, step, samples * refine, inputs)
+            return flow(self.system.at(self.theta), nodes, step, samples * refine, inputs)
 
     def shown(self, orbit: Trajectories, refine: int) -> Floats:
         """(M, C, K) what the sensors show along an orbit."""
         every = slice(None, len(orbit.middle_links), refine)
-        orbit = self.sensors.at(self.system.at(self.theta)).orbit_with_points(orbit)
+        mechanics = self.system.at(self.theta)
+        orbit = self.sensors.at(mechanics).orbit_with_points(orbit)
+        links, memory = orbit.links[every], orbit.memory[every]
         motion = {
             X: orbit.states[every, 0],
             V: orbit.states[every, 1] * (refine * self.record.rate),
             A: orbit.accelerations[every],
+            F: np.zeros_like(links[:, 0]),
+            S: memory,
         }
+        if (self.sensors.kind == F).any():
+            with np.errstate(over="ignore", invalid="ignore"):
+                mechanics.force(links[:, 0], links[:, 1], memory, motion[F], np.empty_like(memory))
         pairs = zip(self.sensors.kind, self.sensors.mass, strict=True)
         return np.stack([motion[int(kind)][:, mass] for kind, mass in pairs], axis=1)
 
     def slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> Floats:
-        """(K, M C, 2 n + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit."""
+        """(K, M C, 2 n + S + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit."""
         step = np.full(orbit.states.shape[-1], self.record.step / refine)
         unit, mechanics = theta_unit(self.theta), self.system.at(self.theta)
         sensors = self.sensors.at(mechanics)
-        rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2}
+        rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2, F: 1.0 / step[0] ** 2, S: 1.0}
         rows = []
         found = tangents(mechanics, orbit, step, self.prior, unit, inputs=inputs)
         for number, tangent in enumerate(found):
@@ -320,17 +327,17 @@ def _observed(setup: _Setup, firsts: Indices, burn: int) -> Floats:
 def _fitted_states(
     setup: _Setup, nodes: Floats, inputs: Inputs, observed: Floats, effort: tuple[int, int]
 ) -> Floats:
-    """(2, n, K) states that fit samples (B, C, K) best from given ones, by damped Gauss-Newton steps in each window."""
+    """(2 n + S, K) states that fit samples (B, C, K) best from given ones, by damped Gauss-Newton steps in each window."""
     refine, most = effort
     samples, C, K = observed.shape
     m, prior = len(setup.prior), setup.prior
     present = np.isfinite(observed)
     data = np.where(present, observed, 0.0)
-    centre = nodes.reshape(m, K).copy()
+    centre = nodes.copy()
     damping = np.full(K, 1e-3)
 
     def misfit(states: Floats) -> tuple[Trajectories, Floats, Floats]:
-        orbit = setup.run(states.reshape(2, -1, K), inputs, samples, refine)
+        orbit = setup.run(states, inputs, samples, refine)
         left = np.where(present, data - setup.shown(orbit, refine), 0.0) / setup.sigma[:, None]
         away = (states - centre) / prior[:, None]
         cost = np.sum(left**2, axis=(0, 1)) + np.sum(away**2, axis=0)
@@ -364,4 +371,4 @@ def _fitted_states(
             orbit, left = new_orbit, new_left
         else:
             orbit, left, cost = misfit(states)
-    return states.reshape(2, -1, K)
+    return states

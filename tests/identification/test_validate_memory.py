@@ -1,0 +1,110 @@
+"""Validation of links with memory between masses: by the truth, by wrong laws, and in windows of chaotic motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from present import some
+
+import linkwise as lw
+
+HYSTERETIC = {"k": 400.0, "c": 0.6, "F": 8.0, "x0": 0.012, "s": 0.6}
+HARVESTER = {"alpha": -50.0, "beta": 5e6, "c": 0.05, "theta": 1e-3, "R": 1e5, "C": 43e-9}
+
+
+def joint(**changes: float) -> lw.Structure:
+    """Two masses, the second of them on a hysteretic joint."""
+    values = {name: lw.Coefficient.number(value) for name, value in (HYSTERETIC | changes).items()}
+    law = lw.Law.parse("k*d + c*v + F*z")
+    states = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
+    spring = {"k": lw.Coefficient.number(3000.0), "c": lw.Coefficient.number(1.0)}
+    return lw.Structure(
+        "joint",
+        (lw.Mass("m1", lw.Coefficient.number(1.0)), lw.Mass("m2", lw.Coefficient.number(0.4))),
+        (
+            lw.Link("spring", ("m1", "ground"), lw.Law.parse("k*d + c*v"), spring),
+            lw.Link("joint", ("m2", "m1"), law, values, states=states),
+        ),
+    )
+
+
+def harvester(**changes: float) -> lw.Structure:
+    """A bistable mass with a piezo on a moving base."""
+    values = {name: lw.Coefficient.number(value) for name, value in (HARVESTER | changes).items()}
+    law = lw.Law.parse("alpha*d + beta*d**3 + c*v - theta*V")
+    piezo = lw.Link(
+        "piezo", ("m1", "base"), law, values, states={"V": lw.LinkState("(-theta*v - V/R)/C", unit="V")}
+    )
+    return lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(0.05)),), (piezo,))
+
+
+def shaken(structure: lw.Structure, seed: int, sensors: tuple[str, ...] = ("x", "f:joint")) -> lw.Record:
+    """The joint under two tones, from 0.6 s on, so that its state at the start is not zero."""
+    force = {"m1": "12*sin(31*t) + 7*cos(59*t)"}
+    record = lw.simulate(structure, forces=force, duration=3.6, rate=400.0, sensors=sensors)
+    return record.with_noise(40.0, seed=seed)[240:]
+
+
+def in_wells(structure: lw.Structure, duration: float, base: str, seed: int) -> lw.Record:
+    record = lw.simulate(
+        structure, release={"x:m1": 0.003}, base=base, duration=duration, rate=400.0, sensors=("x", "state")
+    )
+    return record.with_noise(30.0, seed=seed)
+
+
+@pytest.mark.parametrize("sensors", [("x",), ("a:m1", "x:m2"), ("x", "f:joint", "state:joint.z")])
+def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
+    record, clean = shaken(joint(), 5, sensors), lw.simulate(
+        joint(), forces={"m1": "12*sin(31*t) + 7*cos(59*t)"}, duration=3.6, rate=400.0, sensors=sensors
+    )[240:]  # fmt: skip
+    found = lw.validate(record, joint())
+    assert found.free_run and found.trusted
+    assert set(found.channels) == set(record.responses)
+    for name, score in some(found.channels.items()):
+        noise = np.std(record.channel(name) - clean.channel(name))
+        # of about 1140 samples, to 4 standard deviations of 1/sqrt(2 N), and what the state at the start leaves
+        assert score.rmse == pytest.approx(noise, rel=4 / np.sqrt(2 * score.samples) + 0.02)
+        assert score.one_step_rmse == pytest.approx(score.one_step_expected, rel=0.1)
+
+
+def test_expected_errors_are_those_that_occur() -> None:
+    """Over 5 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
+    ratios = []
+    for seed in range(5):
+        found = lw.validate(shaken(joint(), 30 + seed)[:400], joint(), burn=0.1)
+        error = found.record.select(found.record.responses).values - found.predicted.values
+        ratios.append(np.nanmean((error / found.deviation.values) ** 2))
+    assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios, ddof=1) / np.sqrt(len(ratios))
+
+
+@pytest.mark.parametrize("changes", [{"F": 8.4}, {"s": 0.8}, {"x0": 0.013}])
+def test_a_wrong_law_of_the_state_disagrees(changes: dict[str, float]) -> None:
+    found = lw.validate(shaken(joint(**changes), 6), joint())
+    assert not found.trusted and not found.channels["f:joint"].agrees
+
+
+def test_an_answer_predicts_the_voltage_of_another_record() -> None:
+    """In its own unit, and each coefficient estimated again from the other record."""
+    record = in_wells(harvester(), 12.0, "0.003*sin(18*t)", 7)
+    answer = lw.identify(
+        record[:2400], harvester().unknown("piezo.alpha", "piezo.beta", "piezo.c", "piezo.theta")
+    )
+    assert answer.trusted and answer.noise["state:piezo.V"].unit == "V"
+    found = lw.validate(record[2400:], answer)
+    assert found.trusted and found.channels["state:piezo.V"].unit == "V"
+    assert len(found.coefficients) == 4 and all(each.agrees for each in found.coefficients)
+    weaker = lw.validate(record[2400:], harvester(theta=0.9e-3))
+    assert not weaker.trusted and not weaker.channels["state:piezo.V"].agrees
+    assert any("V; noise and intervals allow" in finding for finding in weaker.findings)
+
+
+def test_chaotic_motion_is_predicted_in_windows() -> None:
+    record = in_wells(harvester(c=0.02), 12.0, "0.005*sin(20*t)", 8)
+    found = lw.validate(record, harvester(c=0.02))
+    assert not found.free_run and found.windows > 1 and found.trusted
+    assert not lw.validate(record, harvester(c=0.02, alpha=-55.0)).trusted
+
+
+def test_free_runs_refuse_it() -> None:
+    with pytest.raises(lw.StructureError, match=r"memory \(state z\), which is not supported in free runs"):
+        lw.free_run(joint(), shaken(joint(), 5))
