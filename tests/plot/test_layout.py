@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -112,6 +112,8 @@ def test_what_is_cut_or_covered_is_seen() -> None:
         (0.0, "0"),
         (-100.0, "−100"),
         (-1e5, "−10⁵"),
+        (2e-4, "2·10⁻⁴"),
+        (0.002, "0.002"),
     ],
 )
 def test_powers_are_written_in_plain_characters(value: float, text: str) -> None:
@@ -128,3 +130,21 @@ def test_a_logarithmic_axis_of_less_than_a_decade_has_labels() -> None:
         axes.set_ylim(1.9, 6.5)
         labels = [text.get_text() for text in axes.get_yticklabels(which="both") if text.get_text()]
     assert len(labels) >= 2 and "$" not in "".join(labels)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(9e-5, 7e-4), (2.2e-4, 4.4e-4), (4e-4, 9.5e-4), (1e-4, 4.9e-4), (1e-5, 3e-4), (3.5, 35.0)],
+)
+def test_labels_of_a_horizontal_logarithmic_axis_do_not_overlap(low: float, high: float) -> None:
+    """On panels side by side, as those of a ring-down."""
+    with sheet(1, 2) as (figure, [axes, other]):
+        axes.plot([low, high], [0.0, 1.0])
+        log_scale(axes, "x")
+        axes.set_xlim(low, high)
+    figure.draw_without_rendering()
+    shown = [text for text in axes.get_xticklabels(which="both") if text.get_text()]
+    boxes = [text.get_window_extent() for text in shown if 0.999 * low < text.get_position()[0] < high]
+    boxes.sort(key=lambda box: box.x0)
+    assert len(boxes) >= 2 and other.get_visible()
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))

@@ -109,7 +109,12 @@ def log_scale(axes: Axes, which: str, *, linear_to: float | None = None) -> None
     else:
         change("symlog", linthresh=linear_to, linscale=0.6)
     axis.set_major_formatter(PowerFormatter(linthresh=linear_to))
-    axis.set_minor_formatter(PowerFormatter(linthresh=linear_to) if linear_to is None else NullFormatter())
+    between = SparsePowerFormatter() if which == "x" else PowerFormatter()
+    axis.set_minor_formatter(between if linear_to is None else NullFormatter())
+
+
+_NAMED_DIGITS = ((0.35, "23468"), (0.5, "2346"), (0.7, "236"), (1.05, "24"))
+"""Decades of a horizontal axis below which these first digits are named: labels of seven characters on a panel of 2 inches."""
 
 
 class PowerFormatter(LogFormatter):
@@ -119,11 +124,31 @@ class PowerFormatter(LogFormatter):
         """The text beside the tick at `x`, empty where it has none."""
         if not super().__call__(x, pos):
             return ""
-        exponent = round(math.log10(abs(x))) if x else 0
-        if -3 <= exponent <= 3 or not math.isclose(abs(x), 10.0**exponent):
+        exponent = _exponent(x)
+        if -3 <= exponent <= 3:
             return f"{x:g}".replace("-", "\u2212")
-        sign = "\u2212" if x < 0.0 else ""
-        return f"{sign}10{str(exponent).translate(_SUPERSCRIPT)}"
+        sign, mantissa = "\u2212" if x < 0.0 else "", abs(x) / 10.0**exponent
+        factor = "" if math.isclose(mantissa, 1.0) else f"{mantissa:g}·"
+        return f"{sign}{factor}10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+class SparsePowerFormatter(PowerFormatter):
+    """The same for ticks between powers of ten on a horizontal axis, where labels side by side would overlap."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """The text below the tick at `x`; empty for most of them, the fewer have one the more decades are shown."""
+        text = super().__call__(x, pos)
+        if not text or self.axis is None:
+            return text
+        low, high = self.axis.get_view_interval()
+        decades = math.log10(high / low)
+        named = next((digits for most, digits in _NAMED_DIGITS if decades < most), "3")
+        return text if str(round(x / 10.0 ** _exponent(x))) in named else ""
+
+
+def _exponent(x: float) -> int:
+    """The power of ten at or below the size of `x`; 0 for 0."""
+    return math.floor(math.log10(abs(x)) + 1e-9) if x else 0
 
 
 def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
