@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -34,6 +35,23 @@ rate = 1000.0
 [[method]]
 kind = "weak"
 """
+LEVELS = {  # files of one test of a beam at two levels that examples read, and their forces in N
+    "soft_tap.csv": "exp(-((t - 0.1)/0.01)**2)",
+    "hard_tap.csv": "2*exp(-((t - 0.1)/0.01)**2)",
+    "soft_sine.csv": "sin(2*pi*16*t)",
+    "hard_sine.csv": "2*sin(2*pi*16*t)",
+}
+
+
+@cache
+def level(file: str) -> lw.Record:
+    """What an accelerometer at the tip of the beam shows."""
+    number = lw.Coefficient.number
+    mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
+    beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
+    sensors, rate = ["a:beam.tip"], 320.0
+    record = lw.simulate(beam, forces={"beam.tip": LEVELS[file]}, duration=2.0, rate=rate, sensors=sensors)
+    return record.with_noise(40.0, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +69,9 @@ def test_examples_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     needs_study = STUDY in TEXTS[name]
+    for file in LEVELS:
+        if file in TEXTS[name]:
+            lw.write_record(level(file), tmp_path / file)
     monkeypatch.chdir(request.getfixturevalue("folder_with_study") if needs_study else tmp_path)
     results = doctest.testmod(import_module(name), optionflags=doctest.ELLIPSIS)
     stated = sum(line.lstrip().startswith(">>> ") for line in TEXTS[name].splitlines())

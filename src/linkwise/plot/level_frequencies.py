@@ -41,14 +41,7 @@ def level_modes(
     Examples
     --------
     >>> import linkwise as lw
-    >>> number = lw.Coefficient.number
-    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
-    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
-    >>> taps = [
-    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
-    ...     for size in (1.0, 2.0)
-    ... ]
-    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> lw.plot.level_modes(found).get_ylabel()
     'change of frequency, %'
     """
@@ -93,14 +86,7 @@ def levels_figure(comparison: LevelComparison) -> Figure:
     Examples
     --------
     >>> import linkwise as lw
-    >>> number = lw.Coefficient.number
-    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
-    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
-    >>> taps = [
-    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*exp(-((t - 0.1)/0.01)**2)"}, duration=2.0, rate=200.0)
-    ...     for size in (1.0, 2.0)
-    ... ]
-    >>> found = lw.compare_levels([tap.with_noise(40.0, seed=1) for tap in taps])
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> len(lw.plot.levels_figure(found).axes)
     2
     """

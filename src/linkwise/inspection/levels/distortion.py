@@ -45,14 +45,7 @@ class Distortion:
     Examples
     --------
     >>> import linkwise as lw
-    >>> number = lw.Coefficient.number
-    >>> mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
-    >>> beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
-    >>> runs = [
-    ...     lw.simulate(beam, forces={"beam.tip": f"{size}*sin(2*pi*16*t)"}, duration=2.0, rate=320.0)
-    ...     for size in (1.0, 2.0)
-    ... ]
-    >>> found = lw.compare_levels([run.with_noise(40.0, seed=1) for run in runs], modes=1)
+    >>> found = lw.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
     >>> found.distortions[0].period
     0.0625
     """
