@@ -23,6 +23,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import COMMANDS, linkwise, run
+from linkwise.discovery.term_families import FAMILIES, TermFamily
 from linkwise.expression.functions import FUNCTIONS, LawFunction
 from linkwise.files import FORMATS, Format
 from linkwise.inspection.checks import CHECKS
@@ -267,6 +268,19 @@ def test_a_check_of_records_is_a_file_and_a_line(places: Places) -> None:
 
     found = lw.inspect(chain_record(2, duration=2.0).with_noise(30.0, seed=1))
     assert [(alert.kind, alert.channel) for alert in found.alerts] == [("loud", "x:m2"), ("loud", "x:m1")]
+
+
+def test_a_family_of_terms_is_an_entry(places: Places) -> None:
+    arch = TermFamily("cos(d/{})", "a force that repeats", argument="a length in m", symbol="L")
+    places.line(FAMILIES, "periodic", arch)
+    assert (places.files, places.lines) == (0, 1)
+
+    assert [term.text for term in lw.parse_terms("linear, periodic(0.1)")] == ["v", "d", "cos(d/0.1)"]
+    assert "periodic(L)        cos(d/L), a force that repeats" in _command("discover", "--help").output
+    with pytest.raises(
+        lw.IdentificationError, match="the family periodic takes a length in m, a positive number"
+    ):
+        lw.parse_terms("periodic")
 
 
 JSON_LINES = """

@@ -17,7 +17,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.discovery.terms import FAMILIES
+from linkwise.discovery.term_families import FAMILIES
 from linkwise.likelihood.shooting import anneal, damped_step
 
 pytestmark = pytest.mark.usefixtures("unrendered")

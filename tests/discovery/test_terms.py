@@ -8,7 +8,8 @@ import pytest
 from present import some
 
 import linkwise as lw
-from linkwise.discovery.terms import DEFAULT, FAMILIES, parse_terms
+from linkwise.discovery.term_families import FAMILIES
+from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.model.law import Law
 
 
@@ -53,7 +54,7 @@ def test_a_list_reads_as_a_text_does() -> None:
 
 @pytest.mark.parametrize("family", sorted(FAMILIES))
 def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str) -> None:
-    number = "(0.01)" if "{}" in FAMILIES[family] else ""
+    number = "(0.01)" if FAMILIES[family].argument else ""
     for term in some(parse_terms(family + number)):
         law = Law.parse(term.product)
         assert law.coefficients == (term.coefficient,)

@@ -27,8 +27,10 @@ from linkwise.cli.sensor_options import sensor_options
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
+    from linkwise.discovery import term_families as families
     from linkwise.report import discovery_folder as folders
 else:
+    families = lazy_module("linkwise.discovery.term_families")
     folders = lazy_module("linkwise.report.discovery_folder")  # figures are for those who want a folder
 
 EXAMPLE = "m1=1.0"
@@ -118,7 +120,17 @@ prior_options = grouped(
 )
 
 
-@click.command()
+class _CommandWithFamilies(click.Command):
+    """Lists the families of terms where its help is asked for."""
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help with the families in it."""
+        listed = "\n      ".join(families.listed_families())
+        whole = click.Command(self.name, help=(self.help or "").replace("FAMILIES", listed))
+        whole.format_help_text(ctx, formatter)
+
+
+@click.command(cls=_CommandWithFamilies)
 @record_options
 @prior_options
 @keyword_group("errors", *sensor_options(), *random_force_options())
@@ -139,15 +151,7 @@ def discover(
     where x:base is recorded, with the base, each with all --terms. Families that --terms knows beside functions of d and v:
 
     \b
-      linear             v, d
-      cubic              v, d, d**2, d**3
-      bistable           v, d, d**3
-      quintic            v, d, d**2, ... d**5
-      quadratic-damping  v*abs(v)
-      friction(S)        tanh(v/S), dry friction that saturates at S m/s
-      stribeck(S)        exp(-(v/S)**2)*sign(v), friction that falls with the rate over S m/s
-      contact(G)         max(d - G, 0), min(d + G, 0), one-sided stops at G m, either way
-      gap(G)             a stop at G m on either side
+      FAMILIES
 
     Without a number, S or G is found for each link, as is any other name in a function: "tanh(v/vr)". The term 1 is a constant
     force on each mass.

@@ -10,39 +10,13 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.discovery.term_families import FAMILIES, family_terms
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, Number, symbols
 from linkwise.model.law import Law
 
 DEFAULT = "v, d, d**2, d**3"
 
-#: What a family in a list of terms stands for; {} is the number given in brackets.
-FAMILIES = {
-    "linear": "v, d",
-    "cubic": "v, d, d**2, d**3",
-    "bistable": "v, d, d**3",
-    "quintic": "v, d, d**2, d**3, d**4, d**5",
-    "quadratic-damping": "v*abs(v)",
-    "friction": "tanh(v/{})",
-    "stribeck": "exp(-(v/{})**2)*sign(v)",
-    "contact": "max(d - {}, 0), min(d + {}, 0)",  # both signs, since the user does not choose which end comes first
-    "gap": "max(d - {}, 0) + min(d + {}, 0)",
-}
-
-#: The same families without a number: its name, which stands for a value that the discovery finds.
-OPEN_FAMILIES = {
-    "friction": "tanh(v/v_f)",
-    "stribeck": "exp(-(v/v_s)**2)*sign(v)",
-    "contact": "max(d - d_c, 0), min(d + d_t, 0)",
-    "gap": "max(d - d_g, 0) + min(d + d_g, 0)",
-}
-
-_FAMILY_ARGUMENTS = {
-    "friction": "the rate in m/s at which it saturates",
-    "stribeck": "the rate in m/s beyond which the added friction vanishes",
-    "contact": "the elongation in m, of either sign, at which it closes",
-    "gap": "the elongation in m at which either side closes",
-}
 _SAMPLES = 200  # points (d, v) at which terms are compared: more than any list has terms
 _LARGEST = 1e100  # points at which a term, such as an exponential, is larger are not compared
 _DEPENDENT = 1e-9  # of a term's norm: a residual below it is rounding
@@ -173,11 +147,10 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     ----------
     text : str or sequence of str
         Functions of the elongation d (m) and its rate v (m/s), and families of them, separated by commas or as a
-        sequence; "1" is a constant force on each mass, from the ground or the base. The families are "linear", "cubic",
-        "bistable", "quintic", "quadratic-damping", "friction(RATE)" with the rate in m/s at which the friction saturates,
-        "stribeck(RATE)" with that beyond which it has fallen, and "contact(GAP)" and "gap(GAP)" with the elongation in m at
-        which a stop closes. Another name in a function, as in "tanh(v/v_f)", is a parameter whose value is found for each
-        link, as it is for "friction", "stribeck", "contact" and "gap" without a number.
+        sequence; "1" is a constant force on each mass, from the ground or the base. Families are named, as "cubic" is, some
+        with a number in brackets, such as "friction(RATE)" with the rate in m/s at which the friction saturates; the message
+        about an unknown name lists them. Another name in a function, as in "tanh(v/v_f)", is a parameter whose value is found
+        for each link, as it is for "friction" without a number.
 
     Returns
     -------
@@ -288,30 +261,8 @@ def _split(text: str) -> list[str]:
 
 def _expand(part: str) -> list[str]:
     """The terms of a family, or the term itself."""
-    name, bracket, rest = part.partition("(")
-    name, number = name.strip(), rest.removesuffix(")")
-    if name not in FAMILIES:
-        return [part]
-    if name in OPEN_FAMILIES and not bracket:
-        return _split(OPEN_FAMILIES[name])
-    family = FAMILIES[name]
-    if name in _FAMILY_ARGUMENTS:
-        if not rest.endswith(")") or not _is_positive(number):
-            raise IdentificationError(
-                f"the family {name} takes {_FAMILY_ARGUMENTS[name]}, a positive number in brackets, as in {name}(0.01); "
-                f"got {part!r}"
-            )
-        return _split(family.format(*[number] * family.count("{}")))
-    if bracket:
-        raise IdentificationError(f"the family {name} takes no argument; got {part!r}")
-    return _split(family)
-
-
-def _is_positive(text: str) -> bool:
-    try:
-        return 0.0 < float(text) < float("inf")
-    except ValueError:
-        return False
+    family = family_terms(part)
+    return [part] if family is None else _split(family)
 
 
 def _require_function_of_motion(text: str) -> None:
