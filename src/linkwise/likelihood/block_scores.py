@@ -121,13 +121,13 @@ def block_scores(
     label: Indices = np.arange(segments.count) * blocks // segments.count
     p = segments.parameters + (0 if candidates is None else len(candidates.first))
     scores, information = np.zeros((blocks, p)), np.zeros((blocks, p, p))
-    for each in rows:
-        score = np.einsum("krp,kr->kp", each.data, each.residuals)
-        score += np.einsum("krp,kr->kp", each.defects, each.missed)
-        np.add.at(scores, label[each.part], score)
+    for chunk in rows:
+        score = np.einsum("krp,kr->kp", chunk.data, chunk.residuals)
+        score += np.einsum("krp,kr->kp", chunk.defects, chunk.missed)
+        np.add.at(scores, label[chunk.part], score)
         np.add.at(
             information,
-            label[each.part],
-            each.data.transpose(0, 2, 1) @ each.data + each.defects.transpose(0, 2, 1) @ each.defects,
+            label[chunk.part],
+            chunk.data.transpose(0, 2, 1) @ chunk.data + chunk.defects.transpose(0, 2, 1) @ chunk.defects,
         )
     return BlockScores(scores, information)

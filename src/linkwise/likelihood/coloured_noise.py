@@ -78,16 +78,18 @@ class ColouredNoise:
             np.zeros(0) if is_plain else _autoregression(channel)
             for channel, is_plain in zip(series, white, strict=True)
         ]
-        known = tuple(each for each in coefficients if each is not None)
-        if len(known) < len(series):
+        autoregressions = tuple(own for own in coefficients if own is not None)
+        if len(autoregressions) < len(series):
             return None
-        innovations = [_innovations(channel, each) for channel, each in zip(series, known, strict=True)]
+        innovations = [
+            _innovations(channel, own) for channel, own in zip(series, autoregressions, strict=True)
+        ]
         return cls(
-            known,
-            np.array([float(np.nanmean(each**2)) for each in innovations]),
+            autoregressions,
+            np.array([float(np.nanmean(innovation**2)) for innovation in innovations]),
             tuple(
-                _tapered(each) if len(own) else np.ones(1)
-                for each, own in zip(innovations, known, strict=True)
+                _tapered(innovation) if len(own) else np.ones(1)
+                for innovation, own in zip(innovations, autoregressions, strict=True)
             ),
             np.isfinite(series).sum(axis=1),
         )
@@ -95,7 +97,7 @@ class ColouredNoise:
     @property
     def channels(self) -> Indices:
         """The channels that are not white."""
-        return np.flatnonzero([len(each) > 0 for each in self.coefficients])
+        return np.flatnonzero([len(coefficients) > 0 for coefficients in self.coefficients])
 
     @property
     def variances(self) -> Floats:
@@ -105,16 +107,19 @@ class ColouredNoise:
     @property
     def information(self) -> float:
         """-2 log likelihood of the residuals but for a constant, and the penalty of Schwarz for the coefficients."""
-        orders = np.array([len(each) + 1 for each in self.coefficients])
+        orders = np.array([len(coefficients) + 1 for coefficients in self.coefficients])
         return float(self.samples @ np.log(self.innovations) + orders @ np.log(self.samples))
 
     def at_motion(self, motion: Floats) -> Floats:
         """(C,) variances of white noise that is as strong where the `motion` (C, N) has its power; NaN where it is missing."""
         variances = self.variances
         for channel in self.channels:
-            kept, passed = np.nanvar(motion[channel]), np.nanvar(self.whitened(motion[channel], channel))
-            if kept > 0.0 and passed > 0.0:
-                variances[channel] = self.innovations[channel] * kept / passed
+            power, whitened_power = (
+                np.nanvar(motion[channel]),
+                np.nanvar(self.whitened(motion[channel], channel)),
+            )
+            if power > 0.0 and whitened_power > 0.0:
+                variances[channel] = self.innovations[channel] * power / whitened_power
         return variances
 
     def whitened(self, series: Floats, channel: int) -> Floats:
@@ -132,8 +137,8 @@ class ColouredNoise:
         With white noise of unit variance it would be the information.
         """
         chunks = [
-            each.data.reshape(len(each.data), samples, -1, each.data.shape[-1]).transpose(1, 2, 0, 3)
-            for each in rows
+            chunk.data.reshape(len(chunk.data), samples, -1, chunk.data.shape[-1]).transpose(1, 2, 0, 3)
+            for chunk in rows
         ]
         columns = np.concatenate(chunks, axis=2)
         total = np.zeros((columns.shape[-1],) * 2)
@@ -231,10 +236,10 @@ def _parzen(highest: int) -> Floats:
 
 def _is_steady(innovations: Floats) -> bool:
     """Whether the innovations of consecutive blocks have the same power."""
-    kept = innovations[np.isfinite(innovations)] ** 2
-    if len(kept) < _BLOCKS:
+    squares = innovations[np.isfinite(innovations)] ** 2
+    if len(squares) < _BLOCKS:
         return False
-    blocks = np.array_split(kept / kept.mean(), _BLOCKS)
+    blocks = np.array_split(squares / squares.mean(), _BLOCKS)
     power, count = np.array([block.mean() for block in blocks]), np.array([len(block) for block in blocks])
     departure = float(np.sum(0.5 * count * (power - 1.0) ** 2))
     return departure < float(scipy.special.chdtri(_BLOCKS - 1, _FALSE_ALARM))

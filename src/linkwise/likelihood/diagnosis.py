@@ -78,7 +78,9 @@ def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
     names = [
         *zip(system.names, system.units, strict=True),
         *((f"offset of {name}", Channel.parse(name).unit) for name in fit.offsets),
-        *(("", "") for each in fit.disturbances for _ in range(each.count)),  # of which nothing is known
+        *(
+            ("", "") for disturbance in fit.disturbances for _ in range(disturbance.count)
+        ),  # of which nothing is known
         *((f"gain of {name}", "1") for name in fit.gains),
         *((f"delay of {name}", "s") for name in fit.delays),
     ]
@@ -109,13 +111,13 @@ def _diagnosed(
             kind,
             shown[channel],
             UNITS.get(kind) or Channel.parse(shown[channel]).unit,
-            source="" if other < 0 else shown[other],
+            source="" if source < 0 else shown[source],
         )
-        for kind, channel, other in zip(
-            errors.kind, errors.channel.tolist(), errors.other.tolist(), strict=True
+        for kind, channel, source in zip(
+            errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True
         )
     ]
-    columns = TestedColumns.each(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
+    columns = TestedColumns.separate(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
     hypotheses.append(Hypothesis("filter", "all channels", UNITS["filter"]))
     filtered = common_filter(optimum.segments, misfit)
     columns = columns.with_sum(filtered)
@@ -135,20 +137,21 @@ def _diagnosed(
     curvature, slope, scatter = columns.joined(augmented, parameters)
     tests = single_tests(curvature, slope, scatter, parameters)
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * columns.units
-    small = np.array([each.kind not in _RELATIVE for each in hypotheses]) | (np.abs(sizes) < _LARGEST)
-    at_filter = [each.kind for each in hypotheses].index("filter")
+    kinds = [hypothesis.kind for hypothesis in hypotheses]
+    small = np.array([kind not in _RELATIVE for kind in kinds]) | (np.abs(sizes) < _LARGEST)
+    at_filter = kinds.index("filter")
     attenuation = sizes[at_filter] * relative_to_gain(filtered, errors)
     small[at_filter] = 0.0 < attenuation < _LARGEST and not _shows_noise(optimum)
     limit = least_gain(len(gains))
     significant = small & (gains > limit)
     significant[at_filter] = small[at_filter] and gains[at_filter] > _CHANCE_OF_FILTER
-    found = replace(
+    scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * columns.units
     )
     forces = _force_of_links(optimum, misfit, identified)
     causes = (
         replace(
-            _with_changes(_cause(hypotheses[number], found, number, forces), fit, tests.changes[:, number]),
+            _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
             remark=_remark(hypotheses[number], sizes[number], optimum),
         )
         for number in np.argsort(-gains).tolist()
@@ -169,7 +172,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     parameters = optimum.segments.system.parameters.size
     deviations = single_tests(curvature, slope, curvature, parameters).deviations
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
-    smooth = [number for number, each in enumerate(hypotheses) if each.term not in _JUMPS]
+    smooth = [number for number, hypothesis in enumerate(hypotheses) if hypothesis.term not in _JUMPS]
     slopes = determinant_slopes(
         optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
     )
@@ -203,7 +206,9 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
         cause,
         shift=float(np.max(shifts)),
         shifted=names[int(np.argmax(shifts))],
-        overturned=tuple(name for name, each in zip(names, overturned, strict=True) if each),
+        overturned=tuple(
+            name for name, is_overturned in zip(names, overturned, strict=True) if is_overturned
+        ),
     )
 
 

@@ -199,7 +199,7 @@ class MaximumLikelihood(Estimator):
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
-        found = errors_to_find(
+        errors = errors_to_find(
             records,
             offsets=self.offsets,
             gains=self.gains,
@@ -207,18 +207,18 @@ class MaximumLikelihood(Estimator):
             delays=self.delays,
         )
         admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
-        require_known_kinds((found["offsets"], found["gains"], found["delays"]), admitted)
-        asked = {
-            "gains": found["gains"],
-            "calibration": found["calibration"],
-            "delays": found["delays"],
+        require_known_kinds((errors["offsets"], errors["gains"], errors["delays"]), admitted)
+        requests = {
+            "gains": errors["gains"],
+            "calibration": errors["calibration"],
+            "delays": errors["delays"],
             "drift": self.drifts,
             "hum": self.hums,
             "random forces": self.ambient,
             "noise of inputs": self.input_noise,
             "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
         }
-        named = [f"{what} ({', '.join(names)})" for what, names in asked.items() if names]
+        named = [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
         named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
         if named:
             raise IdentificationError(
@@ -227,7 +227,7 @@ class MaximumLikelihood(Estimator):
         return rig_estimate(
             records,
             structure,
-            offsets=found["offsets"],
+            offsets=errors["offsets"],
             admitted=admitted,
             starts=dict(self.starts or {}),
             progress=progress,
@@ -288,7 +288,7 @@ def estimate_of(
     judgement = assess(fit, identified, records[0].channels)
     covariance, faint = with_faint_modes(fit, identified)
     missing, noise = judgement.for_missing_terms, judgement.for_input_noise
-    added = [each for each in (missing, noise) if each is not None]
+    added = [addition for addition in (missing, noise) if addition is not None]
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),

@@ -101,7 +101,7 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
         A: np.einsum("il,mik->mlk", incidence, orbit.accelerations[at]),
     }
     energy = np.zeros(incidence.shape[1])
-    seen = np.zeros(incidence.shape[1], dtype=bool)
+    is_measured = np.zeros(incidence.shape[1], dtype=bool)
     variances = fit.optimum.scales.sigma**2
     for kind, motion in motions.items():
         own = np.full(len(incidence), np.inf)
@@ -112,11 +112,11 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
         with_ends = incidence != 0.0
         variance = np.where(with_ends, own[:, None], 0.0).sum(axis=0)
         measured = np.isfinite(variance)
-        seen |= measured
+        is_measured |= measured
         present = np.where(with_ends, shown[:, None], 1.0).min(axis=0)
         about_mean = np.var(motion, axis=(0, 2)) * motion.shape[0] * motion.shape[2] * present
         energy += np.where(measured, about_mean / np.where(measured, variance, 1.0), 0.0)
-    energy[~seen] = np.inf
+    energy[~is_measured] = np.inf
     energy[sensors.mass[sensors.kind == F]] = np.inf
     energy[segments.system.state_links[sensors.mass[sensors.kind == S]]] = np.inf
     return energy
@@ -152,14 +152,14 @@ def _rises(fit: LikelihoodFit, column: int) -> bool:
     if not 0.0 < deviation < np.inf:
         return True
     step = _DISTANCE * covariance[column] / deviation
-    held = np.arange(len(step)) == column
+    is_fixed = np.arange(len(step)) == column
     limits = optimum.segments.system.parameters
     for side in (step, -step):
         theta = optimum.point.theta + side
         if not limits.lower[column] < theta[column] < limits.upper[column]:
             continue
         try:
-            if not rises_by(_LOW, fit, theta, held, _DISTANCE):
+            if not rises_by(_LOW, fit, theta, is_fixed, _DISTANCE):
                 return False
         except IdentificationError:  # the motion runs to infinity
             continue

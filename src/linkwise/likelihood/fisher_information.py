@@ -144,8 +144,8 @@ def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) ->
     orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, inputs)
     observed, sensors = segments.observed[..., part], segments.sensors.at(mechanics)
     rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2, F: 1.0 / step**2, S: np.ones_like(step)}
-    found = tangents(mechanics, orbit, step, scales.state, scales.theta, inputs=inputs)
-    for sample, tangent in enumerate(found):
+    tangent_samples = tangents(mechanics, orbit, step, scales.state, scales.theta, inputs=inputs)
+    for sample, tangent in enumerate(tangent_samples):
         if tangent.acceleration is None or not observed[sample].any():
             continue
         motion = shown_tangents(sensors, tangent, mechanics, orbit, sample, (step, scales.theta))

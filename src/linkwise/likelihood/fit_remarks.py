@@ -75,10 +75,10 @@ def fit_remarks(
 def _disturbances(fit: LikelihoodFit) -> Iterator[str]:
     """What was found of drifts and hums."""
     first = 0
-    for each in fit.disturbances:
-        sizes, deviations = fit.waveforms[:, first : first + each.count]
-        yield each.told(sizes, deviations, Channel.parse(each.channel).unit)
-        first += each.count
+    for disturbance in fit.disturbances:
+        sizes, deviations = fit.waveforms[:, first : first + disturbance.count]
+        yield disturbance.describe(sizes, deviations, Channel.parse(disturbance.channel).unit)
+        first += disturbance.count
 
 
 def _of_faint_mode(name: str) -> str:

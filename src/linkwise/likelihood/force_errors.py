@@ -83,14 +83,20 @@ def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[Candidate
     """
     hypotheses, forces, sizes = [], [], []
     for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True):
-        known = {name: Number(each.value or 0.0) for name, each in link.coefficients.items() if each.known}
+        known_values = {
+            name: Number(coefficient.value or 0.0)
+            for name, coefficient in link.coefficients.items()
+            if coefficient.known
+        }
         for name in () if link.name in structure.modes else link.law.linear:
-            basis = substitute(link.law.basis[name], {key: known[key] for key in known if key != name})
-            if known.get(name, _NOTHING) == _NOTHING or not set(symbols(basis)) <= set(VARIABLES):
+            basis = substitute(
+                link.law.basis[name], {key: known_values[key] for key in known_values if key != name}
+            )
+            if known_values.get(name, _NOTHING) == _NOTHING or not set(symbols(basis)) <= set(VARIABLES):
                 continue
             hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}", UNITS["coefficient"]))
             forces.append(CandidateForce(first, second, Law.parse(to_text(basis))))
-            sizes.append(known[name].value)
+            sizes.append(known_values[name].value)
         for name, variable, weight in _OF_MODES if link.name in structure.modes else ():
             if (value := _weight(link, variable) * weight) and link.coefficients[name].known:
                 hypotheses.append(Hypothesis(name, link.name, "1"))
@@ -102,7 +108,7 @@ def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[Candidate
 def _weight(link: Link, variable: str) -> float:
     """The stiffness, of the variable "d", or the damping, of "v", of a mode in SI units."""
     slopes = link.law.partials(
-        0.0, 0.0, {name: each.value or 0.0 for name, each in link.coefficients.items()}
+        0.0, 0.0, {name: coefficient.value or 0.0 for name, coefficient in link.coefficients.items()}
     )
     return float(slopes.by_d if variable == "d" else slopes.by_v)
 

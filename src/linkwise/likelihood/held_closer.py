@@ -42,7 +42,7 @@ class HiddenTerm:
     cause: Cause
     change: float
     shift: float
-    held: LikelihoodFit
+    closer_fit: LikelihoodFit
 
     @property
     def dissipates(self) -> bool:
@@ -93,15 +93,18 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
 
 
 def _explaining(
-    fit: LikelihoodFit, closer: AnnealingFit, tight: Optimum, asked: tuple[Structure, Sequence[str]]
+    fit: LikelihoodFit,
+    closer: AnnealingFit,
+    tight: Optimum,
+    structure_and_channels: tuple[Structure, Sequence[str]],
 ) -> HiddenTerm | None:
     """The term that explains most of what a fit leaves that is held `closer` than `fit`, by the equations of `tight`.
 
-    `asked` are the structure with the values of the fit, and the channels.
+    `structure_and_channels` are the structure with the values of the fit, and the channels.
     """
     optimum, p = fit.optimum, len(fit.values)
-    identified, channels = asked
-    held = replace(
+    identified, channels = structure_and_channels
+    closer_fit = replace(
         fit,
         values=closer.point.theta,
         covariance=optimum.noise**2 * closer.covariance[:p, :p],
@@ -111,16 +114,16 @@ def _explaining(
         optimum=replace(tight, point=closer.point, q=closer.q),
     )
     names = fit.segments.system.parameters.names
-    there = identified.with_values(dict(zip(names, map(float, closer.point.theta), strict=True)))
+    closer_structure = identified.with_values(dict(zip(names, map(float, closer.point.theta), strict=True)))
     left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
-    causes = diagnose(held, there, channels, terms=True) if np.isfinite(left) else ()
+    causes = diagnose(closer_fit, closer_structure, channels, terms=True) if np.isfinite(left) else ()
     if not causes or causes[0].kind != "term" or not causes[0].gain > _MOST * left:
         return None
     change, shift = 0.0, 0.0
     if causes[0].shifted:
         number = names.index(causes[0].shifted)
-        error = float(np.sqrt(held.covariance[number, number]))
+        error = float(np.sqrt(closer_fit.covariance[number, number]))
         changed, tiny = causes[0].shift * error, np.finfo(float).tiny
         change = changed / max(abs(float(fit.values[number])), tiny)
         shift = changed / max(float(np.sqrt(fit.covariance[number, number])), tiny)
-    return HiddenTerm(causes[0], change, shift, held)
+    return HiddenTerm(causes[0], change, shift, closer_fit)

@@ -81,8 +81,8 @@ def states_by_held_laws(segments: Segments, start: Iterate, scales: Scales, anne
     if not _ROUGH * int(segments.observed.sum()) < cost < np.inf:
         return start
     system, theta = segments.system, start.theta
-    held = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
-    fit = annealer(replace(segments, system=held), start, scales, _SCHEDULE)
+    fixed_system = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
+    fit = annealer(replace(segments, system=fixed_system), start, scales, _SCHEDULE)
     return replace(start, nodes=fit.point.nodes)
 
 

@@ -57,8 +57,8 @@ def usual_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateF
     hypotheses, forces = missing_terms(structure)
     usual = [
         number
-        for number, each in enumerate(hypotheses)
-        if each.term in _USUAL and each.where not in structure.modes
+        for number, hypothesis in enumerate(hypotheses)
+        if hypothesis.term in _USUAL and hypothesis.where not in structure.modes
     ]
     return [hypotheses[number] for number in usual], [forces[number] for number in usual]
 

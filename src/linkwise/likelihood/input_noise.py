@@ -93,26 +93,30 @@ def noise_of_inputs(
             multipliers = _multipliers(optimum, misfit, free_of_bounds(fit))
     except np.linalg.LinAlgError:
         return ()
-    found = []
+    estimates = []
     for channel, rms, pattern in inputs:
         slopes = np.einsum("kn,knr->kr", pattern, multipliers)
         score = VarianceScore.of(SquareSum.of(slopes[:, 0], slopes[:, 1:]))
         if score is not None:
-            found.append(InputNoise(channel, rms, pattern, score))
-    return tuple(found)
+            estimates.append(InputNoise(channel, rms, pattern, score))
+    return tuple(estimates)
 
 
-def for_noise_of_inputs(fit: LikelihoodFit, found: Sequence[InputNoise]) -> tuple[InputNoise, Floats] | None:
+def for_noise_of_inputs(
+    fit: LikelihoodFit, input_noises: Sequence[InputNoise]
+) -> tuple[InputNoise, Floats] | None:
     """The input whose noise the residuals hint at, and the covariance (p, p) that it adds to the parameters.
 
     Its variance is taken as one standard error above what the score tells. None where nothing hints at such noise.
     """
     hinted = [
-        each for each in found if each.score.normal > _HINT and each.score.deviation < LARGEST * each.rms
+        candidate
+        for candidate in input_noises
+        if candidate.score.normal > _HINT and candidate.score.deviation < LARGEST * candidate.rms
     ]
     if not hinted:
         return None
-    noise, optimum = max(hinted, key=lambda each: each.score.normal), fit.optimum
+    noise, optimum = max(hinted, key=lambda candidate: candidate.score.normal), fit.optimum
     segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
     misfit = evaluate(segments, optimum.point, scales, optimum.loss)
     free, p = free_of_bounds(fit), len(fit.values)
@@ -124,7 +128,7 @@ def for_noise_of_inputs(fit: LikelihoodFit, found: Sequence[InputNoise]) -> tupl
         kicks = np.zeros((segments.count, n))
         kicks[:-1] = noise.pattern / scales.state[n : 2 * n] / _RELAXED
         pulls = np.concatenate(
-            [np.einsum("knp,kn->kp", each.defects[:, n : 2 * n], kicks[each.part]) for each in rows]
+            [np.einsum("knp,kn->kp", chunk.defects[:, n : 2 * n], kicks[chunk.part]) for chunk in rows]
         )
     inverse = np.zeros((len(free), len(free)))
     inverse[np.ix_(free, free)] = np.linalg.inv(factor.schur[np.ix_(free, free)])

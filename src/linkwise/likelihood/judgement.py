@@ -94,7 +94,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     )
     diagnosed = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
     inputs = noise_of_inputs(fit, identified, channels)
-    noisy = [each.cause for each in inputs if each.cause is not None]
+    noisy = [input_noise.cause for input_noise in inputs if input_noise.cause is not None]
     noisy += unstated_forces(fit, identified, channels)
     causes = tuple(sorted((*diagnosed, *noisy), key=lambda cause: -cause.gain))
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
@@ -115,7 +115,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         hidden = hidden_term(fit, identified, channels)
         if hidden is not None:
             verdict, message = _with_hidden_term(fit, verdict, message, hidden)
-            causes, shown = (hidden.cause,), hidden.held
+            causes, shown = (hidden.cause,), hidden.closer_fit
     message += _of_forces(fit, verdict, causes, channels)
     allowed = verdict is Verdict.MODEL_ERROR_NEEDED and causes
     missing = for_missing_terms(shown, identified) if allowed else None

@@ -186,16 +186,16 @@ def profiles_rise(fit: LikelihoodFit) -> bool:
     for parameter in np.flatnonzero(fit.free).tolist():
         if not (np.isfinite(errors[parameter]) and errors[parameter] > 0.0):
             return False
-        held = np.zeros(len(fit.values), dtype=bool)
-        held[parameter] = True
+        is_fixed = np.zeros(len(fit.values), dtype=bool)
+        is_fixed[parameter] = True
         for distance in (_FAR, -_FAR):
             step = distance * fit.covariance[:, parameter] / errors[parameter]
-            if not rises_by(_TOO_LITTLE, fit, fit.values + step, held, distance):
+            if not rises_by(_TOO_LITTLE, fit, fit.values + step, is_fixed, distance):
                 return False
     return True
 
 
-def rises_by(least: float, fit: LikelihoodFit, theta: Floats, held: Bools, distance: float) -> bool:
+def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, distance: float) -> bool:
     """Whether -2 log likelihood is higher by enough where some parameters are moved and held.
 
     Parameters
@@ -206,7 +206,7 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, held: Bools, dista
         The fit.
     theta : array of shape (p,)
         Parameters after the move.
-    held : array of bool, shape (p,)
+    is_fixed : array of bool, shape (p,)
         Those that keep these values; the others are fitted again.
     distance : float
         Of the move in standard errors.
@@ -216,7 +216,7 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, held: Bools, dista
     bool
         Whether it is.
     """
-    moved = _fitted_with(fit.optimum, theta, held, sufficient_cost=_raised_cost(fit, distance, least))
+    moved = _fitted_with(fit.optimum, theta, is_fixed, sufficient_cost=_raised_cost(fit, distance, least))
     return _relative_rise(fit, moved, distance) > least
 
 
@@ -277,15 +277,15 @@ def _raised_cost(fit: LikelihoodFit, distance: float, relative_rise: float) -> f
 
 
 def _fitted_with(
-    optimum: Optimum, theta: Floats, held: Bools, *, sufficient_cost: float = np.inf
+    optimum: Optimum, theta: Floats, is_fixed: Bools, *, sufficient_cost: float = np.inf
 ) -> AnnealingFit:
-    """The orbit fitted again from parameters `theta` (p,), those that are `held` (p,) kept.
+    """The orbit fitted again from parameters `theta` (p,), those that `is_fixed` (p,) marks unchanged.
 
     The search ends early where the cost is surely above `sufficient_cost`.
     """
     system = optimum.segments.system
-    lower = np.where(held, theta, system.parameters.lower)
-    upper = np.where(held, theta, system.parameters.upper)
+    lower = np.where(is_fixed, theta, system.parameters.lower)
+    upper = np.where(is_fixed, theta, system.parameters.upper)
     constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
     return anneal(
         replace(optimum.segments, system=constrained),

@@ -78,25 +78,30 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     if not relaxed or relaxed[-1].fit.status is AnnealingStatus.INTERRUPTED:
         return fit
     tightest = relaxed[-1].fit
-    same = (
+    agrees = (
         tightest.q <= fit.optimum.q
         and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
     )
-    if same and fit.status is AnnealingStatus.CONVERGED and _is_smooth(fit) and rises_in_weak_directions(fit):
+    if (
+        agrees
+        and fit.status is AnnealingStatus.CONVERGED
+        and _is_smooth(fit)
+        and rises_in_weak_directions(fit)
+    ):
         return fit
-    least = min(each.evidence for each in relaxed)
+    least = min(relaxed_fit.evidence for relaxed_fit in relaxed)
     for candidate in reversed(relaxed):
         if candidate.evidence > least + _WORSE and candidate.fit.q < _SINGLE:
             continue
         try:
-            other = refit(candidate.fit.point.theta, candidate.fit.point.nodes, candidate.fit.q)
+            refitted = refit(candidate.fit.point.theta, candidate.fit.point.nodes, candidate.fit.q)
         except IdentificationError:  # the motion runs away
             continue
-        if other.status is AnnealingStatus.INTERRUPTED:
+        if refitted.status is AnnealingStatus.INTERRUPTED:
             return fit
-        converged = other.status is AnnealingStatus.CONVERGED and not other.chi_square_off
-        if converged and _is_smooth(other) and profiles_rise(other):
-            return other
+        converged = refitted.status is AnnealingStatus.CONVERGED and not refitted.chi_square_off
+        if converged and _is_smooth(refitted) and profiles_rise(refitted):
+            return refitted
     return fit
 
 
@@ -130,13 +135,13 @@ def _relaxed_fits(fit: LikelihoodFit) -> Iterator[_RelaxedFit]:
     optimum, point = fit.optimum, fit.optimum.point
     for q in _LADDER:
         schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_STEPS)
-        found = anneal(optimum.segments, point, optimum.scales, schedule, loss=optimum.loss)
-        if found.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
+        relaxed = anneal(optimum.segments, point, optimum.scales, schedule, loss=optimum.loss)
+        if relaxed.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
             return
-        yield _RelaxedFit(found, evidence(optimum.segments, found, q, optimum.loss)[1])
-        if found.status is AnnealingStatus.INTERRUPTED:
+        yield _RelaxedFit(relaxed, evidence(optimum.segments, relaxed, q, optimum.loss)[1])
+        if relaxed.status is AnnealingStatus.INTERRUPTED:
             return
-        point = found.point
+        point = relaxed.point
 
 
 def _may_be_wrong(fit: LikelihoodFit) -> bool:

@@ -163,7 +163,7 @@ def _changes(
     measurable = ~known_noise & (noise > _TOLD * segments.observed.sum(axis=(0, 2)))
     of_noise = np.where(measurable, _log_ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise), 0.0)
     forces = fit.point.nodes[random.rows] / random.deviation
-    of_force = np.where(random.found, _log_ratio(np.sum(forces**2, axis=1), force), 0.0)
+    of_force = np.where(random.is_estimated, _log_ratio(np.sum(forces**2, axis=1), force), 0.0)
     moved = np.abs(shift[deviation > 0.0]) / deviation[deviation > 0.0]
     logs = np.concatenate([of_noise, of_force])
     change = max(float(moved.max(initial=0.0)), _LOG_WEIGHT * float(np.abs(logs).max()))
@@ -196,8 +196,8 @@ def _changed(
 
 def _log_ratio(squares: Floats, freedom: Floats) -> Floats:
     """Logarithms of factors on deviations, from sums of squares in their units and the numbers that the record determines."""
-    found = 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny) / np.maximum(freedom, 1.0))
-    return np.clip(found, -_LARGEST_CHANGE, _LARGEST_CHANGE)
+    log_factors = 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny) / np.maximum(freedom, 1.0))
+    return np.clip(log_factors, -_LARGEST_CHANGE, _LARGEST_CHANGE)
 
 
 @dataclass(frozen=True, eq=False)

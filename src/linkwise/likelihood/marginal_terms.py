@@ -72,8 +72,8 @@ def _part_without_unknowns(optimum: Optimum) -> tuple[Optimum, float]:
 def _with_term(structure: Structure, force: CandidateForce, size: float) -> Structure:
     names = {**dict(enumerate(structure.mass_names)), -1: GROUND, -2: BASE}
     law = Law.parse(f"size*({force.law.text})")
-    taken, name = {link.name for link in structure.links}, "tested"
-    while name in taken:
+    link_names, name = {link.name for link in structure.links}, "tested"
+    while name in link_names:
         name += "_"
     ends = (names[force.first], names[force.second])
     link = Link(name, ends, law, {"size": Coefficient.number(size)})

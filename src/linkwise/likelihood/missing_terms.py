@@ -60,8 +60,8 @@ def for_missing_terms(fit: LikelihoodFit, identified: Structure) -> Floats | Non
         best = int(np.argmax(np.where(np.isfinite(tests.gains), tests.gains, 0.0)))
         if not tests.gains[best] > limit:
             break
-        here = p + added
-        order[[here, here + best]] = order[[here + best, here]]
+        position = p + added
+        order[[position, position + best]] = order[[position + best, position]]
         added += 1
     if not added:
         return None

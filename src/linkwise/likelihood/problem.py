@@ -103,7 +103,9 @@ def shooting_problem(
         unit[system.shapes.columns] = np.maximum(
             unit[system.shapes.columns], np.where(np.isfinite(priors), priors, 0.0)
         )
-    waveforms = [name for each in sensing.disturbances for name in [each.channel] * each.count]
+    waveforms = [
+        name for disturbance in sensing.disturbances for name in [disturbance.channel] * disturbance.count
+    ]
     offset_units = [sensing.noise[0].get(name, 1.0) for name in (*sensing.offsets, *waveforms)]
     scales = Scales(
         sensing.sigma,
@@ -141,7 +143,7 @@ def _random_states(segments: Segments, sensing: SensorModel, deviations: Floats,
     return RandomStates(
         rows=np.arange(segments.system.dimension - len(deviations), segments.system.dimension),
         deviation=deviations[:, None] * np.where(ambient[:, None], rate, 1.0),
-        found=np.array([force.deviation is None for force in sensing.random]),
+        is_estimated=np.array([force.deviation is None for force in sensing.random]),
         shown=shown_directly(sensing.random, sensing.frames[0]),
     )
 

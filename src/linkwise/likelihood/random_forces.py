@@ -152,7 +152,7 @@ def _require_white(channel: str, record: Record, structure: Structure) -> None:
     at_base = [link for link in structure.links if BASE in link.between]
     if channel == f"x:{BASE}" and at_base and not any("d" in symbols(link.law.elastic) for link in at_base):
         raise IdentificationError(
-            f"noise of {channel} cannot be counted in: no spring joins the base ({', '.join(each.name for each in at_base)}), "
+            f"noise of {channel} cannot be counted in: no spring joins the base ({', '.join(link.name for link in at_base)}), "
             f"and what moves the masses is its derivative, which is not white; give the acceleration, a:{BASE}"
         )
 
@@ -171,12 +171,12 @@ def _each(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
     return dict.fromkeys(names, every) | stated
 
 
-def _positive(value: float | None, what: str, unit: str) -> float | None:
+def _positive(value: float | None, quantity: str, unit: str) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
         raise IdentificationError(
-            f"{what} must be a positive number in {unit}, or None if it is to be found, got {value!r}"
+            f"{quantity} must be a positive number in {unit}, or None if it is to be found, got {value!r}"
         )
     return value
 
@@ -206,9 +206,11 @@ def refuse_beside_random_forces(
         (robust, "a robust loss", "mark outliers as missing (mark_missing)"),
         (of_links, ", ".join(of_links), "leave these channels out of the record"),
     )
-    for given, what, instead in refused:
+    for given, description, instead in refused:
         if given:
-            raise IdentificationError(f"random forces and {what} cannot be found together yet: {instead}")
+            raise IdentificationError(
+                f"random forces and {description} cannot be found together yet: {instead}"
+            )
 
 
 def with_random_forces(structure: Structure, places: Sequence[str]) -> Structure:
@@ -219,11 +221,11 @@ def with_random_forces(structure: Structure, places: Sequence[str]) -> Structure
     if not places:
         return structure
     still = {name: Coefficient.number(0.0) for name in _HELD_STATE.coefficients}
-    taken = {link.name for link in structure.links}
+    link_names = {link.name for link in structure.links}
     links = []
     for place in places:
         name = f"random_{place.replace(':', '_')}"
-        while name in taken:
+        while name in link_names:
             name += "_"
         mass = structure.places[0] if place in _OF_BASE else place
         links.append(Link(name, (mass, GROUND), _HELD_STATE, still))

@@ -125,8 +125,8 @@ def augmented_quadratic(
     scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
     if segments.prior is not None:
         add_prior_curvature(scores, segments.prior, optimum.scales, segments.system.parameters.size)
-    kept = np.concatenate([np.eye(own.stop), -follow])
-    return AugmentedQuadratic(curvature, slope, kept.T @ scores @ kept)
+    elimination = np.concatenate([np.eye(own.stop), -follow])
+    return AugmentedQuadratic(curvature, slope, elimination.T @ scores @ elimination)
 
 
 def candidate_forces(

@@ -43,40 +43,48 @@ def errors_to_find(
         If records state different things of a sensor, or a calibration is not that of a response.
     """
     stated = _stated(records)
-    asked = dict(calibration or {})
+    requested = dict(calibration or {})
     inputs = records[0].inputs
     delays = [
-        each for name in delays for each in ((name in inputs and of_responses(records[0], name)) or (name,))
+        channel
+        for name in delays
+        for channel in ((name in inputs and of_responses(records[0], name)) or (name,))
     ]
     named = {
         name: known.gain
         for name, known in stated.items()
-        if known.gain and not isinf(known.gain) and name not in (*asked, *gains)
+        if known.gain and not isinf(known.gain) and name not in (*requested, *gains)
     }
-    free = {name: known for name, known in stated.items() if isinf(known.gain) and name not in asked}
-    if ALL in asked:
-        named = dict.fromkeys((each for each in records[0].responses if each not in free), asked[ALL]) | named
-    named |= {name: sigma for name, sigma in asked.items() if name != ALL}
-    by_channel(asked, records[0].responses)
-    found = {kind: _deviations(stated, kind, own) for kind, own in (("offset", offsets), ("delay", delays))}
+    free = {name: known for name, known in stated.items() if isinf(known.gain) and name not in requested}
+    if ALL in requested:
+        named = (
+            dict.fromkeys((name for name in records[0].responses if name not in free), requested[ALL]) | named
+        )
+    named |= {name: sigma for name, sigma in requested.items() if name != ALL}
+    by_channel(requested, records[0].responses)
+    deviations = {
+        kind: _deviations(stated, kind, own) for kind, own in (("offset", offsets), ("delay", delays))
+    }
     return {
         "offsets": _with(offsets, stated, "offset"),
         "gains": (*gains, *(name for name in free if name not in gains)),
         "calibration": by_channel(named, records[0].responses),
         "delays": _with(delays, stated, "delay"),
-        "offset_deviations": found["offset"],
-        "delay_deviations": found["delay"],
+        "offset_deviations": deviations["offset"],
+        "delay_deviations": deviations["delay"],
     }
 
 
-def _with(asked: Sequence[str], stated: Mapping[str, SensorUncertainty], kind: str) -> Sequence[str]:
+def _with(requested: Sequence[str], stated: Mapping[str, SensorUncertainty], kind: str) -> Sequence[str]:
     """The channels that are asked for, and those of which such an error is stated."""
-    more = [name for name, known in stated.items() if getattr(known, kind) and name not in asked]
-    return (*asked, *more) if more else asked
+    more = [name for name, known in stated.items() if getattr(known, kind) and name not in requested]
+    return (*requested, *more) if more else requested
 
 
-def _deviations(stated: Mapping[str, SensorUncertainty], kind: str, asked: Sequence[str]) -> dict[str, float]:
-    sigmas = {name: float(getattr(known, kind)) for name, known in stated.items() if name not in asked}
+def _deviations(
+    stated: Mapping[str, SensorUncertainty], kind: str, requested: Sequence[str]
+) -> dict[str, float]:
+    sigmas = {name: float(getattr(known, kind)) for name, known in stated.items() if name not in requested}
     return {name: sigma for name, sigma in sigmas.items() if sigma and not isinf(sigma)}
 
 
@@ -88,11 +96,12 @@ def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
             if name != COMMON and name not in record.responses:
                 continue
             if stated.setdefault(name, known) != known:
-                first, other = (
-                    each.described(name).rstrip(".").partition(": ")[2] for each in (stated[name], known)
+                first, second = (
+                    uncertainty.described(name).rstrip(".").partition(": ")[2]
+                    for uncertainty in (stated[name], known)
                 )
                 raise IdentificationError(
-                    f"records that are taken together state different errors of {name}: {first}, and {other}; state the same "
+                    f"records that are taken together state different errors of {name}: {first}, and {second}; state the same "
                     "of all, for instance in a mapping file"
                 )
     return stated

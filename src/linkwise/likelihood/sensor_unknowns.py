@@ -87,8 +87,8 @@ def by_channel(calibration: Mapping[str, float], responses: Sequence[str]) -> di
                 f"the calibration of {name} must be a relative standard deviation above 0 and up to {_LARGEST:g}, "
                 f"got {deviation:g}"
             )
-    each = dict.fromkeys(responses, calibration[ALL]) if ALL in calibration else {}
-    return each | {name: deviation for name, deviation in calibration.items() if name != ALL}
+    defaults = dict.fromkeys(responses, calibration[ALL]) if ALL in calibration else {}
+    return defaults | {name: deviation for name, deviation in calibration.items() if name != ALL}
 
 
 def answer_with_sensors(
@@ -106,11 +106,13 @@ def answer_with_sensors(
     require_known_kinds((options.offsets, options.gains, options.delays), admitted)
     while True:
         answer, interrupted = _with_delays(search, records, options, report)
-        instruments = [each for each in answer.diagnosis if each.is_instrument and each.kind != "input noise"]
+        instruments = [
+            cause for cause in answer.diagnosis if cause.is_instrument and cause.kind != "input noise"
+        ]
         if interrupted or not instruments or instruments[0].kind not in admitted:
             return answer
         kind, channel = instruments[0].kind, instruments[0].where
-        if kind != "delay" and any(_rivals(instruments[0], other) for other in instruments[1:]):
+        if kind != "delay" and any(_rivals(instruments[0], rival) for rival in instruments[1:]):
             return answer
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
         more = of_responses(records[0], channel) if kind == "delay" else (channel,)
@@ -150,9 +152,9 @@ def of_responses(record: Record, channel: str) -> tuple[str, ...]:
     return tuple(name for name in stand_in if Channel.parse(name).kind in _LATE)
 
 
-def _rivals(first: Cause, other: Cause) -> bool:
+def _rivals(first: Cause, second: Cause) -> bool:
     """Whether the records hardly tell an error from another one: a gain of one sensor from that of another, or a mass."""
-    return other.kind in (first.kind, "mass") and other.gain > first.gain - _ALIKE
+    return second.kind in (first.kind, "mass") and second.gain > first.gain - _ALIKE
 
 
 def _widened(options: LikelihoodOptions, kind: str, channels: tuple[str, ...]) -> LikelihoodOptions:
@@ -242,14 +244,14 @@ def _settled(shifts: _Shifts[Fit], late: Mapping[str, int]) -> _ShiftedFit[Fit]:
     """The fit at shifts beside which delays are parts of a sample."""
     moved: dict[str, int] = {}
     for _ in range(_SHIFTS):
-        found = shifts.fitted(late)
+        shifted = shifts.fitted(late)
         moved = {
             name: round(delay / shifts.step)
-            for name, delay in found.fit.delays.items()
+            for name, delay in shifted.fit.delays.items()
             if abs(delay) > _WHOLE * shifts.step
         }
-        if not moved or found.fit.status is AnnealingStatus.INTERRUPTED:
-            return found
+        if not moved or shifted.fit.status is AnnealingStatus.INTERRUPTED:
+            return shifted
         if len({record.rate for record in shifts.records}) > 1:
             raise IdentificationError(
                 f"{next(iter(moved))} is late by more than a sample, which records of different rates together do not tell: "
@@ -262,47 +264,47 @@ def _settled(shifts: _Shifts[Fit], late: Mapping[str, int]) -> _ShiftedFit[Fit]:
     )
 
 
-def _at_best_shift(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
+def _at_best_shift(shifted: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
     """The fit at the shift of a channel from which one sample more or less explains the records worse."""
-    if found.is_exact:
-        return found
-    best = _nearest(found, name)
+    if shifted.is_exact:
+        return shifted
+    best = _nearest(shifted, name)
     if best.is_exact or _interrupted(best):
         return best
-    others = []
+    neighbours = []
     for samples in _FAR:
-        other = found.beside(name, samples)
-        if other is not None and _interrupted(other):
-            return other
-        others += [] if other is None else [other]
-    nearest = min(others, key=lambda other: other.misfit, default=best)
+        neighbour = shifted.beside(name, samples)
+        if neighbour is not None and _interrupted(neighbour):
+            return neighbour
+        neighbours += [] if neighbour is None else [neighbour]
+    nearest = min(neighbours, key=lambda neighbour: neighbour.misfit, default=best)
     if not nearest.misfit < best.misfit:
         return best
     far = _nearest(nearest, name)
     return far if far.is_optimum or _interrupted(far) else best
 
 
-def _interrupted(found: _ShiftedFit[Fit]) -> bool:
-    return found.fit.status is AnnealingStatus.INTERRUPTED
+def _interrupted(shifted: _ShiftedFit[Fit]) -> bool:
+    return shifted.fit.status is AnnealingStatus.INTERRUPTED
 
 
-def _nearest(found: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
+def _nearest(start: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
     """The same, sample by sample from a fit."""
-    forward = 1 if found.fit.delays[name] >= 0.0 else -1
+    forward = 1 if start.fit.delays[name] >= 0.0 else -1
     for direction in (forward, -forward):
-        best = found
+        best = start
         for _ in range(_SHIFTS):
             if best.is_exact or _interrupted(best):
                 return best
-            other = best.beside(name, direction)
-            if other is not None and _interrupted(other):
-                return other
-            if other is None or not other.misfit < best.misfit:
+            neighbour = best.beside(name, direction)
+            if neighbour is not None and _interrupted(neighbour):
+                return neighbour
+            if neighbour is None or not neighbour.misfit < best.misfit:
                 break
-            best = other
-        if best is not found and best.is_optimum:
+            best = neighbour
+        if best is not start and best.is_optimum:
             return best
-    return found
+    return start
 
 
 def _shifted(record: Record, late: Mapping[str, int]) -> Record:

@@ -110,7 +110,7 @@ class SensorModel:
         """
         starts = [0.0 if p.start is None else p.start for p in parameters]
         late = np.array([self.delay_priors.get(name, (0.0, np.inf)) for name in self.delays]).reshape(-1, 2)
-        waveforms = sum(each.count for each in self.disturbances)
+        waveforms = sum(disturbance.count for disturbance in self.disturbances)
         offsets = [self.offset_deviations.get(name, np.inf) for name in self.offsets] + [np.inf] * waveforms
         mean = np.concatenate([starts, np.zeros(len(offsets)), np.ones(len(self.gains)), late[:, 0]])
         sigma = [p.sigma for p in parameters]
@@ -173,7 +173,7 @@ class SensorModel:
             sensors=replace(
                 segments.sensors,
                 delay=self._delays(records[0].responses),
-                waveforms=sum(each.count for each in self.disturbances),
+                waveforms=sum(disturbance.count for disturbance in self.disturbances),
             ),
             prior=self.prior(structure.parameters),
             waveforms=self._waveforms(records),
@@ -185,11 +185,19 @@ class SensorModel:
         if not self.disturbances:
             return None
         responses = records[0].responses
-        channel = [responses.index(each.channel) for each in self.disturbances for _ in range(each.count)]
+        channel = [
+            responses.index(disturbance.channel)
+            for disturbance in self.disturbances
+            for _ in range(disturbance.count)
+        ]
         parts = [
             cut(
                 np.concatenate(
-                    [each.shapes(record) * (each.record == number) for each in self.disturbances], axis=1
+                    [
+                        disturbance.shapes(record) * (disturbance.record == number)
+                        for disturbance in self.disturbances
+                    ],
+                    axis=1,
                 ),
                 self.samples,
             )

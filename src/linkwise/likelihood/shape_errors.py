@@ -38,14 +38,14 @@ class ShapeErrors:
         """The shapes at points with a link, a force or a sensor; None where there are none, or too many."""
         used = {end for link in structure.links for end in link.between}
         used |= {Channel.parse(name).mass for name in channels}
-        found = optimum.segments.system.parameters.names
+        parameter_names = optimum.segments.system.parameters.names
         places = [
             (point, mode, shape)
             for host in structure.hosts
             for point in host.points
             if point in used
             for mode, shape in host.shape(point).items()
-            if shape and f"{mode}.{SHAPE}{point.removeprefix(f'{host.name}.')}" not in found
+            if shape and f"{mode}.{SHAPE}{point.removeprefix(f'{host.name}.')}" not in parameter_names
         ]
         if not 0 < len(places) <= _MOST:
             return None
@@ -70,7 +70,7 @@ class ShapeErrors:
 
 def _ownership(parts: Sequence[Sequence[object]]) -> Floats:
     """(c, h) 1 where a column is one of those of a hypothesis."""
-    owners = [number for number, each in enumerate(parts) for _ in each]
+    owners = [number for number, members in enumerate(parts) for _ in members]
     return np.asarray(np.eye(len(parts))[owners])
 
 
@@ -120,9 +120,9 @@ class _Parts:
         """The forces that follow from a shape that is larger by its own size: one on the mode, and one of each link there."""
         topology, order = self.structure.topology, self.optimum.segments.system.order.tolist()
         place, number = topology.index[point], topology.index[mode]
-        on_mode = [np.zeros_like(each[:, 0, 0]) for each in self.motion]
+        on_mode = [np.zeros_like(motion[:, 0, 0]) for motion in self.motion]
         if point in self.applied:
-            on_mode = [shape * each for each in self.applied[point]]
+            on_mode = [shape * force for force in self.applied[point]]
         pushes: list[Push] = []
         for link, (first, second) in enumerate(topology.ends.tolist()):
             if place not in (first, second):

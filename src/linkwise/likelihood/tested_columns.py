@@ -30,7 +30,7 @@ class TestedColumns:
     weights: Floats
 
     @classmethod
-    def each(cls, pushes: CandidateForces, errors: SensorErrors, units: Floats) -> TestedColumns:
+    def separate(cls, pushes: CandidateForces, errors: SensorErrors, units: Floats) -> TestedColumns:
         """Every column alone, in this order."""
         return cls(pushes, errors, units, np.eye(len(units)))
 
@@ -75,7 +75,7 @@ class TestedColumns:
             SensorErrors(
                 np.append(self.errors.channel, errors.channel),
                 (*self.errors.kind, *errors.kind),
-                np.append(self.errors.other, errors.other),
+                np.append(self.errors.source, errors.source),
                 np.concatenate([self.errors.values, errors.values], axis=1),
             ),
             np.append(self.units, units),

@@ -46,12 +46,12 @@ def covariance_of(
         white = (scores / weights[:, None]).T @ (scores / weights[:, None]) + moved.T @ moved
         lagged = newey_west(problem, scores * residuals[:, None])
         ratio = np.sqrt(np.maximum(_errors(inverse, white) / _errors(inverse, lagged), 1.0))
-        found = inverse @ lagged @ inverse * np.outer(ratio, ratio)
+        sandwich = inverse @ lagged @ inverse * np.outer(ratio, ratio)
     else:
-        found = inverse @ scatter @ inverse
-    found = found + inverse @ np.diag(certainty**2) @ inverse
+        sandwich = inverse @ scatter @ inverse
+    sandwich = sandwich + inverse @ np.diag(certainty**2) @ inverse
     covariance = np.zeros((problem.size, problem.size))
-    covariance[np.ix_(free, free)] = 0.5 * (found + found.T)
+    covariance[np.ix_(free, free)] = 0.5 * (sandwich + sandwich.T)
     return covariance, determined
 
 

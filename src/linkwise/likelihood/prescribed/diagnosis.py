@@ -39,7 +39,7 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
     Offsets of any significant size, and of terms and delays those that would move a coefficient by three standard errors.
     """
     tested = (*_offsets(fit), *_terms(fit), *_delays(fit))
-    follow, beside = _beside_unknowns(fit, np.stack([each.column for each in tested], axis=1))
+    follow, beside = _beside_unknowns(fit, np.stack([hypothesis.column for hypothesis in tested], axis=1))
     scores = beside.T @ (fit.weights * fit.residuals)
     powers = np.sum(beside**2, axis=0)
     noise = _noise_of_scores(fit, beside)
@@ -47,9 +47,9 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free][of_laws]
     determined = deviations > 0.0
     causes = []
-    for number, each in enumerate(tested):
+    for number, hypothesis in enumerate(tested):
         power = float(powers[number])
-        if not power > _SEPARATE * float(np.sum((fit.weights * each.column) ** 2)):
+        if not power > _SEPARATE * float(np.sum((fit.weights * hypothesis.column) ** 2)):
             continue
         size = float(scores[number]) / power
         variance = float(noise[number])
@@ -59,10 +59,12 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
         shift = float(
             np.max(np.abs(size * follow[of_laws, number][determined]) / deviations[determined], initial=0.0)
         )
-        if gain > _GAIN if each.cause.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
-            unit = float(np.sqrt(np.mean(each.column**2))) if each.cause.kind == "term" else 1.0
+        if gain > _GAIN if hypothesis.cause.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
+            unit = float(np.sqrt(np.mean(hypothesis.column**2))) if hypothesis.cause.kind == "term" else 1.0
             error = float(np.sqrt(variance)) / power * unit
-            causes.append(replace(each.cause, size=size * unit, gain=gain, standard_error=error, shift=shift))
+            causes.append(
+                replace(hypothesis.cause, size=size * unit, gain=gain, standard_error=error, shift=shift)
+            )
     return tuple(sorted(causes, key=lambda cause: (cause.where == BASE_CHANNEL) * _ALIKE - cause.gain))
 
 
@@ -118,9 +120,9 @@ def _delays(fit: RigFit) -> Iterator[_Tested]:
     """A delay of each load cell, to first order."""
     for link in fit.problem.links:
         parts = []
-        for (record, other, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True):
+        for (record, link_of_path, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True):
             motion = fit.problem.records[record].motion
-            if other == link:
+            if link_of_path == link:
                 parts.append(-np.gradient(path.force())[:: motion.substeps] / motion.step)
         cause = Cause("delay", cell_name(fit.problem.structure, link), 1.0, "s", 0.0, 0.0)
         yield _Tested(cause, _column(fit, link, parts))
@@ -130,16 +132,18 @@ def _motions(fit: RigFit, link: int) -> list[tuple[Floats, Floats]]:
     """Elongation and rate of a link at the samples of each record."""
     return [
         (path.d[:: motion.substeps], path.v[:: motion.substeps])
-        for (record, other, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True)
+        for (record, link_of_path, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True)
         for motion in (fit.problem.records[record].motion,)
-        if other == link
+        if link_of_path == link
     ]
 
 
 def _column(fit: RigFit, link: int, parts: list[Floats]) -> Floats:
     """(R,) forces of one link in all records among those of all, 0 where a sample is missing."""
     rows, left = [], list(parts)
-    for number, (_, other, _) in enumerate(fit.problem.states):
+    for number, (_, link_of_cell, _) in enumerate(fit.problem.states):
         cell = fit.problem.cell(number)
-        rows.append(np.where(np.isfinite(cell), left.pop(0), 0.0) if other == link else np.zeros(len(cell)))
+        rows.append(
+            np.where(np.isfinite(cell), left.pop(0), 0.0) if link_of_cell == link else np.zeros(len(cell))
+        )
     return np.asarray(np.nan_to_num(np.concatenate(rows)))

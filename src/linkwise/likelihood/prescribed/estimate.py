@@ -52,20 +52,20 @@ def rig_estimate(
             raise IdentificationError(
                 f"no offset of {name} can be found{near_miss(name, offered)}; on a rig choose from {', '.join(offered)}"
             )
-    found = list(dict.fromkeys(offsets))
+    with_offset = list(dict.fromkeys(offsets))
     while True:
-        cells = tuple(link for link in forces[0].cells if cell_name(structure, link) in found)
-        problem = RigProblem(structure, forces, cells, BASE_CHANNEL in found)
+        cells = tuple(link for link in forces[0].cells if cell_name(structure, link) in with_offset)
+        problem = RigProblem(structure, forces, cells, BASE_CHANNEL in with_offset)
         fit = rig_fit(problem, noise, starts, progress)
         causes = rig_causes(fit)
         if (
             not causes
             or causes[0].kind not in admitted
             or causes[0].kind != "offset"
-            or causes[0].where in found
+            or causes[0].where in with_offset
         ):
             return _estimate(fit, structure, records, noise, causes)
-        found.append(causes[0].where)
+        with_offset.append(causes[0].where)
 
 
 def _estimate(

@@ -85,14 +85,14 @@ def rig_fit(
     )
     measured = np.concatenate([problem.cell(number) for number in range(len(problem.states))])
     level = max(float(np.nanstd(measured)), np.finfo(float).tiny)
-    found = minima(problem.shortened(_SEARCHED), given, level, progress)
-    found = [_at_start(problem, minimum) for minimum in found]
-    if not found:
-        found = [minimise(problem, np.zeros(problem.size), np.full(len(cells), 1.0 / level))]
-    found = [each for each in found if _is_finite(problem, each)]
-    if not found:
+    candidates = minima(problem.shortened(_SEARCHED), given, level, progress)
+    candidates = [_at_start(problem, minimum) for minimum in candidates]
+    if not candidates:
+        candidates = [minimise(problem, np.zeros(problem.size), np.full(len(cells), 1.0 / level))]
+    candidates = [minimum for minimum in candidates if _is_finite(problem, minimum)]
+    if not candidates:
         raise IdentificationError(_not_finite(problem))
-    problem, best = refined(problem, found[0], cells)
+    problem, best = refined(problem, candidates[0], cells)
     deviations, model = _levels(problem, best, cells)
     for _ in range(_REWEIGHTED):
         best = minimise(problem, best.unknowns, 1.0 / np.hypot(deviations, model))
@@ -107,7 +107,7 @@ def rig_fit(
         problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
     )
     fit = RigFit(problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined)
-    return replace(fit, others=_others(fit, found[1:]))
+    return replace(fit, others=_others(fit, candidates[1:]))
 
 
 def _at_start(problem: RigProblem, minimum: Minimum) -> Minimum:
@@ -177,9 +177,9 @@ def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
 
 def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
     """Standard deviation beside `deviations` with which the residuals have a chi-square of 1; 0 where noise explains them."""
-    seen = residuals != 0.0
-    count = max(int(seen.sum()) - unknowns, 1)
-    squares, variances = residuals[seen] ** 2, deviations[seen] ** 2
+    is_measured = residuals != 0.0
+    count = max(int(is_measured.sum()) - unknowns, 1)
+    squares, variances = residuals[is_measured] ** 2, deviations[is_measured] ** 2
     if np.sum(squares / variances) / count <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / count):
         return 0.0
     low, high = 0.0, float(np.sum(squares)) / count
@@ -198,21 +198,21 @@ def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
     return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
 
 
-def _others(fit: RigFit, found: Sequence[Minimum]) -> tuple[Floats, ...]:
+def _others(fit: RigFit, candidates: Sequence[Minimum]) -> tuple[Floats, ...]:
     """Other minima as likely as the best, each searched again with its weights; those that are alike are told once."""
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     p = len(fit.problem.parameters)
     best = fit.minimum
-    kept: list[Floats] = []
-    for other in found:
-        near = [best.unknowns, *kept]
+    distinct: list[Floats] = []
+    for candidate in candidates:
+        near = [best.unknowns, *distinct]
         size = np.maximum(_ALIKE * errors, 0.01 * np.abs(best.unknowns))[:p]
-        if any(np.all(np.abs(other.unknowns - known)[:p] <= size) for known in near):
+        if any(np.all(np.abs(candidate.unknowns - known)[:p] <= size) for known in near):
             continue
-        if other.cost > 1.2 * found[0].cost:
+        if candidate.cost > 1.2 * candidates[0].cost:
             continue
-        again = minimise(fit.problem, other.unknowns, fit.weights)
+        again = minimise(fit.problem, candidate.unknowns, fit.weights)
         apart = all(np.any(np.abs(again.unknowns - known)[:p] > size) for known in near)
         if again.converged and apart and abs(again.cost - best.cost) < _TIED:
-            kept.append(again.unknowns)
-    return tuple(unknowns[:p] for unknowns in kept)
+            distinct.append(again.unknowns)
+    return tuple(unknowns[:p] for unknowns in distinct)

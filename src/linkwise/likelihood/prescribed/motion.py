@@ -85,7 +85,9 @@ class PrescribedMotion:
             PrescribedMotion.of(replace(drawn, coefficients=column[:, None]), self.substeps, 0.0)
             for column in drawn.coefficients.T
         ]
-        return np.stack([each.d for each in moved], axis=1), np.stack([each.v for each in moved], axis=1)
+        return np.stack([motion.d for motion in moved], axis=1), np.stack(
+            [motion.v for motion in moved], axis=1
+        )
 
     def noise_of(self, by_d: Floats, by_v: Floats) -> Floats:
         """(N, q) by how much sums with derivatives (J, q) by d and v at the nodes change with the noise of each sample."""

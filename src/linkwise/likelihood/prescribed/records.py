@@ -69,7 +69,7 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
 def require_same_cells(records: Sequence[Forces], structure: Structure) -> None:
     """Raise IdentificationError where a load cell is in one record and not in another."""
     for number in range(len(structure.links)):
-        lacking = [index for index, each in enumerate(records, start=1) if number not in each.cells]
+        lacking = [index for index, forces in enumerate(records, start=1) if number not in forces.cells]
         if 0 < len(lacking) < len(records):
             raise IdentificationError(
                 f"records that are taken together must hold the same channels, and {cell_name(structure, number)} is not in "
@@ -95,6 +95,10 @@ def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:
 
 def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, float]:
     """Noise of load cells in N by the number of their link: of several records the largest."""
-    found = [channel_noise(record) for record in records]
+    noise_by_record = [channel_noise(record) for record in records]
     names = {number: cell_name(structure, number) for number in range(len(structure.links))}
-    return {number: max(noise[name] for noise in found) for number, name in names.items() if name in found[0]}
+    return {
+        number: max(noise[name] for noise in noise_by_record)
+        for number, name in names.items()
+        if name in noise_by_record[0]
+    }

@@ -45,10 +45,10 @@ class _Follower:
 
     def paths(self, unknowns: Floats) -> tuple[LinkPath, ...]:
         if self._paths is None or not np.array_equal(unknowns, self._at):
-            found = self._problem.paths(unknowns, self._paths)
-            if not all(path.converged for path in found):
-                found = self._problem.paths(unknowns)
-            self._at, self._paths = unknowns.copy(), found
+            paths = self._problem.paths(unknowns, self._paths)
+            if not all(path.converged for path in paths):
+                paths = self._problem.paths(unknowns)
+            self._at, self._paths = unknowns.copy(), paths
         return self._paths
 
 
@@ -60,10 +60,10 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
     certainty = problem.certainty[: len(prior)]
 
     def residuals(unknowns: Floats) -> Floats:
-        found = follower.paths(unknowns)
-        if not all(path.converged for path in found):
+        paths = follower.paths(unknowns)
+        if not all(path.converged for path in paths):
             return np.full(len(weights) + len(prior), _RUNAWAY)
-        left = np.where(weights > 0.0, problem.residuals(unknowns, found), 0.0)
+        left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
         if not np.isfinite(left).all():
             return np.full(len(weights) + len(prior), _RUNAWAY)
         rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
@@ -77,7 +77,7 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
 
     inside = np.clip(start, low, high)
     with np.errstate(all="ignore"):
-        found = scipy.optimize.least_squares(
+        optimum = scipy.optimize.least_squares(
             residuals,
             inside,
             jacobian,
@@ -87,10 +87,10 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
             xtol=1e-9,
             ftol=1e-9,
         )
-        unknowns = np.asarray(found.x)
+        unknowns = np.asarray(optimum.x)
         end = follower.paths(unknowns)
     return Minimum(
-        unknowns, 2.0 * float(found.cost), end, bool(found.status > 0) and all(p.converged for p in end)
+        unknowns, 2.0 * float(optimum.cost), end, bool(optimum.status > 0) and all(p.converged for p in end)
     )
 
 
@@ -124,12 +124,12 @@ def minima(
             start[problem.parameters.index(parameter)] = value
         trials.append(regressed(problem, start, linear, weights))
     trials.sort(key=lambda pair: pair[1])
-    found = []
+    local_minima = []
     for number, (start, cost) in enumerate(trials[:_REFINED]):
         if np.isfinite(cost):
-            found.append(minimise(problem, start, weights, steps=_STEPS))
+            local_minima.append(minimise(problem, start, weights, steps=_STEPS))
         progress(ProgressReport((number + 1) / min(_REFINED, len(trials)), "searching from several starts"))
-    return sorted(found, key=lambda minimum: minimum.cost)
+    return sorted(local_minima, key=lambda minimum: minimum.cost)
 
 
 def _is_linear(problem: RigProblem, parameter: Parameter) -> bool:
@@ -153,6 +153,6 @@ def regressed(
         return start, np.inf
     size = np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
     values = np.linalg.lstsq(slopes / size, rows, rcond=1e-10)[0] / size
-    found = start.copy()
-    found[columns] = np.clip(values, low[columns], high[columns])
-    return found, float(np.sum((rows - slopes @ found[columns]) ** 2))
+    unknowns = start.copy()
+    unknowns[columns] = np.clip(values, low[columns], high[columns])
+    return unknowns, float(np.sum((rows - slopes @ unknowns[columns]) ** 2))

@@ -95,9 +95,9 @@ class LinkPath:
         states = np.zeros((len(d), count)) if guess is None else guess.copy()
         states[0] = initial
         for _ in range(_NEWTON):
-            found = program(d, v, *states.T, *ordered)
-            rates = np.stack(found[:count], axis=1)
-            slopes = np.stack(found[count:], axis=1).reshape(-1, count, count)
+            rates_and_slopes = program(d, v, *states.T, *ordered)
+            rates = np.stack(rates_and_slopes[:count], axis=1)
+            slopes = np.stack(rates_and_slopes[count:], axis=1).reshape(-1, count, count)
             missed = np.diff(states, axis=0) - 0.5 * step * (rates[1:] + rates[:-1])
             if not (np.isfinite(missed).all() and np.isfinite(slopes).all()):
                 return cls(law, ordered, d, v, step, states, False)

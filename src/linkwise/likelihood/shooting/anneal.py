@@ -80,15 +80,15 @@ class AnnealingSchedule:
     cost_ceiling: float = np.inf
     sufficient_cost: float = np.inf
 
-    def held(self, taken: AnnealingStep, misfit: Misfit, samples: int) -> AnnealingSchedule:
-        """The schedule after the step `taken`: it ends at the present q if the cost will remain above the ceiling there."""
-        if misfit.cost(taken.q) - taken.remaining > self.cost_ceiling * samples:
-            return replace(self, final_q=max(self.final_q, taken.q))
+    def with_ceiling(self, step: AnnealingStep, misfit: Misfit, samples: int) -> AnnealingSchedule:
+        """The schedule after a `step`: it ends at the present q if the cost will remain above the ceiling there."""
+        if misfit.cost(step.q) - step.remaining > self.cost_ceiling * samples:
+            return replace(self, final_q=max(self.final_q, step.q))
         return self
 
-    def exceeded(self, taken: AnnealingStep) -> bool:
+    def exceeded(self, step: AnnealingStep) -> bool:
         """Whether the lowest cost at the q of a step is surely above the sufficient one."""
-        return taken.cost - taken.reduction - _MARGIN * taken.remaining > self.sufficient_cost
+        return step.cost - step.reduction - _MARGIN * step.remaining > self.sufficient_cost
 
     def factor(self, left: float) -> float:
         """Factor on q after a step whose quadratic model was wrong by `left` per sample."""
@@ -218,7 +218,7 @@ class _SearchState:
         """The state after equations that were not positive definite."""
         return replace(self, damping=max(10.0 * self.damping, 1e-6))
 
-    def taken(
+    def evaluated_step(
         self, step: int, misfit: Misfit, trial: Misfit, predicted: float, samples: int
     ) -> AnnealingStep:
         """The step between two misfits, whose cost was predicted to fall by `predicted`."""
@@ -226,12 +226,12 @@ class _SearchState:
         gained = cost - trial.cost(self.q)
         return AnnealingStep(step, self.q, cost, predicted, gained, trial.data / samples, self.damping)
 
-    def after(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
+    def after(self, step: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
         """The state after a step."""
-        if taken.reduction > 0.0:
-            return self._onward(taken, schedule, samples)
-        if self.stride == 1.0 and taken.gain_ratio > _LOWEST_GAIN:
-            return replace(self, stride=taken.best_length)
+        if step.reduction > 0.0:
+            return self._onward(step, schedule, samples)
+        if self.stride == 1.0 and step.gain_ratio > _LOWEST_GAIN:
+            return replace(self, stride=step.best_length)
         if self.q < self.settled:
             back = float(np.sqrt(self.q * self.settled)) if self.q < 0.9 * self.settled else self.settled
             return replace(self, q=back, stride=1.0)
@@ -239,16 +239,16 @@ class _SearchState:
             self, damping=max(self.growth * self.damping, 0.01), growth=2.0 * self.growth, stride=1.0
         )
 
-    def _onward(self, taken: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
+    def _onward(self, step: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> _SearchState:
         """The state after a step that lowered the cost: less damping (Nielsen 1999), and a lower q on convergence."""
         damping = self.damping * (
-            max(1 / 3, 1 - (2 * taken.gain_ratio - 1) ** 3) if taken.gain_ratio < 1.5 else 1 / 3
+            max(1 / 3, 1 - (2 * step.gain_ratio - 1) ** 3) if step.gain_ratio < 1.5 else 1 / 3
         )
-        stride = taken.best_length if self.stride == 1.0 and taken.gain_ratio < 0.5 else 1.0
+        stride = step.best_length if self.stride == 1.0 and step.gain_ratio < 0.5 else 1.0
         q, settled = self.q, self.settled
-        if taken.remaining < schedule.trust_per_sample * samples:
-            settled, q = q, max(schedule.final_q, q * schedule.factor(taken.remaining / samples))
-        elif taken.reduction < 0.01 * taken.cost:
+        if step.remaining < schedule.trust_per_sample * samples:
+            settled, q = q, max(schedule.final_q, q * schedule.factor(step.remaining / samples))
+        elif step.reduction < 0.01 * step.cost:
             q = max(schedule.final_q, q * schedule.largest_factor)
         return _SearchState(q, settled, damping if damping >= 1e-3 else 0.0, 2.0, stride)
 
@@ -315,23 +315,20 @@ def anneal(
                 control = control.firmer()
                 continue
             trial = evaluate(segments, attempt[0], scales, loss)
-            taken = control.taken(len(path), misfit, trial, attempt[1], samples)
-            path.append(taken)
-            progress(taken.report)
-            if taken.reduction > 0.0:
+            step = control.evaluated_step(len(path), misfit, trial, attempt[1], samples)
+            path.append(step)
+            progress(step.report)
+            if step.reduction > 0.0:
                 misfit = trial
-                schedule = schedule.held(taken, misfit, samples)
-                if schedule.exceeded(taken):
+                schedule = schedule.with_ceiling(step, misfit, samples)
+                if schedule.exceeded(step):
                     status = AnnealingStatus.COSTLY
                     break
-            if (
-                control.q <= schedule.final_q
-                and taken.remaining < schedule.tolerance + _ROUNDING * taken.cost
-            ):
+            if control.q <= schedule.final_q and step.remaining < schedule.tolerance + _ROUNDING * step.cost:
                 status = AnnealingStatus.CONVERGED
                 break
-            control = control.after(taken, schedule, samples)
-            if taken.reduction > 0.0:
+            control = control.after(step, schedule, samples)
+            if step.reduction > 0.0:
                 linear = linear_model(segments, misfit, scales, loss, executor)
     except KeyboardInterrupt:
         status = AnnealingStatus.INTERRUPTED

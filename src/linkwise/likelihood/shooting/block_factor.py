@@ -74,8 +74,8 @@ class BlockEquations:
             eliminated = halves[0].run() and halves[1].run()
         else:
             with ThreadPoolExecutor(1) as executor:
-                other = executor.submit(halves[1].run)
-                eliminated = halves[0].run() and other.result()
+                second_half = executor.submit(halves[1].run)
+                eliminated = halves[0].run() and second_half.result()
         if not eliminated:
             return None
         last = self.blocks(middle, middle + 1)
@@ -155,12 +155,12 @@ class BlockFactor:
     schur: Floats
     reduced: Floats
 
-    def solve(self, free: Bools, held: Floats | None = None) -> tuple[Floats, Floats] | None:
-        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `held` (p,), by default at zero.
+    def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
 
         None where the equations are not positive definite.
         """
-        border = np.zeros(len(self.reduced)) if held is None else np.where(free, 0.0, held)
+        border = np.zeros(len(self.reduced)) if fixed_values is None else np.where(free, 0.0, fixed_values)
         if free.any():
             try:
                 root = cholesky(self.schur[np.ix_(free, free)], lower=True)

@@ -75,12 +75,12 @@ class BorderedFactor:
     reduced: Floats
     shape: tuple[int, int]
 
-    def solve(self, free: Bools, held: Floats | None = None) -> tuple[Floats, Floats] | None:
-        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `held` (p,), by default at zero.
+    def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
 
         None where the equations are not positive definite.
         """
-        border = np.zeros(len(self.reduced)) if held is None else np.where(free, 0.0, held)
+        border = np.zeros(len(self.reduced)) if fixed_values is None else np.where(free, 0.0, fixed_values)
         if free.any():
             try:
                 root = cholesky(self.schur[np.ix_(free, free)], lower=True)

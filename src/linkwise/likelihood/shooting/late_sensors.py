@@ -32,9 +32,11 @@ def late_motion(
     sample = np.arange(len(x) - 1)[:, None]
     around = np.floor(-delay / step).astype(int) + 1 - points // 2
     first = np.clip(sample + around, 0, len(x) - points)
-    known = [np.take_along_axis(each, first + point, axis=0) for point in range(points) for each in (x, v, a)]
+    at_points = [
+        np.take_along_axis(signal, first + point, axis=0) for point in range(points) for signal in (x, v, a)
+    ]
     place = sample - delay / step - first
-    polynomial = np.tensordot(_through(points), np.stack(known), axes=1)
+    polynomial = np.tensordot(_through(points), np.stack(at_points), axes=1)
     shown, rate = (_derivative(polynomial, place, order) / step**order for order in (kind, kind + 1))
     return shown, rate
 

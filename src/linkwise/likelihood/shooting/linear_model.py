@@ -113,7 +113,7 @@ def column_origins(
         masses += [of_channel(channel) for channel in errors.channel.tolist()]
     for offset in range(sensors.offsets):
         masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
-    return [np.array(sorted(each), dtype=int) for each in masses]
+    return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
 
 
 def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:

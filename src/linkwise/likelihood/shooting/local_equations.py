@@ -46,10 +46,10 @@ class PairBlocks:
         cls, K: int, groups: tuple[Neighbourhood, Neighbourhood], sizes: tuple[int, int], kind: type
     ) -> PairBlocks:
         """Room for K segments and as many columns of each group."""
-        one, other = groups
+        first, second = groups
         return cls(
-            np.empty((K, len(one.states), sizes[1]), kind),
-            np.empty((K, sizes[0] - len(one.states), len(other.states)), kind),
+            np.empty((K, len(first.states), sizes[1]), kind),
+            np.empty((K, sizes[0] - len(first.states), len(second.states)), kind),
         )
 
     def put(self, part: slice, product: NDArray[Any]) -> Floats:
@@ -205,14 +205,14 @@ class LocalSystem:
         diagonal = np.zeros((last - first, m, m))
         right = np.zeros((last - first, p + 1, m))
         for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
-            one, other = order.of_states[pair.first], order.of_states[pair.second]
+            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
             upper = _weighted_sum(data.upper[some], defects.upper[some], weight, 2)
-            b = other.stop - other.start
-            diagonal[:, one, other] = upper[:, :, :b]
-            right[:, order.of_border[pair.second], one] = upper[:, :, b:].transpose(0, 2, 1)
+            b = at_second.stop - at_second.start
+            diagonal[:, at_first, at_second] = upper[:, :, :b]
+            right[:, order.of_border[pair.second], at_first] = upper[:, :, b:].transpose(0, 2, 1)
             if pair.first != pair.second:
                 lower = _weighted_sum(data.lower[some], defects.lower[some], weight, 1)
-                right[:, order.of_border[pair.first], other] = lower
+                right[:, order.of_border[pair.first], at_second] = lower
         before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
         later = slice(before.start + 1 - first, None)
         for number, group in enumerate(linear.groups):
@@ -246,13 +246,13 @@ class LocalSystem:
         left = self.gradient
         for form, factor in ((linear.data, 1.0), (linear.defects, weight)):
             for pair, blocks in zip(linear.pairs, form.pairs, strict=True):
-                one, other = order.of_states[pair.first], order.of_states[pair.second]
-                b = other.stop - other.start
+                at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
+                b = at_second.stop - at_second.start
                 by_second = border[order.of_border[pair.second]][: blocks.upper.shape[2] - b]
-                left[:, one] -= factor * (blocks.upper[:, :, b:] @ by_second)
+                left[:, at_first] -= factor * (blocks.upper[:, :, b:] @ by_second)
                 if pair.first != pair.second:
                     by_first = border[order.of_border[pair.first]][: blocks.lower.shape[1]]
-                    left[:, other] -= factor * (by_first @ blocks.lower)
+                    left[:, at_second] -= factor * (by_first @ blocks.lower)
         for number, group in enumerate(linear.groups):
             a = len(group.states)
             ends = linear.ends[number][:-1, :, a:] @ border[order.of_border[number]][: group.moving - a]
@@ -278,10 +278,10 @@ class LocalFactor:
         """(p,) gradient of the border."""
         return self.blocks.reduced[np.argsort(self.order.border)]
 
-    def solve(self, free: Bools, held: Floats | None = None) -> tuple[Floats, Floats] | None:
+    def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
         """As `BorderedFactor.solve`."""
         border = self.order.border
-        solved = self.blocks.solve(free[border], None if held is None else held[border])
+        solved = self.blocks.solve(free[border], None if fixed_values is None else fixed_values[border])
         if solved is None:
             return None
         return solved[0][:, self.order.places], solved[1][np.argsort(border)]
@@ -299,8 +299,8 @@ def _weighted_sum(data: NDArray[Any], defects: NDArray[Any], weight: float, axis
     """data + weight * defects, of which the latter have the first places along an axis only."""
     total = np.empty(data.shape)
     own = (slice(None),) * axis + (slice(defects.shape[axis]),)
-    other = (slice(None),) * axis + (slice(defects.shape[axis], None),)
+    beyond = (slice(None),) * axis + (slice(defects.shape[axis], None),)
     np.multiply(defects, weight, out=total[own])
     total[own] += data[own]
-    total[other] = data[other]
+    total[beyond] = data[beyond]
     return total

@@ -51,12 +51,12 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> list[list[Floats]]:
-        found, residuals = rows.part(part)
-        for kept, each in zip(ends, found, strict=True):
-            kept[part] = each.ends * joined[part, None, None].astype(np.float32)
-        exact = [kept[part].astype(float) for kept in ends]
+        by_group, residuals = rows.part(part)
+        for end, group_rows in zip(ends, by_group, strict=True):
+            end[part] = group_rows.ends * joined[part, None, None].astype(np.float32)
+        exact = [end[part].astype(float) for end in ends]
         slopes = []
-        for number, (group, own) in enumerate(zip(groups, found, strict=True)):
+        for number, (group, own) in enumerate(zip(groups, by_group, strict=True)):
             at, a = order.of_states[number], len(group.states)
             by_data = _gradient(own.data, residuals[:, :, group.channels].astype(np.float32))
             by_ends = _gradient(exact[number], missed[part][:, order.places[group.rows]])
@@ -64,7 +64,9 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
             slopes.append([by_data[:, a:].sum(axis=0, dtype=float), by_ends[:, a:].sum(axis=0)])
         corners = [
             [
-                data.pairs[number].put(part, _product([found[i].data for i in pair.groups], pair.channels)),
+                data.pairs[number].put(
+                    part, _product([by_group[i].data for i in pair.groups], pair.channels)
+                ),
                 defects.pairs[number].put(part, _product([exact[i] for i in pair.groups], pair.rows)),
             ]
             for number, pair in enumerate(pairs)
@@ -74,15 +76,15 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
     parts = _chunks(groups, K)
     for sums in map(work, parts) if executor is None else executor.map(work, parts):
         for form, kind in ((data, 0), (defects, 1)):
-            for group, each in zip(groups, sums, strict=False):
-                form.corner_gradient[group.border[: len(each[kind])]] += each[kind]
-            for pair, each in zip(pairs, sums[len(groups) :], strict=True):
-                one, other = (
-                    groups[i].border[:size] for i, size in zip(pair.groups, each[kind].shape, strict=True)
+            for group, total in zip(groups, sums, strict=False):
+                form.corner_gradient[group.border[: len(total[kind])]] += total[kind]
+            for pair, total in zip(pairs, sums[len(groups) :], strict=True):
+                first_border, second_border = (
+                    groups[i].border[:size] for i, size in zip(pair.groups, total[kind].shape, strict=True)
                 )
-                form.corner[np.ix_(one, other)] += each[kind]
+                form.corner[np.ix_(first_border, second_border)] += total[kind]
                 if pair.first != pair.second:
-                    form.corner[np.ix_(other, one)] += each[kind].T
+                    form.corner[np.ix_(second_border, first_border)] += total[kind].T
     if segments.prior is not None:
         add_prior(data.corner, data.corner_gradient, segments.prior, rows.misfit.point, rows.scales)
     unconstrained = segments.unconstrained.astype(float)
@@ -98,7 +100,7 @@ def _empty(
 ) -> LocalQuadraticForm:
     """Room for the products of as many columns of each group."""
     m, p = (
-        sum(len(each) for each in parts)
+        sum(len(part) for part in parts)
         for parts in zip(*((g.states, g.border) for g in groups), strict=True)
     )
     blocks = [
@@ -116,11 +118,11 @@ def _empty(
 def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:
     """The pairs of groups whose columns meet."""
     pairs = []
-    for first, one in enumerate(groups):
+    for first, first_group in enumerate(groups):
         for second in range(first, len(groups)):
-            other = groups[second]
-            _, *channels = np.intersect1d(one.channels, other.channels, return_indices=True)
-            _, *rows = np.intersect1d(one.rows, other.rows, return_indices=True)
+            second_group = groups[second]
+            _, *channels = np.intersect1d(first_group.channels, second_group.channels, return_indices=True)
+            _, *rows = np.intersect1d(first_group.rows, second_group.rows, return_indices=True)
             if len(channels[0]) or len(rows[0]):
                 pairs.append(MeetingGroups(first, second, (channels[0], channels[1]), (rows[0], rows[1])))
     return pairs
@@ -141,10 +143,10 @@ def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
 
 def _product(rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]) -> NDArray[Any]:
     """(k, P, P') of two groups, from the rows (k, ..., r, P) that they have in `common`."""
-    one, other = (
-        each if len(which) == each.shape[-2] else np.take(each, which, axis=-2)
-        for each, which in zip(rows, common, strict=True)
+    first, second = (
+        block if len(which) == block.shape[-2] else np.take(block, which, axis=-2)
+        for block, which in zip(rows, common, strict=True)
     )
-    k = len(one)
-    left, right = one.reshape(k, -1, one.shape[-1]), other.reshape(k, -1, other.shape[-1])
+    k = len(first)
+    left, right = first.reshape(k, -1, first.shape[-1]), second.reshape(k, -1, second.shape[-1])
     return np.asarray(left.transpose(0, 2, 1) @ right)

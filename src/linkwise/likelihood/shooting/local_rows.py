@@ -91,7 +91,7 @@ class LocalRows:
         ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
         if width:
             starts, middles = (
-                each.within(group.masses, group.links, group.memory, columns) for each in forces
+                force.within(group.masses, group.links, group.memory, columns) for force in forces
             )
             steps = march(_transfer(mechanics, group), starts, middles, *self._units(group, step, width))
             shown = self._shown_by(group, step)

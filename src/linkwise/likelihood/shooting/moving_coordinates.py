@@ -49,8 +49,8 @@ def _late_base(segments: Segments, frames: Sequence[FramedRecord]) -> tuple[Late
     for frame in frames:
         names, nothing = list(frame.names.values()), np.zeros((1, len(frame.record)))
         shown = [frame.carried.get(names[channel], nothing)[0] for channel in late]
-        delayed = np.stack([values_at_delays(each, frame.record.rate) for each in shown], axis=2)
-        values.append(np.stack([cut(each, len(segments.samples)) for each in delayed]))
+        delayed = np.stack([values_at_delays(signal, frame.record.rate) for signal in shown], axis=2)
+        values.append(np.stack([cut(signal, len(segments.samples)) for signal in delayed]))
         reaches = np.ones((len(frame.record), len(names)))
         for channel in late:
             if names[channel] in frame.carried:

@@ -194,14 +194,14 @@ def neighbourhoods(
         of = tuple(sorted(set(cluster[masses].tolist())))
         key = next(((number,) for number in of if nearby[number][masses].all()), of)
         columns.setdefault(key, []).append(column)
-    found = []
+    by_group = []
     for key, border in columns.items():
         own = groups[key[0]] if len(key) == 1 else np.empty(0, dtype=int)
         inner = np.flatnonzero(of_states == key[0]) if len(key) == 1 else np.empty(0, dtype=int)
         sources = np.unique(np.concatenate([own, *(owners[s] for s in inner), *(origins[c] for c in border)]))
         masses = np.flatnonzero(reached[:, sources.astype(int)].any(axis=1))
-        found.append(_neighbourhood(segments, (own, inner), np.array(border, dtype=int), masses, moving))
-    return found
+        by_group.append(_neighbourhood(segments, (own, inner), np.array(border, dtype=int), masses, moving))
+    return by_group
 
 
 def _neighbourhood(

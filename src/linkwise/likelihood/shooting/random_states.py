@@ -33,7 +33,7 @@ class RandomStates:
 
     rows: Indices
     deviation: Floats
-    found: Bools
+    is_estimated: Bools
     slope: Floats | None = None
     origin: Floats | None = None
     shown: Floats | None = None

@@ -54,9 +54,9 @@ class MemorySlopes:
             group.of_states(self.by_v)[number][...] = by_v
             for offset in range(size):
                 state = first + number * size + offset
-                for other in range(count):
-                    slope = others[len(group.free) + other][..., offset, :]
-                    self.by_state.append((state, first + other * size + offset, slope))
+                for source in range(count):
+                    slope = others[len(group.free) + source][..., offset, :]
+                    self.by_state.append((state, first + source * size + offset, slope))
                 for name, slope in zip(group.free, others, strict=False):
                     factors = self.parameter_map[group.row(name).start + offset]
                     for column in np.flatnonzero(factors):

@@ -166,11 +166,11 @@ def _require_same_channels(
     places |= {(kind, name): structure.size for name in structure.points for kind in "xva"}
     unknown = [channel for channel in parsed if (channel.kind, channel.mass) not in places]
     if unknown:
-        what, kind = ("link or state", unknown[0].kind) if unknown[0].of_link else ("mass", "x")
-        known = [name for own, name in places if own == kind]
+        owner, kind = ("link or state", unknown[0].kind) if unknown[0].of_link else ("mass", "x")
+        available = [name for own, name in places if own == kind]
         raise IdentificationError(
-            f"channel {unknown[0]} belongs to no {what} of the structure, whose "
-            f"{'masses' if what == 'mass' else what + 's'} are {', '.join(known) or 'none'}"
+            f"channel {unknown[0]} belongs to no {owner} of the structure, whose "
+            f"{'masses' if owner == 'mass' else owner + 's'} are {', '.join(available) or 'none'}"
         )
 
 
@@ -318,9 +318,9 @@ def signal_at_points(
     samples, refine = grid
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)
     if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
-        held = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]
-        shape = (len(held), len(POINTS), count)
-        return np.broadcast_to(held, shape).copy(), np.zeros(shape)
+        stepped = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]
+        shape = (len(stepped), len(POINTS), count)
+        return np.broadcast_to(stepped, shape).copy(), np.zeros(shape)
     signal = interpolated(record.start, record.rate, values, kind)
     step = record.step / refine
     time = record.start + step * (steps.T[:, None, :] + POINTS[None, :, None])

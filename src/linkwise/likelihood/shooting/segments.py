@@ -64,7 +64,7 @@ class Sensors:
 
     def shown(self, motions: Sequence[NDArray[Any]], axis: int) -> list[NDArray[Any]]:
         """What sensors of each kind show, with the points behind the masses along an axis."""
-        return [self.with_points(each, axis) if kind < F else each for kind, each in enumerate(motions)]
+        return [self.with_points(motion, axis) if kind < F else motion for kind, motion in enumerate(motions)]
 
     def orbit_with_points(self, orbit: Trajectories) -> Trajectories:
         """An orbit with the points behind the masses in its states and accelerations at the ends of steps."""
@@ -176,13 +176,13 @@ class Segments:
 
     def chosen(self, which: Indices) -> Self:
         """Some of the segments; those that follow each other in the record stay linked."""
-        kept = self.linked[which[:-1]] & (np.diff(which) == 1)
+        linked = self.linked[which[:-1]] & (np.diff(which) == 1)
         return replace(
             self,
             samples=self.samples[..., which],
             observed=self.observed[..., which],
             step=self.step[which],
-            linked=kept,
+            linked=linked,
             inputs=self.inputs.part(which),
             relative_noise=None if self.relative_noise is None else self.relative_noise[:, which],
             carried=None if self.carried is None else self.carried[..., which],

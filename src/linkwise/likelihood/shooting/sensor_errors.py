@@ -26,7 +26,7 @@ class SensorErrors:
 
     channel: Indices
     kind: tuple[str, ...]
-    other: Indices
+    source: Indices
     values: Floats
 
     @classmethod
@@ -45,13 +45,13 @@ class SensorErrors:
         ]
         if len(motions) <= _COUPLED:
             rows += [
-                (one, "crosstalk", other, motions[other][0])
-                for one in range(len(motions))
-                for other in range(len(motions))
-                if one != other and sensors.kind[one] == sensors.kind[other]
+                (channel, "crosstalk", source, motions[source][0])
+                for channel in range(len(motions))
+                for source in range(len(motions))
+                if channel != source and sensors.kind[channel] == sensors.kind[source]
             ]
-        channel, kind, other, values = zip(*rows, strict=True)
-        return cls(np.array(channel), kind, np.array(other), np.stack(values, axis=1))
+        channel, kind, source, values = zip(*rows, strict=True)
+        return cls(np.array(channel), kind, np.array(source), np.stack(values, axis=1))
 
 
 def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:

@@ -36,15 +36,15 @@ class ShapeParameters:
     @classmethod
     def of(cls, structure: Structure, order: Indices) -> ShapeParameters | None:
         """The shapes among the parameters of a structure, `order` (L,) being that of the links; None without any."""
-        found = [
+        shapes = [
             (column, structure.points.index(_point(structure, *member)), -1 - member[0])
             for column, parameter in enumerate(structure.parameters)
             for member in parameter.members
             if member[0] < 0 and member[1].startswith(SHAPE)
         ]
-        if not found:
+        if not shapes:
             return None
-        columns, points, modes = np.array(found, dtype=int).T
+        columns, points, modes = np.array(shapes, dtype=int).T
         ends = [structure.links[number].between for number in order.tolist()]
         sides = [[float(a == point) - float(b == point) for a, b in ends] for point in structure.points]
         start = np.array([structure.topology.row(name) for name in structure.points])

@@ -111,13 +111,13 @@ class TangentForces:
                 (masses, len(self.mass_values)),
                 (links, self.by_d.shape[1]),
                 (states, len(self.owners)),
-                (columns, self.width + sum(len(each[1]) for each in self.candidates)),
+                (columns, self.width + sum(len(candidate[1]) for candidate in self.candidates)),
             )
         )
         own.by_d, own.by_v = self.by_d[:, links], self.by_v[:, links]
-        kept = (at_link[self.rows] >= 0) & (at_column[self.columns] >= 0)
-        own.rows, own.columns = at_link[self.rows[kept]], at_column[self.columns[kept]]
-        own.by_parameter = self.by_parameter[:, kept]
+        retained = (at_link[self.rows] >= 0) & (at_column[self.columns] >= 0)
+        own.rows, own.columns = at_link[self.rows[retained]], at_column[self.columns[retained]]
+        own.by_parameter = self.by_parameter[:, retained]
         own.masses = [
             (int(at_mass[i]), int(at_column[column]), change)
             for i, column, change in self.masses

@@ -75,17 +75,17 @@ class Disturbance:
                     f"s: more than {MOST_PIECES} of them would follow the motion"
                 )
         half = min(record.rate for record in records) / 2.0
-        for name, frequency in ((name, each) for name, several in hums.items() for each in several):
+        for name, frequency in ((name, frequency) for name, several in hums.items() for frequency in several):
             if not 0.0 < frequency < half:
                 raise IdentificationError(
                     f"the hum of {name} must have a frequency between 0 and half the rate, {half:g} Hz, got {frequency:g} Hz"
                 )
         return tuple(
-            each
+            disturbance
             for number, record in enumerate(records)
-            for each in (
+            for disturbance in (
                 *(cls(name, number, _pieces(record, seconds)) for name, seconds in drifts.items()),
-                *(cls(name, number, 2, each) for name, several in hums.items() for each in several),
+                *(cls(name, number, 2, frequency) for name, several in hums.items() for frequency in several),
             )
         )
 
@@ -98,7 +98,7 @@ class Disturbance:
         pieces = elapsed / max(record.duration, np.finfo(float).tiny) * self.count
         return np.clip(pieces[:, None] - np.arange(self.count), 0.0, 1.0)
 
-    def told(self, sizes: Floats, deviations: Floats, unit: str) -> str:
+    def describe(self, sizes: Floats, deviations: Floats, unit: str) -> str:
         """A sentence on what was found, from the sizes (count,) and their standard deviations."""
         error = float(np.sqrt(np.mean(deviations**2)))
         if self.frequency is not None:
@@ -164,15 +164,15 @@ def frequencies_by_channel(hums: Mapping[str, float | Sequence[float]]) -> dict[
     IdentificationError
         If they are not numbers by channel.
     """
-    found = {}
+    frequencies = {}
     for name, several in hums.items() if isinstance(hums, Mapping) else [(hums, None)]:
-        each: object = (several,) if _is_number(several) else several
-        if isinstance(each, str) or not isinstance(each, Sequence) or not all(map(_is_number, each)):
+        values: object = (several,) if _is_number(several) else several
+        if isinstance(values, str) or not isinstance(values, Sequence) or not all(map(_is_number, values)):
             raise IdentificationError(
                 f'hums takes frequencies in Hz by channel, as in {{"x:m1": 50.0}}, got {hums!r}'
             )
-        found[str(name)] = tuple(float(frequency) for frequency in each)
-    return found
+        frequencies[str(name)] = tuple(float(frequency) for frequency in values)
+    return frequencies
 
 
 def _is_number(value: object) -> bool:

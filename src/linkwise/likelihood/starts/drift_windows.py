@@ -161,17 +161,17 @@ def drift_candidates(
     if windows.integration_order == 0:
         line = np.zeros((2, 1, len(windows.d)))
         return DriftCandidates(line, _normal_equations(windows, link, values, line)[0], np.zeros_like(line))
-    kept = _distinct(_minimised(windows, link, values, _grid_minima(windows, link, values)))
+    distinct = _distinct(_minimised(windows, link, values, _grid_minima(windows, link, values)))
     for _ in range(rounds):
-        new = _minimised(windows, link, values, _lines_of_neighbours(windows, kept.lines))
-        kept = _distinct(
+        new = _minimised(windows, link, values, _lines_of_neighbours(windows, distinct.lines))
+        distinct = _distinct(
             DriftCandidates(
-                np.concatenate([kept.lines, new.lines], axis=1),
-                np.concatenate([kept.cost, new.cost]),
-                np.concatenate([kept.spread, new.spread], axis=1),
+                np.concatenate([distinct.lines, new.lines], axis=1),
+                np.concatenate([distinct.cost, new.cost]),
+                np.concatenate([distinct.spread, new.spread], axis=1),
             )
         )
-    return kept
+    return distinct
 
 
 def _lines_of_neighbours(windows: DriftWindows, lines: Floats) -> Floats:

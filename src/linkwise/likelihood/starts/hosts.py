@@ -179,10 +179,10 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
         )
         for side in ("lower", "upper")
     )
-    found = scipy.optimize.least_squares(
+    optimum = scipy.optimize.least_squares(
         residual, np.zeros(len(free)), bounds=(lower, upper), diff_step=_DIFFERENCE, max_nfev=_STEPS
     )
-    return dict(zip((p.name for p in free), map(float, start + unit * found.x), strict=True))
+    return dict(zip((p.name for p in free), map(float, start + unit * optimum.x), strict=True))
 
 
 def _with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
@@ -306,15 +306,15 @@ def _best_start(
     shapes = {p.name: p.start for p in structure.parameters if is_shape(p.name) and p.start is not None}
     trials: list[tuple[float, int, dict[str, float]]] = []
     for motion in _motions(record, _with_starts(structure, tuned), sigma):
-        found = start_of_links(motion.signals, structure, given, motion.open) | shapes | dict(given) | tuned
+        start = start_of_links(motion.signals, structure, given, motion.open) | shapes | dict(given) | tuned
         valued = structure.with_values(
-            {p.name: found[p.name] for p in structure.parameters if p.name in found}
+            {p.name: start[p.name] for p in structure.parameters if p.name in start}
         )
-        trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), found))
-    found = min(trials)[-1]
-    missing = [p.name for p in structure.parameters if p.name not in found]
+        trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), start))
+    start = min(trials)[-1]
+    missing = [p.name for p in structure.parameters if p.name not in start]
     if missing:
         raise IdentificationError(
             f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
         )
-    return {p.name: found[p.name] for p in structure.parameters}
+    return {p.name: start[p.name] for p in structure.parameters}

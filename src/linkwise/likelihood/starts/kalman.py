@@ -210,8 +210,8 @@ def _gain(model: LinearModel, covariance: Floats, known: Bools) -> _Gain:
     if failed:
         raise np.linalg.LinAlgError("the covariance of the samples is not positive definite")
     gain = lapack.dpotrs(factor, cross.T, lower=1)[0].T
-    kept = np.eye(m) - gain @ observation  # Joseph's form, which stays positive
-    updated = kept @ covariance @ kept.T + (gain * model.noise[chosen]) @ gain.T
+    complement = np.eye(m) - gain @ observation  # Joseph's form, which stays positive
+    updated = complement @ covariance @ complement.T + (gain * model.noise[chosen]) @ gain.T
     whitening = lapack.dtrtri(factor, lower=1)[0]
     return _Gain(
         chosen, gain, whitening, float(np.log(factor.diagonal()).sum()), covariance, _symmetric(updated)
@@ -265,6 +265,6 @@ def _symmetric(matrix: Floats) -> Floats:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
-def _close(one: Floats, other: Floats) -> bool:
-    scale = np.sqrt(np.maximum(np.outer(one.diagonal(), one.diagonal()), np.finfo(float).tiny))
-    return bool((np.abs(one - other) <= _SETTLED * scale).all())
+def _close(first: Floats, second: Floats) -> bool:
+    scale = np.sqrt(np.maximum(np.outer(first.diagonal(), first.diagonal()), np.finfo(float).tiny))
+    return bool((np.abs(first - second) <= _SETTLED * scale).all())

@@ -71,7 +71,7 @@ class LinearPart:
         size = self._force_sizes(record)
         intensity = np.zeros(m)
         intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
-        transition, process, held = _discrete(rates, drive, intensity, record.step)
+        transition, process, input_effect = _discrete(rates, drive, intensity, record.step)
         rows = np.stack([structure.topology.row(Channel.parse(name).mass) for name in _shown(record)])
         kinds = ["xva".index(Channel.parse(name).kind) for name in _shown(record)]
         by_kind = np.stack([np.eye(m)[:n], np.eye(m)[n : 2 * n], rates[n : 2 * n]])
@@ -88,7 +88,7 @@ class LinearPart:
             process=process,
             observation=np.concatenate([observation, bounded]),
             noise=np.array([*noise, *[bound**2 * _CORRELATED * record.rate] * u]),
-            drive=held,
+            drive=input_effect,
             direct=np.concatenate(
                 [
                     np.stack([row @ direct[kind] for row, kind in zip(rows, kinds, strict=True)]),
@@ -124,7 +124,9 @@ def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
     coefficients = link.coefficients.values()
     if any(coefficient.value is None for coefficient in coefficients):
         if mode:
-            missing = next(name for name, each in link.coefficients.items() if each.value is None)
+            missing = next(
+                name for name, coefficient in link.coefficients.items() if coefficient.value is None
+            )
             raise IdentificationError(
                 f"no starting value for {link.name}.{missing}: state {{ start = ... }} for it in the structure"
             )
@@ -172,9 +174,9 @@ def inputs_of(record: Record) -> Floats:
 def _discrete(rates: Floats, drive: Floats, intensity: Floats, step: float) -> tuple[Floats, Floats, Floats]:
     """Transition, process covariance (by Van Loan's method) and effect of inputs over a step."""
     m, r = len(rates), drive.shape[1]
-    held = np.zeros((m + r, m + r))
-    held[:m, :m], held[:m, m:] = rates, drive
-    whole = scipy.linalg.expm(held * step)
+    augmented = np.zeros((m + r, m + r))
+    augmented[:m, :m], augmented[:m, m:] = rates, drive
+    whole = scipy.linalg.expm(augmented * step)
     scale = np.sqrt(np.maximum(intensity, 0.0))
     block = np.zeros((2 * m, 2 * m))
     block[:m, :m], block[:m, m:], block[m:, m:] = -rates, np.diag(scale**2), rates.T

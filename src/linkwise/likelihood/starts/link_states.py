@@ -103,13 +103,13 @@ def _rates(
     )
     moved, inside = np.empty((2, like.shape[-1])), np.empty_like(like)
     arrays = [*moved, *inside, *(np.asarray(values[name], dtype=np.float64) for name in law.coefficients)]
-    found = np.empty_like(like)
-    operations = program.into(arrays, list(found))
+    outputs = np.empty_like(like)
+    operations = program.into(arrays, list(outputs))
 
     def rates(d: Floats, v: Floats, states: Floats) -> Floats:
         moved[0], moved[1], inside[:] = d, v, states
         for operation in operations:
             operation()
-        return found.copy()
+        return outputs.copy()
 
     return rates

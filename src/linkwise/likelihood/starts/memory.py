@@ -63,12 +63,12 @@ def memory_starts(
 
 
 def _distinct(valleys: Sequence[Valley]) -> tuple[Valley, ...]:
-    kept: list[Valley] = []
+    distinct: list[Valley] = []
     for valley in valleys:
         sizes = np.maximum(np.abs(valley.values), 1e-300)
-        if all(np.max(np.abs(valley.values - other.values) / sizes) > _DISTINCT for other in kept):
-            kept.append(valley)
-    return tuple(kept)
+        if all(np.max(np.abs(valley.values - previous.values) / sizes) > _DISTINCT for previous in distinct):
+            distinct.append(valley)
+    return tuple(distinct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,9 +155,9 @@ class _Search:
     def solved(self, curved: Floats) -> tuple[Floats, float]:
         """Values (p,) of all parameters, and the part in power that is left."""
         ((linear, left),) = self.regressed(curved[None])
-        found = dict(zip((p.name for p in self.curved), curved, strict=True))
-        found |= dict(zip((p.name for p in self.straight), linear, strict=True))
-        values = np.array([found[p.name] for p in self.structure.parameters])
+        values_by_name = dict(zip((p.name for p in self.curved), curved, strict=True))
+        values_by_name |= dict(zip((p.name for p in self.straight), linear, strict=True))
+        values = np.array([values_by_name[p.name] for p in self.structure.parameters])
         return values, float(np.mean(left**2))
 
     def refined(self, trials: Floats) -> Floats:

@@ -24,30 +24,34 @@ def motion_from_states(
     transducer or a coil; displacements are integrals from 0.
     """
     names = structure.mass_names
-    known = {name: row for name, row in zip(names, v, strict=True) if row.any()}
-    known[GROUND] = np.zeros(len(record))
+    known_velocities = {name: row for name, row in zip(names, v, strict=True) if row.any()}
+    known_velocities[GROUND] = np.zeros(len(record))
     if f"x:{BASE}" in record.channels:
-        known[BASE] = np.gradient(record.channel(f"x:{BASE}"), record.step)
-    found, waiting = [], list(structure.links)
+        known_velocities[BASE] = np.gradient(record.channel(f"x:{BASE}"), record.step)
+    filled, waiting = [], list(structure.links)
     while waiting:
         links, waiting = waiting, []
         for link in links:
             first, second = link.between
-            if first not in known and second not in known:
+            if first not in known_velocities and second not in known_velocities:
                 waiting.append(link)  # until a link of one of its ends tells
-            if (first in known) == (second in known):
+            if (first in known_velocities) == (second in known_velocities):
                 continue
             rate = _rate(link, record, sigma)
             if rate is None:
                 continue
-            name = second if first in known else first
-            known[name] = known[first] - rate if first in known else known[second] + rate
+            name = second if first in known_velocities else first
+            known_velocities[name] = (
+                known_velocities[first] - rate
+                if first in known_velocities
+                else known_velocities[second] + rate
+            )
             number = names.index(name)
-            v[number], x[number] = known[name], integral(known[name], record.step)
-            found.append(number)
+            v[number], x[number] = known_velocities[name], integral(known_velocities[name], record.step)
+            filled.append(number)
         if len(waiting) == len(links):
             break
-    return tuple(found)
+    return tuple(filled)
 
 
 def _rate(link: Link, record: Record, sigma: Mapping[str, float]) -> Floats | None:
@@ -73,6 +77,6 @@ def _affine(link: Link, number: int, values: Mapping[str, float | Floats]) -> tu
 
     at_rest = rate(0.0, 0.0)
     slope = rate(0.0, 1.0) - at_rest
-    same = (rate(1.0, 1.0) - at_rest, at_rest - rate(0.0, -1.0), 0.5 * (rate(0.0, 2.0) - at_rest))
-    steady = all(np.abs(other - slope).max() <= _AFFINE * np.abs(slope).max() for other in same)
+    estimates = (rate(1.0, 1.0) - at_rest, at_rest - rate(0.0, -1.0), 0.5 * (rate(0.0, 2.0) - at_rest))
+    steady = all(np.abs(estimate - slope).max() <= _AFFINE * np.abs(slope).max() for estimate in estimates)
     return at_rest, slope if steady and np.abs(slope).min() > 0.0 else None

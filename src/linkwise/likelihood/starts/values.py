@@ -82,18 +82,18 @@ def _beside_priors(
     records: Sequence[Record],
     structure: Structure,
     given: Mapping[str, float],
-    held: Sequence[str],
+    fixed: Sequence[str],
     weak: WeakStart | None,
 ) -> tuple[Floats, Floats | None]:
-    """Starting values with the parameters `held` at the most likely values of their priors."""
-    priors = {p.name: p for p in structure.parameters if p.name in held}
-    rest = structure.with_values({name: _start(p) for name, p in priors.items()}) if priors else structure
+    """Starting values with the parameters `fixed` at the most likely values of their priors."""
+    priors = {p.name: p for p in structure.parameters if p.name in fixed}
+    reduced = structure.with_values({name: _start(p) for name, p in priors.items()}) if priors else structure
     values, deviations = (
-        _values(records, rest, given, weak) if rest.parameters else (np.zeros(0), np.zeros(0))
+        _values(records, reduced, given, weak) if reduced.parameters else (np.zeros(0), np.zeros(0))
     )
-    names = [p.name for p in rest.parameters]
-    found = dict(zip(names, values, strict=True)) | {name: _start(p) for name, p in priors.items()}
-    start = np.array([found[p.name] for p in structure.parameters])
+    names = [p.name for p in reduced.parameters]
+    values_by_name = dict(zip(names, values, strict=True)) | {name: _start(p) for name, p in priors.items()}
+    start = np.array([values_by_name[p.name] for p in structure.parameters])
     if deviations is None:
         return start, None
     spread = dict(zip(names, deviations, strict=True)) | {name: p.sigma for name, p in priors.items()}
@@ -143,8 +143,8 @@ def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]
     """The records with integrated displacements, if they lack some and every mass has a sensor; else none."""
     channels = records[0].channels
     displaced = all(f"x:{name}" in channels for name in structure.mass_names)
-    seen = all(any(f"{kind}:{name}" in channels for kind in "xva") for name in structure.mass_names)
-    if displaced or not seen:
+    measured = all(any(f"{kind}:{name}" in channels for kind in "xva") for name in structure.mass_names)
+    if displaced or not measured:
         return []
     return [with_displacements(record, structure.masses) for record in records]
 
