@@ -37,21 +37,21 @@ def elastic(names: frozenset[str], pool: Candidates) -> set[str]:
 @pytest.mark.parametrize(("decibel", "seed"), [(40.0, 1000), (30.0, 1001), (20.0, 1002)])
 def test_every_spring_and_cubic_term_of_the_chain_stands(decibel: float, seed: int) -> None:
     found, pool = run(noisy_record(decibel, seed), lw.bnes_chain(4))
-    assert elastic(found.kept, pool) == ELASTIC
+    assert elastic(found.significant, pool) == ELASTIC
     assert found.tested == frozenset(pool.by_name)
 
 
 def test_where_a_spring_stands_its_damper_goes_along() -> None:
     """The weak form can hardly see dampers, so every link that stands takes one to the likelihood."""
     found, pool = run(noisy_record(20.0, 1000), lw.bnes_chain(4))
-    for name in some(elastic(found.kept, pool)):
-        assert f"{name.split('.')[0]}.c" in found.kept
+    for name in some(elastic(found.significant, pool)):
+        assert f"{name.split('.')[0]}.c" in found.significant
 
 
 def test_a_linear_chain_shows_no_cubic_term() -> None:
     linear = linear_chain(4)
     found, pool = run(linear.clean.with_noise(30.0, seed=1000), linear.structure)
-    assert elastic(found.kept, pool) == {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m4-m3.k"}
+    assert elastic(found.significant, pool) == {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m4-m3.k"}
 
 
 def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,7 +62,7 @@ def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> N
     found, _ = run(record, lw.bnes_chain(4))
     true = ELASTIC | {"m1-ground.c", "m3-m1.c", "m2-m1.c", "m4-m3.c"}
     assert true <= found.tested < frozenset(pool.by_name)
-    assert elastic(found.kept, pool) == elastic(together.kept, pool)
+    assert elastic(found.significant, pool) == elastic(together.significant, pool)
 
 
 def test_measured_displacements_stay_as_they_are() -> None:

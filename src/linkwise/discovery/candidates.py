@@ -108,16 +108,16 @@ class Candidates:
 
         Raises IdentificationError if a mass has no link.
         """
-        kept: dict[int, list[Term]] = {}
+        chosen_terms: dict[int, list[Term]] = {}
         for entry in self.entries:
             if entry.name in chosen:
-                kept.setdefault(entry.pair, []).append(entry.term)
+                chosen_terms.setdefault(entry.pair, []).append(entry.term)
                 if entry.name in self.free:
-                    kept[entry.pair][-1] = entry.offered
+                    chosen_terms[entry.pair][-1] = entry.offered
         links = [
             link
             for number, pair in enumerate(self.pairs)
-            for link in _links(pair, kept.get(number, []), self._unknown_parameters(number))
+            for link in _links(pair, chosen_terms.get(number, []), self._unknown_parameters(number))
         ]
         linked = {end for link in links for end in link.between}
         free = [mass.name for mass in self.masses if mass.name not in linked]
@@ -175,7 +175,7 @@ def all_candidates(
     _require_single_names(masses)
     ends = (*_moving_points(hosts), *(mass.name for mass in masses))
     names = {*ends, *(point for host in hosts for point in host.points)}
-    known: dict[frozenset[str], list[Link]] = {}
+    stated_links: dict[frozenset[str], list[Link]] = {}
     for link in stated:
         strange = [end for end in link.between if end not in names and end not in (GROUND, BASE)]
         if strange:
@@ -184,26 +184,26 @@ def all_candidates(
                 f"{'masses and points' if hosts else 'masses'} {', '.join(sorted(names))}",
                 f'link "{link.name}"',
             )
-        known.setdefault(frozenset(link.between), []).append(link)
+        stated_links.setdefault(frozenset(link.between), []).append(link)
     based = base or any(BASE in link.between for link in stated)
     supports = (*((BASE,) if based else ()), *((GROUND,) if ground else ()))
-    taken = {link.name for links in known.values() for link in links}
+    link_names = {link.name for links in stated_links.values() for link in links}
     pairs = []
     for number, end in enumerate(ends):
-        for other in (*supports, *ends[:number]):
-            links = tuple(known.get(frozenset((end, other)), ()))
+        for partner in (*supports, *ends[:number]):
+            links = tuple(stated_links.get(frozenset((end, partner)), ()))
             if any(link.law.expression == Number(0.0) for link in links):
                 continue
-            if not links and _move_alike(hosts, end, other):
+            if not links and _move_alike(hosts, end, partner):
                 continue
             if links:
                 pairs.append(Pair(links[0].name, links[0].between, links))
             else:
-                name = f"{end}-{other}"
-                while name in taken:  # masses "a-b" and "c" beside "a" and "b-c"
+                name = f"{end}-{partner}"
+                while name in link_names:  # masses "a-b" and "c" beside "a" and "b-c"
                     name += "_"
-                taken.add(name)
-                pairs.append(Pair(name, (end, other)))
+                link_names.add(name)
+                pairs.append(Pair(name, (end, partner)))
     return Candidates(tuple(masses), tuple(pairs), tuple(terms), hosts=tuple(hosts))
 
 
@@ -235,13 +235,13 @@ def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
 
     A constant force acts on a mass from the ground or the base only.
     """
-    taken = {name for link in pair.stated for name in link.law.coefficients}
+    coefficient_names = {name for link in pair.stated for name in link.law.coefficients}
     stated = {basis for link in pair.stated for basis in link.law.basis.values()}
     grounded = not {GROUND, BASE}.isdisjoint(pair.between)
     candidates = [
         term for term in terms if term.law.expression not in stated and (grounded or not term.is_constant)
     ]
-    return [term.beside(taken) for term in candidates]
+    return [term.beside(coefficient_names) for term in candidates]
 
 
 def _links(pair: Pair, terms: Sequence[Term], parameters: Mapping[str, Coefficient]) -> tuple[Link, ...]:

@@ -90,7 +90,9 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     equal = [set(group) for group, _ in together]
     in_proportion = _groups(records, moving, _deviation_to_noise, _IN_PROPORTION)
     in_proportion = [
-        (group, ratio) for group, ratio in in_proportion if not any(set(group) <= each for each in equal)
+        (group, ratio)
+        for group, ratio in in_proportion
+        if not any(set(group) <= members for members in equal)
     ]
     for group, ratio in in_proportion:
         remarks.append(
@@ -104,18 +106,20 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
 
 def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     """What records cannot show of candidates between points of hosts; which of them are alike, the fit says."""
-    seen = [name for name in candidates.places if any(_shows(record, name) for record in records)]
-    if not seen:
+    measured = [name for name in candidates.places if any(_shows(record, name) for record in records)]
+    if not measured:
         raise IdentificationError(
             f"no channel measures the motion of a mass or point, which are {_enumerate(candidates.places)}; add a channel "
             f"a:{candidates.places[0]}",
             arguments=("channels",),
         )
-    ratios = [_signal_to_noise(record, [name for name in seen if _shows(record, name)]) for record in records]
-    if all(ratio < _AT_REST for each in ratios for ratio in each):
+    ratios = [
+        _signal_to_noise(record, [name for name in measured if _shows(record, name)]) for record in records
+    ]
+    if all(ratio < _AT_REST for record_ratios in ratios for ratio in record_ratios):
         raise IdentificationError(_NO_MOTION)
     remarks = []
-    missed = [name for name in candidates.places if name not in seen]
+    missed = [name for name in candidates.places if name not in measured]
     if missed:
         remarks.append(
             f"No channel measures the motion of {_enumerate(missed)}: it follows from the modes and the other channels, and "
@@ -270,16 +274,16 @@ def _deviation_to_noise(record: Record, first: str, second: str) -> float:
     return min(_off_multiple(record, noise, *pair) for pair in ((first, second), (second, first)))
 
 
-def _off_multiple(record: Record, noise: Mapping[str, float], channel: str, other: str) -> float:
-    x, y = record.channel(channel), record.channel(other)
+def _off_multiple(record: Record, noise: Mapping[str, float], channel: str, reference: str) -> float:
+    x, y = record.channel(channel), record.channel(reference)
     both = np.isfinite(x) & np.isfinite(y)
     x, y = x[both] - x[both].mean(), y[both] - y[both].mean()
-    moved = float(np.mean(y**2)) - noise[other] ** 2
+    moved = float(np.mean(y**2)) - noise[reference] ** 2
     power = float(np.mean(x**2)) - noise[channel] ** 2
     if not (power > 0.0 and moved > 0.0):
         return np.inf
     product = float(np.mean(x * y))
-    variance = noise[channel] ** 2 + (product / moved * noise[other]) ** 2
+    variance = noise[channel] ** 2 + (product / moved * noise[reference]) ** 2
     deviation = power - product**2 / moved
     return deviation / variance if deviation < _STIFF * power and variance > 0.0 else np.inf
 

@@ -301,8 +301,8 @@ def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
 def _channels_of(record: Record, places: Sequence[str]) -> Record:
     """`record` without the channels of other masses; the same object if it has none."""
     names = {BASE, *places}
-    kept = [channel for channel in record.channels if Channel.parse(channel).mass in names]
-    return record if len(kept) == len(record.channels) else record.select(kept)
+    channels = [channel for channel in record.channels if Channel.parse(channel).mass in names]
+    return record if len(channels) == len(record.channels) else record.select(channels)
 
 
 def _discovery(

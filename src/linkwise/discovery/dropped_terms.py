@@ -42,16 +42,16 @@ class DroppedTerms:
     shares: Floats
 
     @classmethod
-    def of(cls, quadratic: QuadraticModel, penalty: Penalty, kept: int) -> DroppedTerms:
-        """Those of a model whose first `kept` coefficients are those of the selection.
+    def of(cls, quadratic: QuadraticModel, penalty: Penalty, count: int) -> DroppedTerms:
+        """Those of a model whose first `count` coefficients are those of the selection.
 
         Raises numpy.linalg.LinAlgError if the columns of the selection are linearly dependent.
         """
-        linked = set(penalty.pair[:kept].tolist()) | penalty.stated
-        others = range(kept, len(quadratic.names))
+        linked = set(penalty.pair[:count].tolist()) | penalty.stated
+        others = range(count, len(quadratic.names))
         dropped = np.array([number for number in others if penalty.pair[number] in linked], dtype=np.intp)
-        inside = np.arange(kept)
-        covariance = inverse_of(quadratic.h[:kept, :kept])
+        inside = np.arange(count)
+        covariance = inverse_of(quadratic.h[:count, :count])
         follow = covariance @ quadratic.h[np.ix_(inside, dropped)]
         square = quadratic.h[dropped, dropped]
         scale = 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0))
@@ -59,7 +59,7 @@ class DroppedTerms:
         size, vectors = np.linalg.eigh(left * np.outer(scale, scale))
         independent = size > _DEPENDENT
         root = scale[:, None] * vectors[:, independent] / np.sqrt(size[independent])
-        values = root @ (root.T @ (quadratic.g[dropped] - follow.T @ quadratic.g[:kept]))
+        values = root @ (root.T @ (quadratic.g[dropped] - follow.T @ quadratic.g[:count]))
         moment = np.outer(values, values)
         if quadratic.scatter is None:
             moment += root @ root.T
@@ -67,10 +67,10 @@ class DroppedTerms:
             both = np.concatenate([inside, dropped])
             influence = root @ (root.T @ np.hstack([-follow.T, np.eye(len(dropped))]))
             moment += influence @ quadratic.scatter[np.ix_(both, both)] @ influence.T
-        of_kept = follow @ moment @ follow.T
+        of_selected = follow @ moment @ follow.T
         return cls(
             names=tuple(quadratic.names[number] for number in dropped),
-            covariance=0.5 * (of_kept + of_kept.T),
+            covariance=0.5 * (of_selected + of_selected.T),
             shares=follow**2 * moment.diagonal(),
         )
 

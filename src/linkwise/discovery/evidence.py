@@ -78,10 +78,10 @@ def term_evidence(
                 possible_share=(abs(float(value)) + NORMAL_95 * error) * shares.get(entry.name, 0.0),
             )
             terms.append(term)
-    kept = [term for term in terms if term.kept]
+    selected = [term for term in terms if term.kept]
     dropped = [term for term in terms if not term.kept]
     return (
-        *sorted(kept, key=lambda term: -term.margin),
+        *sorted(selected, key=lambda term: -term.margin),
         *sorted(dropped, key=lambda term: term.margin),
     )
 
@@ -97,8 +97,8 @@ def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, 
             damping.setdefault(entry.pair, []).append(float(z))
     return tuple(
         candidates.pairs[pair].name
-        for pair, found in damping.items()
-        if len(found) > 1 and min(found) < -_NEGATIVE
+        for pair, scores in damping.items()
+        if len(scores) > 1 and min(scores) < -_NEGATIVE
     )
 
 
@@ -114,8 +114,8 @@ def _ambiguous_masses(
         return frozenset()
     neighbours: dict[str, set[str]] = {}
     for link in selection.structure.links:
-        for mass, other in (link.between, link.between[::-1]):
-            neighbours.setdefault(mass, set()).add(other)
+        for mass, neighbour in (link.between, link.between[::-1]):
+            neighbours.setdefault(mass, set()).add(neighbour)
     supports = {GROUND, BASE}
     spread = {
         mass

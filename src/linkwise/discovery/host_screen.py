@@ -72,19 +72,19 @@ def _added_links(tried: _Filter, structure: Structure, candidates: Candidates) -
     others = [number for number in tried.linear.open if number not in chosen]
     samples = int(np.isfinite(tried.samples).sum())
     least = 0.5 * Penalty.of(candidates, (), samples).link
-    known = tried.evidence(chosen)
+    current = tried.evidence(chosen)
     while others and len(chosen) < _MOST:
         loose = _loose(chosen, structure, candidates)
-        found = {number: tried.evidence((*chosen, number)) for number in others}
-        best = max(found, key=lambda number: found[number])
-        if found[best] < known + least:
+        evidence_with = {number: tried.evidence((*chosen, number)) for number in others}
+        best = max(evidence_with, key=lambda number: evidence_with[number])
+        if evidence_with[best] < current + least:
             around = [number for number in others if not loose.isdisjoint(structure.links[number].between)]
             if not around:
                 break
-            best = max(around, key=lambda number: found[number])
+            best = max(around, key=lambda number: evidence_with[number])
         chosen.append(best)
         others.remove(best)
-        known = found[best]
+        current = evidence_with[best]
     return chosen
 
 
@@ -128,10 +128,10 @@ class _Filter:
             model = _with_random_modes(model, self.linear.structure.size, self.record.step)
             bounds = model.noise[len(model.noise) - len(links) :]  # of elongations, which are no samples
             with np.errstate(all="ignore"):
-                found = log_likelihood(model, samples, inputs) + 0.5 * len(samples) * float(
+                log_evidence = log_likelihood(model, samples, inputs) + 0.5 * len(samples) * float(
                     np.log(bounds).sum()
                 )
-            best = max(best, found) if np.isfinite(found) else best
+            best = max(best, log_evidence) if np.isfinite(log_evidence) else best
         return best
 
 

@@ -20,10 +20,10 @@ _NAMED = 3
 
 @dataclass(frozen=True)
 class LinkExchange:
-    """A `link` found whose `terms`, by number, the `other` link may have in its place, and the `excess` of the criterion."""
+    """A `link` found whose `terms`, by number, the `rival` link may have in its place, and the `excess` of the criterion."""
 
     link: str
-    other: str
+    rival: str
     terms: tuple[int, ...]
     excess: float
 
@@ -31,7 +31,7 @@ class LinkExchange:
         """A sentence for the user."""
         change = f"only {self.excess:.1f} higher" if self.excess >= 0.0 else f"{-self.excess:.1f} lower"
         return (
-            f"This record hardly distinguishes the link {self.link} from {self.other}: with that in its place the criterion "
+            f"This record hardly distinguishes the link {self.link} from {self.rival}: with that in its place the criterion "
             f"is {change}. Excite modes, or measure points, in which both differ."
         )
 
@@ -43,18 +43,18 @@ def link_exchanges(selection: Selection, candidates: Candidates) -> tuple[LinkEx
     chosen = list(range(count))
     pair_of = penalty.pair
     selected = quadratic.cost(chosen) + penalty.total(chosen)
-    kept = set(pair_of[:count].tolist()) - {-1} - penalty.stated
+    selected_pairs = set(pair_of[:count].tolist()) - {-1} - penalty.stated
     text = {
         number: candidates.by_name[name].term.text
         for number, name in enumerate(quadratic.names)
         if name in candidates.by_name
     }
-    found = []
-    for pair in sorted(kept):
+    exchanges = []
+    for pair in sorted(selected_pairs):
         own = np.flatnonzero(pair_of[:count] == pair).tolist()
         rest = [number for number in chosen if number not in own]
-        for other in sorted(set(pair_of[count:].tolist()) - {-1} - kept):
-            terms = {text[number]: number for number in np.flatnonzero(pair_of == other).tolist()}
+        for rival in sorted(set(pair_of[count:].tolist()) - {-1} - selected_pairs):
+            terms = {text[number]: number for number in np.flatnonzero(pair_of == rival).tolist()}
             if not {text[number] for number in own} <= terms.keys():
                 continue
             model = sorted([*rest, *(terms[text[number]] for number in own)])
@@ -63,13 +63,13 @@ def link_exchanges(selection: Selection, candidates: Candidates) -> tuple[LinkEx
             except np.linalg.LinAlgError:
                 continue
             if excess < CERTAIN:
-                names = candidates.pairs[pair].name, candidates.pairs[other].name
-                found.append(LinkExchange(*names, tuple(own), float(excess)))
-    return tuple(sorted(found, key=lambda each: each.excess))
+                names = candidates.pairs[pair].name, candidates.pairs[rival].name
+                exchanges.append(LinkExchange(*names, tuple(own), float(excess)))
+    return tuple(sorted(exchanges, key=lambda exchange: exchange.excess))
 
 
 def link_exchange_remarks(exchanges: Sequence[LinkExchange]) -> tuple[str, ...]:
     """Sentences on the exchanges, and how many more there are."""
     more = len(exchanges) - _NAMED
-    remarks = tuple(each.remark() for each in exchanges[:_NAMED])
+    remarks = tuple(exchange.remark() for exchange in exchanges[:_NAMED])
     return remarks if more <= 0 else (*remarks, f"{more} more exchanges of a link would cost as little.")

@@ -52,13 +52,13 @@ def select_with_random_forces(search: TermSearch, chosen: Collection[str]) -> Se
             fit = likelihood_fit(search.records, structure, theta, spread=spread, options=options)
             quadratic, penalty = _marginal_model(search, fit, structure, names)
             after = best_subset(quadratic, penalty, range(len(structure.parameters)))
-            found = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
-            current = Selection(names, structure, fit, quadratic, penalty, found == names, number)
+            improved = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
+            current = Selection(names, structure, fit, quadratic, penalty, improved == names, number)
             visited.add(names)
             stopped = fit.status is not AnnealingStatus.CONVERGED
-            if current.settled or stopped or found in visited:
+            if current.settled or stopped or improved in visited:
                 return replace(current, settled=current.settled and not stopped)
-            names, structure = found, search.candidates.structure(found)
+            names, structure = improved, search.candidates.structure(improved)
             theta, spread = starts_of(quadratic, after, structure, fit)
             nodes = fit.optimum.point.nodes
         except (IdentificationError, np.linalg.LinAlgError):

@@ -84,11 +84,13 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalErro
     except np.linalg.LinAlgError:
         return ()
     p = len(structure.parameters)
-    names = (*selection.quadratic.names[:p], *(each.where for each in hypotheses))
+    names = (*selection.quadratic.names[:p], *(hypothesis.where for hypothesis in hypotheses))
     model = QuadraticModel(names, local.curvature, local.slope, local.scatter)
     unknown = {mass.name for mass in structure.masses if not mass.mass.known}
     try:
-        screened = _may_be_replaced(selection, model, np.array([_largest(each) for each in hypotheses]))
+        screened = _may_be_replaced(
+            selection, model, np.array([_largest(hypothesis) for hypothesis in hypotheses])
+        )
     except np.linalg.LinAlgError:
         return ()
     rivals = [
@@ -123,7 +125,9 @@ def _may_be_replaced(selection: Selection, model: QuadraticModel, largest: Float
     """
     penalty, p = selection.penalty, len(selection.structure.parameters)
     pair = penalty.pair[:p]
-    alone = np.array([np.sum(pair == each) == 1 and each not in penalty.stated for each in pair.tolist()])
+    alone = np.array(
+        [np.sum(pair == number) == 1 and number not in penalty.stated for number in pair.tolist()]
+    )
     saved = penalty.term + np.where(alone, penalty.link, 0.0)
     inverse = inverse_of(model.h[:p, :p])
     values, cross = inverse @ model.g[:p], model.h[:p, p:]
@@ -152,11 +156,11 @@ def _without_term(
     part = QuadraticModel(tuple(model.names[k] for k in inside), model.h[block], model.g[inside], scatter)
     of_part = replace(penalty, pair=np.append(penalty.pair[inside[:-1]], -1))  # the error is not selected
     try:
-        kept = local_search(part, of_part, range(p))
-        size = float(part.solve(kept).values[-1])
-        excess = part.cost(kept) + of_part.total(kept) + penalty.term - selected
+        retained = local_search(part, of_part, range(p))
+        size = float(part.solve(retained).values[-1])
+        excess = part.cost(retained) + of_part.total(retained) + penalty.term - selected
     except np.linalg.LinAlgError:
         return
     if excess < CERTAIN:
-        replaced = sorted(set(chosen) - set(inside[kept].tolist()))
+        replaced = sorted(set(chosen) - set(inside[retained].tolist()))
         yield size, tuple(replaced), float(excess)

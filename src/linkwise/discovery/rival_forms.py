@@ -112,11 +112,11 @@ def allowing_for(estimate: Estimate, rivals: Sequence[RivalForm]) -> Estimate:
 
 def _moved(model: QuadraticModel, dropped: Collection[int], form: int, parameters: int) -> Floats:
     """(p,) by how much the parameters change with a form, by its number in the model, in place of terms."""
-    kept = [number for number in range(parameters) if number not in dropped]
+    retained = [number for number in range(parameters) if number not in dropped]
     moved = np.zeros(parameters)
     try:
         moved -= model.solve(range(parameters)).values
-        moved[kept] += model.solve([*kept, form]).values[:-1]
+        moved[retained] += model.solve([*retained, form]).values[:-1]
     except np.linalg.LinAlgError:
         return np.zeros(parameters)
     return moved

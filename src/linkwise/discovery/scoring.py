@@ -88,7 +88,7 @@ class _ComparedTerm:
     value: float
     basis: Expression
     samples: Floats
-    found: bool = False
+    has_parameters: bool = False
 
 
 @deprecated_keyword("found", Deprecated("discovered", since="0.2.0", until="0.4.0"))
@@ -132,8 +132,8 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
         ]
         for structure in (discovered, truth)
     )
-    right = [term for term in ours if any(_factor(term, other) is not None for other in theirs)]
-    missing = [other for other in theirs if all(_factor(term, other) is None for term in ours)]
+    right = [term for term in ours if any(_factor(term, true_term) is not None for true_term in theirs)]
+    missing = [true_term for true_term in theirs if all(_factor(term, true_term) is None for term in ours)]
     extra = [term for term in ours if term not in right]
     return TermScore(
         right=tuple(term.name for term in right),
@@ -225,16 +225,24 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
     terms = [
         (name, link.values[name], substitute(link.law.basis[name], nonlinear)) for name in link.law.linear
     ]
-    found = {name for name in link.law.linear if symbols(link.law.basis[name]) & nonlinear.keys()}
-    rest = substitute(link.law.remainder, numbers)
-    parts = rest.parts if isinstance(rest, Sum) else (() if rest == Number(0.0) else (rest,))
+    with_parameters = {name for name in link.law.linear if symbols(link.law.basis[name]) & nonlinear.keys()}
+    remainder = substitute(link.law.remainder, numbers)
+    parts = (
+        remainder.parts if isinstance(remainder, Sum) else (() if remainder == Number(0.0) else (remainder,))
+    )
     terms += [(to_text(part), 1.0, part) for part in parts]
     ends = frozenset(link.between)
     reversed_ = orientation.get(ends, link.between) != link.between
     for name, value, basis in terms:
         function = _reversed(basis) if reversed_ else basis
         yield _ComparedTerm(
-            f"{link.name}.{name}", link.name, ends, value, function, _samples(function), name in found
+            f"{link.name}.{name}",
+            link.name,
+            ends,
+            value,
+            function,
+            _samples(function),
+            name in with_parameters,
         )
 
 
@@ -260,7 +268,7 @@ def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
         return None
     factor = float(ours.samples @ theirs.samples) / square
     error = float(np.abs(theirs.samples - factor * ours.samples).max())
-    tolerance = _NEAR if ours.found or theirs.found else _EQUAL
+    tolerance = _NEAR if ours.has_parameters or theirs.has_parameters else _EQUAL
     return factor if factor != 0.0 and error <= tolerance * float(np.abs(theirs.samples).max()) else None
 
 

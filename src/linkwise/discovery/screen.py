@@ -40,9 +40,9 @@ _BIAS = (
 
 @dataclass(frozen=True)
 class ScreenResult:
-    """The names of the candidates that are significant (`kept`), and of all that the likelihood should test (`tested`)."""
+    """The names of the candidates that are `significant`, and of all that the likelihood should test, `tested`."""
 
-    kept: frozenset[str]
+    significant: frozenset[str]
     tested: frozenset[str]
 
 
@@ -59,8 +59,8 @@ def screen(
     regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
     springs = _exchanged(regression, candidates, _significant(regression, candidates, _LIMIT))
     damped = _with_dampers(regression, candidates, springs)
-    kept = frozenset(regression.names[k] for k in _connected(regression, candidates, damped))
-    return ScreenResult(kept, tested | candidates.on_links_of(kept))
+    significant = frozenset(regression.names[k] for k in _connected(regression, candidates, damped))
+    return ScreenResult(significant, tested | candidates.on_links_of(significant))
 
 
 def z_scores(
@@ -107,7 +107,7 @@ def _screen_mass_by_mass(
     names: set[str] = set()
     for patches in zip(*(equation.patches for equation in equations), strict=True):
         regression = WeakRegression.of(
-            [([patch], each) for patch, each in zip(patches, equations, strict=True)]
+            [([patch], equation) for patch, equation in zip(patches, equations, strict=True)]
         )
         names |= {regression.names[k] for k in _significant(regression, candidates, _FIRST_LIMIT)}
     return frozenset(names & candidates.by_name.keys())
@@ -177,9 +177,11 @@ def _with_dampers(
     always = dampers | {k for k in significant if penalty.pair[k] < 0}
     quadratic = regression.quadratic(0.0)
     try:
-        kept = backward_elimination(quadratic, sorted({*significant, *dampers}), frozenset(always), _LIMIT)
-        isolated = {k for k in kept if is_damper[k]} - dampers
-        return backward_elimination(quadratic, kept, frozenset(set(kept) - isolated), _DAMPER_LIMIT)
+        retained = backward_elimination(
+            quadratic, sorted({*significant, *dampers}), frozenset(always), _LIMIT
+        )
+        isolated = {k for k in retained if is_damper[k]} - dampers
+        return backward_elimination(quadratic, retained, frozenset(set(retained) - isolated), _DAMPER_LIMIT)
     except np.linalg.LinAlgError:
         return sorted({*significant, *dampers})
 

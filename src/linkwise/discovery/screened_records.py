@@ -53,9 +53,9 @@ class ScreenedRecords:
         candidates = replace(candidates, inactive=frozenset(inactive))
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
         result = screen(displaced, motions, candidates)
-        first = result.kept
+        first = result.significant
         if integrated:
-            first = most_significant_tree(displaced, motions, candidates) or result.kept
+            first = most_significant_tree(displaced, motions, candidates) or result.significant
         untested = len(candidates.entries) - len(result.tested)
         remarks = (*inactive_remark(inactive), *_untested_remark(untested))
         return cls(displaced, motions, candidates, integrated, result, first, remarks)

@@ -60,9 +60,9 @@ class Selection:
         done = self.converged and not self.fit.chi_square_off
         return done or self.fit.status is AnnealingStatus.INTERRUPTED
 
-    def has_fewer_links(self, other: Selection) -> bool:
+    def has_fewer_links(self, rival: Selection) -> bool:
         """Whether it settled on fewer links than another one, where links may stand in for terms that were not offered."""
-        return self.settled and len(self.structure.links) < len(other.structure.links)
+        return self.settled and len(self.structure.links) < len(rival.structure.links)
 
     @cached_property
     def neighbours(self) -> tuple[Move, ...]:

@@ -45,7 +45,7 @@ class MotionRange:
 
     def scale(self, unit: str) -> float:
         """The size of a quantity with a unit of metres and seconds in this motion; 0 where it did not move."""
-        kilogram, metre, second, ampere = (float(each) for each in base_exponents(unit))
+        kilogram, metre, second, ampere = (float(exponent) for exponent in base_exponents(unit))
         if kilogram or ampere or not (self.elongation > 0.0 and self.rate > 0.0):
             return 0.0
         return float(self.elongation**metre * (self.elongation / self.rate) ** second)
@@ -96,23 +96,25 @@ def select_with_parameters(
         if best[1].is_exact or _interrupted(best[1]):
             break
         candidates = first_values(motions, rates, search.candidates, attempt)
-        other = replace(search, candidates=candidates)
+        trial_search = replace(search, candidates=candidates)
         try:
-            found = _freed_at_once(other, chosen)
-            if attempt > 0 and not found[1].is_exact and not _interrupted(found[1]):
-                found = _freed(*_with_better_values(other, select_structure(other, chosen), ranges))
+            trial = _freed_at_once(trial_search, chosen)
+            if attempt > 0 and not trial[1].is_exact and not _interrupted(trial[1]):
+                trial = _freed(
+                    *_with_better_values(trial_search, select_structure(trial_search, chosen), ranges)
+                )
         except IdentificationError:
             continue
-        if _interrupted(found[1]) or _is_better(found[1], best[1]):
-            best = found
+        if _interrupted(trial[1]) or _is_better(trial[1], best[1]):
+            best = trial
     return best
 
 
-def _is_better(selection: Selection, other: Selection) -> bool:
+def _is_better(selection: Selection, reference: Selection) -> bool:
     """Whether a selection leaves only noise and the other does not, or has the lower criterion."""
-    if selection.is_exact != other.is_exact:
+    if selection.is_exact != reference.is_exact:
         return selection.is_exact
-    return best_of([other, selection]) is selection
+    return best_of([reference, selection]) is selection
 
 
 def _with_better_values(
@@ -143,7 +145,7 @@ def _ranges(
 ) -> list[MotionRange]:
     """The largest elongations and rates of every pair, rates by differences over a fraction of the fastest period."""
     row = {name: number for number, name in enumerate((*(m.name for m in candidates.masses), BASE, GROUND))}
-    found = []
+    ranges = []
     for pair in candidates.pairs:
         first, second = (row[end] for end in pair.between)
         elongation = rate = 0.0
@@ -153,8 +155,8 @@ def _ranges(
             change = (d[lag:] - d[:-lag]) * (sampled / lag)
             elongation = max(elongation, float(np.percentile(np.abs(d - np.median(d)), _PEAK)))
             rate = max(rate, float(np.percentile(np.abs(change), _PEAK)))
-        found.append(MotionRange(elongation, rate))
-    return found
+        ranges.append(MotionRange(elongation, rate))
+    return ranges
 
 
 def _grid(term: Term, parameter: str, motion: MotionRange) -> tuple[list[float], list[float]]:
@@ -206,10 +208,10 @@ def _better_values(
     everything = list(range(p))
     reference = model.cost(everything)
     for number, (entry, values) in enumerate(offers):
-        kept = [k for k in everything if names[k] != entry.name]
-        needed = _BETTER if len(kept) < p else selection.penalty.term
+        retained = [k for k in everything if names[k] != entry.name]
+        needed = _BETTER if len(retained) < p else selection.penalty.term
         try:
-            gain = reference - model.cost([*kept, p + number])
+            gain = reference - model.cost([*retained, p + number])
         except np.linalg.LinAlgError:
             continue
         if gain > max(needed, best.get(entry.name, (0.0, {}))[0]):
@@ -244,11 +246,11 @@ def _freed(search: TermSearch, selection: Selection) -> tuple[TermSearch, Select
         free = search.candidates.free | {strongest}
         freed = _from_values(search, free, selection.structure, selection.fit.values, deviations)
         for others in (left, {strongest}):
-            found = _attempted(freed, selection.chosen - (left - others))
-            if found is not None and _interrupted(found):
-                return freed, found
-            if found is not None and _explains_as_much(found, selection):
-                search, selection = freed, found
+            fitted = _attempted(freed, selection.chosen - (left - others))
+            if fitted is not None and _interrupted(fitted):
+                return freed, fitted
+            if fitted is not None and _explains_as_much(fitted, selection):
+                search, selection = freed, fitted
                 break
     return search, selection
 
@@ -265,9 +267,9 @@ def _attempted(search: TermSearch, chosen: frozenset[str]) -> Selection | None:
         return None
 
 
-def _explains_as_much(found: Selection, selection: Selection) -> bool:
-    exact = found.is_exact and found.fit.chi_square < selection.fit.chi_square + _ROUNDING
-    return exact or _is_better(found, selection)
+def _explains_as_much(trial: Selection, selection: Selection) -> bool:
+    exact = trial.is_exact and trial.fit.chi_square < selection.fit.chi_square + _ROUNDING
+    return exact or _is_better(trial, selection)
 
 
 def _strongest(selection: Selection, names: Collection[str]) -> str:
@@ -308,10 +310,10 @@ def _from_values(
         for parameter, pair in zip(structure.parameters, zip(values, spread, strict=True), strict=True)
     }
 
-    def start(asked: Structure) -> tuple[Floats, Floats]:
+    def start(trial_structure: Structure) -> tuple[Floats, Floats]:
         starts = [
             known.get(parameter.name, (parameter.start or 0.0, abs(parameter.start or 0.0)))
-            for parameter in asked.parameters
+            for parameter in trial_structure.parameters
         ]
         begun, deviations = np.array(starts).T
         return begun, deviations

@@ -194,19 +194,19 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
 
 def _require_own_names(terms: Sequence[Term]) -> None:
     """IdentificationError if a parameter has the name of one of another term, or of a coefficient."""
-    taken = {term.coefficient for term in terms}
+    names = {term.coefficient for term in terms}
     for term in terms:
-        shared = taken & set(term.parameters)
+        shared = names & set(term.parameters)
         if shared:
             raise IdentificationError(
                 f"the name {min(shared)!r} in the term {term.text!r} is that of a coefficient, or of a parameter of another "
                 f"term; choose another, as in {_renamed(term.text, min(shared))!r}"
             )
-        taken |= set(term.parameters)
+        names |= set(term.parameters)
 
 
 def _renamed(text: str, name: str) -> str:
-    return _NAME.sub(lambda found: f"{name}_2" if found[0] == name else found[0], text)
+    return _NAME.sub(lambda match: f"{name}_2" if match[0] == name else match[0], text)
 
 
 def _number(value: float | None, name: str) -> str:
@@ -240,7 +240,7 @@ def _require_independent(terms: Sequence[Term]) -> None:
                 (vector * (vector @ residual) for vector in basis), start=np.zeros(len(column))
             )
         if np.linalg.norm(residual) <= _DEPENDENT * np.linalg.norm(column):
-            before = ", ".join(other.text for other in terms[:number])
+            before = ", ".join(earlier.text for earlier in terms[:number])
             raise IdentificationError(
                 f"the term {term.text!r} is a linear combination of {before or 'no terms (it is zero)'}; leave it out"
             )

@@ -85,11 +85,13 @@ def certainty_sentence(discovery: Discovery) -> str:
     """How many decisions are not certain, in a sentence."""
     if not discovery.trusted:
         return "No decision is certain."
-    kept = sum(term.kept for term in discovery.doubtful)
-    dropped = len(discovery.doubtful) - kept
+    selected = sum(term.kept for term in discovery.doubtful)
+    dropped = len(discovery.doubtful) - selected
     if not discovery.doubtful:
         return "Every decision is certain."
-    parts = [f"{kept} of the terms kept"] * (kept > 0) + [f"{dropped} of those dropped"] * (dropped > 0)
+    parts = [f"{selected} of the terms kept"] * (selected > 0) + [f"{dropped} of those dropped"] * (
+        dropped > 0
+    )
     return f"In doubt: {' and '.join(parts)}."
 
 
@@ -121,10 +123,10 @@ def mass_rows(discovery: Discovery) -> Rows:
 def _mode_rows(discovery: Discovery) -> Rows:
     """A row for every frequency and damping of a mode that was not known exactly."""
     return [
-        (each.name, *_term_row(each, None, marked=False)[1:4], "", each.unit)
+        (coefficient.name, *_term_row(coefficient, None, marked=False)[1:4], "", coefficient.unit)
         for mode in discovery.estimate.modes
-        for each in mode.coefficients
-        if not each.known
+        for coefficient in mode.coefficients
+        if not coefficient.known
     ]
 
 
