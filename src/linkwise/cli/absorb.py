@@ -90,7 +90,7 @@ def _values(text: str) -> list[float]:
 
 
 absorption_options = keyword_group(
-    "asked",
+    "options",
     click.option("--duration", metavar="S", type=POSITIVE, required=True, help="How long to look, in s."),
     click.option(
         "--rate",

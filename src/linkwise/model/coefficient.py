@@ -125,9 +125,9 @@ class Coefficient:
                 f"the lower bound {self.lower!r} must be below the upper bound {self.upper!r}"
             )
         if self.value is not None and not self.lower <= self.value <= self.upper:
-            what = "value" if self.known else "start"
+            role = "value" if self.known else "start"
             raise StructureError(
-                f"the {what} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
+                f"the {role} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
             )
 
     def _check_prior(self) -> None:

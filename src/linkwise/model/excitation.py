@@ -140,7 +140,7 @@ def _number(name: str, value: object) -> float:
     return number
 
 
-def _drive(what: str, given: object) -> InputSignal:
+def _drive(quantity: str, given: object) -> InputSignal:
     if isinstance(given, TimeFunction | Sampled):
         return given
     if isinstance(given, str):
@@ -148,6 +148,6 @@ def _drive(what: str, given: object) -> InputSignal:
     if isinstance(given, int | float) and not isinstance(given, bool):
         return TimeFunction(repr(given))
     raise SimulationError(
-        f'{what} must be an expression of t, such as "sin(30*t)", or Sampled(start, rate, values), '
+        f'{quantity} must be an expression of t, such as "sin(30*t)", or Sampled(start, rate, values), '
         f"got {type(given).__name__}"
     )

@@ -183,9 +183,9 @@ class Host:
                 raise StructureError(
                     f"{name!r} cannot be part of the name of a channel: leave out {' '.join(reserved)}", where
                 )
-        taken = [point for point in points if f"{self.name}.{point}" in self.coordinates]
-        if taken:
-            raise StructureError(f'the point "{taken[0]}" has the name of a mode; choose another', where)
+        clashes = [point for point in points if f"{self.name}.{point}" in self.coordinates]
+        if clashes:
+            raise StructureError(f'the point "{clashes[0]}" has the name of a mode; choose another', where)
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -245,10 +245,10 @@ class Host:
         >>> wing.known_to_within(frequency=0.01, shape=0.02).modes[0].shape_sigma["joint"]
         0.02
         """
-        for what, part in (("frequency", frequency), ("damping", damping), ("shape", shape)):
+        for quantity, part in (("frequency", frequency), ("damping", damping), ("shape", shape)):
             if not 0.0 <= part < math.inf:
                 raise StructureError(
-                    f"the part to within which the {what} is known must not be negative, got {part!r}"
+                    f"the part to within which the {quantity} is known must not be negative, got {part!r}"
                 )
         return replace(self, modes=tuple(_uncertain(mode, frequency, damping, shape) for mode in self.modes))
 
@@ -379,4 +379,4 @@ def counted(hosts: tuple[Host, ...], masses: tuple[Mass, ...], links: tuple[Link
     modes = sum(len(host.modes) for host in hosts)
     counts = [(len(hosts), "host", "hosts"), (modes, "mode", "modes")] if hosts else []
     counts += [(len(masses) - modes, "mass", "masses"), (len(links) - modes, "link", "links")]
-    return ", ".join(f"{count} {one if count == 1 else several}" for count, one, several in counts)
+    return ", ".join(f"{count} {singular if count == 1 else plural}" for count, singular, plural in counts)

@@ -127,7 +127,7 @@ def reduce_host(
     at_points[rows, range(len(rows))] = 1.0
     following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
     squares, shapes = squares[:keep], shapes[:, :keep]
-    kept = len(squares)
+    retained = len(squares)
     if residual:
         more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
         squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
@@ -146,9 +146,9 @@ def reduce_host(
     )
     square = 0.25 * following  # half of that frequency
     exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
-    found = (local / (squares - square)) @ local.T
-    error = float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
-    return HostReduction(Host(name, modes), kept, float(np.sqrt(square) / (2.0 * np.pi)), error)
+    approximate = (local / (squares - square)) @ local.T
+    error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
+    return HostReduction(Host(name, modes), retained, float(np.sqrt(square) / (2.0 * np.pi)), error)
 
 
 def _checked(
@@ -171,11 +171,11 @@ def _checked(
         )
     if keep < 1:
         raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
-    for what, matrix in (("mass", mass), ("stiffness", stiffness)):
+    for quantity, matrix in (("mass", mass), ("stiffness", stiffness)):
         largest = float(np.abs(matrix.data).max(initial=0.0))
         if float(np.abs((matrix - matrix.T).data).max(initial=0.0)) > 1e-6 * largest:
             raise StructureError(
-                f"the {what} matrix is not symmetric; a host is a linear structure that keeps energy"
+                f"the {quantity} matrix is not symmetric; a host is a linear structure that keeps energy"
             )
     _require_plausible(mass, stiffness)
     return [row - 1 for row in points.values()]

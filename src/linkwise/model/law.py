@@ -189,7 +189,7 @@ class Law:
             names = set(symbols(differentiate(self.expression, name)))
             if (
                 name not in names
-                and not any(name in other for other in slopes.values())
+                and not any(name in names_of_slope for names_of_slope in slopes.values())
                 and not names & set(slopes)
             ):
                 slopes[name] = names
@@ -358,9 +358,9 @@ class Law:
         if missing:
             place = parse_with_positions(self.text, self.variables).position(Symbol(missing[0]))
             given = ", ".join(values) or "none"
-            what = "state" if missing[0] in self.states else "coefficient"
+            kind = "state" if missing[0] in self.states else "coefficient"
             raise LawError(
-                f"The {what} {missing[0]!r} has no value.",
+                f"The {kind} {missing[0]!r} has no value.",
                 self.text,
                 place,
                 f"Values are given for: {given}.",

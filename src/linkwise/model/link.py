@@ -65,8 +65,8 @@ class Mass:
             )
         value = self.mass.value
         if value is not None and not value > 0.0:
-            what = "mass" if self.mass.known else "start of the unknown mass"
-            raise StructureError(f"the {what} must be positive, got {value!r} kg", f'mass "{self.name}"')
+            role = "mass" if self.mass.known else "start of the unknown mass"
+            raise StructureError(f"the {role} must be positive, got {value!r} kg", f'mass "{self.name}"')
         if not self.mass.upper > 0.0:
             raise StructureError(
                 f"the upper bound must be positive, got {self.mass.upper!r} kg", f'mass "{self.name}"'

@@ -105,9 +105,9 @@ def as_link_states(given: Mapping[str, LinkState | str]) -> dict[str, LinkState]
                 f"{name!r} is not a valid name of a state: letters, digits and _ after a letter"
             )
         if name in _TAKEN or name in FUNCTIONS:
-            what = _TAKEN.get(name, "a function")
+            meaning = _TAKEN.get(name, "a function")
             raise StructureError(
-                f"a state cannot be named {name!r}, which is {what} in laws; choose another name"
+                f"a state cannot be named {name!r}, which is {meaning} in laws; choose another name"
             )
         if not isinstance(state, LinkState | str):
             raise StructureError(f"state {name}: expected its rate as text or a LinkState, got {state!r}")

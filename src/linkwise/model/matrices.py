@@ -59,20 +59,22 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     if not path.is_file():
         raise StructureError("there is no such file", source)
     try:
-        found = _read(path)
+        matrices = _read(path)
     except StructureError:
         raise
     except Exception as error:  # format libraries raise all kinds of errors on a damaged file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise StructureError(f"cannot be read as a {path.suffix} file: {reason[:200]}", source) from None
-    if name is None and len(found) == 1:
-        name = next(iter(found))
-    if name not in found:
-        what = f"holds no matrix {name!r}{near_miss(name, found)}" if name else "holds several matrices"
-        raise StructureError(f"{what}; choose from {', '.join(found) or 'none'}, as in {file}:NAME", source)
-    if found[name].dtype.kind not in "fiu":
-        raise StructureError(f"{name} holds {found[name].dtype} values, not real numbers", source)
-    matrix = scipy.sparse.csc_array(found[name]).astype(float)
+    if name is None and len(matrices) == 1:
+        name = next(iter(matrices))
+    if name not in matrices:
+        problem = f"holds no matrix {name!r}{near_miss(name, matrices)}" if name else "holds several matrices"
+        raise StructureError(
+            f"{problem}; choose from {', '.join(matrices) or 'none'}, as in {file}:NAME", source
+        )
+    if matrices[name].dtype.kind not in "fiu":
+        raise StructureError(f"{name} holds {matrices[name].dtype} values, not real numbers", source)
+    matrix = scipy.sparse.csc_array(matrices[name]).astype(float)
     if matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix.data).all():
         raise StructureError(
             f"{name} is not a square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
@@ -124,7 +126,7 @@ def _in_a_child(path: Path) -> dict[str, Any]:
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or ["the library that reads it crashed"])[-1]
             raise StructureError(f"cannot be read as a MAT file: {last[:200]}", str(path))
-        return {each.stem: scipy.sparse.load_npz(each) for each in sorted(Path(folder).glob("*.npz"))}
+        return {file.stem: scipy.sparse.load_npz(file) for file in sorted(Path(folder).glob("*.npz"))}
 
 
 def main() -> None:

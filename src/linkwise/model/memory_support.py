@@ -8,12 +8,12 @@ from linkwise.errors import StructureError
 from linkwise.model.link import Link
 
 
-def refuse_memory(links: Iterable[Link], what: str) -> None:
-    """Raise StructureError if one of the links has states, which `what` does not take."""
+def refuse_memory(links: Iterable[Link], feature: str) -> None:
+    """Raise StructureError if one of the links has states, which `feature` does not take."""
     for link in links:
         if link.law.states:
             states = ", ".join(link.law.states)
             raise StructureError(
-                f"the law has memory (state {states}), which is not supported in {what}; use a law of d and v alone",
+                f"the law has memory (state {states}), which is not supported in {feature}; use a law of d and v alone",
                 f'link "{link.name}"',
             )

@@ -161,5 +161,7 @@ class NamedLaw:
         """
         law = Law.parse(self.law, self.states)
         given = {key: self.coefficient(key) for key in law.coefficients}
-        given |= {key: self.within_bounds(key, each) for key, each in (coefficients or {}).items()}
+        given |= {
+            key: self.within_bounds(key, coefficient) for key, coefficient in (coefficients or {}).items()
+        }
         return Link(name, between, law, given, self.states)

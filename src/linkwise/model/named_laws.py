@@ -77,10 +77,10 @@ def named_law_of(law: Law) -> NamedLaw | None:
     rates = {rate.name: rate.text for rate in law.rates}
     for named in map(NAMED_LAWS.lookup, NAMED_LAWS):
         for branches in range(1, _MOST_BRANCHES + 1) if named.branches and rates else (named.branches,):
-            each = replace(named, branches=branches)
-            states = {name: state.rate for name, state in each.states.items()}
-            if each.law == law.text and states == rates:
-                return each
+            candidate = replace(named, branches=branches)
+            states = {name: state.rate for name, state in candidate.states.items()}
+            if candidate.law == law.text and states == rates:
+                return candidate
     return None
 
 

@@ -230,8 +230,8 @@ def replace_shapes(hosts: tuple[Host, ...], changes: Mapping[str, Coefficient]) 
     """Hosts with some shapes, given by full name, replaced."""
     by_mode: dict[str, dict[str, Coefficient]] = {}
     for name, coefficient in changes.items():
-        mode, found, point = name.partition(f".{SHAPE}")
-        if found:
+        mode, separator, point = name.partition(f".{SHAPE}")
+        if separator:
             by_mode.setdefault(mode, {})[point] = coefficient
     if not by_mode:
         return hosts

@@ -6,10 +6,10 @@ from linkwise.errors import StructureError
 from linkwise.model.structure import Structure
 
 
-def refuse_rig(structure: Structure, what: str) -> None:
-    """Raise StructureError for a structure without a mass, which `what` does not take."""
+def refuse_rig(structure: Structure, feature: str) -> None:
+    """Raise StructureError for a structure without a mass, which `feature` does not take."""
     if structure.on_rig:
         raise StructureError(
-            f"there is no mass: links alone on a rig are not supported in {what}; add the mass that moves",
+            f"there is no mass: links alone on a rig are not supported in {feature}; add the mass that moves",
             f'link "{structure.links[0].name}"',
         )

@@ -67,8 +67,8 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
             raise StructureError(f"{key} belongs to matrices; modes are taken as they are", where)
     host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
     parts = {
-        what: part_of(getattr(entry, f"{what}_sigma"), f"{source}, {path}.{what}_sigma")
-        for what in ("frequency", "damping", "shape")
+        quantity: part_of(getattr(entry, f"{quantity}_sigma"), f"{source}, {path}.{quantity}_sigma")
+        for quantity in ("frequency", "damping", "shape")
     }
     try:
         return host.known_to_within(**parts)
@@ -131,7 +131,9 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
 def _mode(given: object, source: str, path: str) -> HostMode:
     table = decode(given, _ModeTable, source, path, StructureError)
     stated = table.frequency.values() if isinstance(table.frequency, dict) else (table.frequency,)
-    for text in (each for each in stated if isinstance(each, str) and each != "unknown" and "%" not in each):
+    for text in (
+        value for value in stated if isinstance(value, str) and value != "unknown" and "%" not in value
+    ):
         _require_frequency(text.lstrip("+-0123456789.eE ") or "Hz", f"{source}, {path}.frequency")
     frequency = coefficient_of(table.frequency, "Hz", source, f"{path}.frequency")
     damping = coefficient_of(table.damping, "", source, f"{path}.damping")
@@ -209,16 +211,16 @@ def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]
     """The columns, and the units that their names state."""
     where, names, units = f"{source}, line 1", [], {}
     for name in header:
-        plain, bracket, rest = name.partition("[")
+        plain, bracket, bracketed = name.partition("[")
         key = plain.strip().lower() if plain.strip().lower() in (_FREQUENCY, _DAMPING) else plain.strip()
         names.append(key)
         if bracket:
-            units[key] = rest.rstrip("] ")
+            units[key] = bracketed.rstrip("] ")
     repeated = next((name for number, name in enumerate(names) if name in names[:number]), None)
     if _FREQUENCY not in names or repeated is not None or "" in names:
-        what = f"the column {repeated} is there twice" if repeated else "there is no column frequency[Hz]"
-        what = "a column has no name" if "" in names else what
-        raise StructureError(f"{what}; the columns are {', '.join(names)}", where)
+        problem = f"the column {repeated} is there twice" if repeated else "there is no column frequency[Hz]"
+        problem = "a column has no name" if "" in names else problem
+        raise StructureError(f"{problem}; the columns are {', '.join(names)}", where)
     _require_frequency(units.get(_FREQUENCY, "Hz"), where)
     for key, unit in units.items():
         allowed = {_DAMPING: ("", "1", "%")}.get(key, _OF_SHAPES)

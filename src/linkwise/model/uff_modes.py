@@ -35,22 +35,24 @@ def modes_of_uff(path: str | Path) -> tuple[HostMode, ...]:
     except Exception as error:  # the library raises all kinds of errors on a damaged file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise StructureError(f"cannot be read as a universal file: {reason[:200]}", source) from None
-    found = [
-        each for each in (sets if isinstance(sets, list) else [sets]) if each.get("type") == _DATA_AT_NODES
+    data_sets = [
+        data_set
+        for data_set in (sets if isinstance(sets, list) else [sets])
+        if data_set.get("type") == _DATA_AT_NODES
     ]
-    normal = [each for each in found if each.get("analysis_type") == _NORMAL_MODE]
+    normal = [data_set for data_set in data_sets if data_set.get("analysis_type") == _NORMAL_MODE]
     if not normal:
-        what = "holds no real normal modes, only other data at nodes" if found else "holds no modes"
+        problem = "holds no real normal modes, only other data at nodes" if data_sets else "holds no modes"
         raise StructureError(
-            f"{what}; write those of the test as normal modes (data set 55, analysis type 2)", source
+            f"{problem}; write those of the test as normal modes (data set 55, analysis type 2)", source
         )
     moving = [
         (key, name)
         for key, name in _DIRECTIONS.items()
-        if any(np.any(np.asarray(each.get(key, 0.0)) != 0.0) for each in normal)
+        if any(np.any(np.asarray(data_set.get(key, 0.0)) != 0.0) for data_set in normal)
     ]
     return tuple(
-        _mode(each, moving, f"{source}, mode {number}") for number, each in enumerate(normal, start=1)
+        _mode(data_set, moving, f"{source}, mode {number}") for number, data_set in enumerate(normal, start=1)
     )
 
 
