@@ -242,7 +242,7 @@ def test_an_option_of_absorb_is_a_field_and_a_line(places: Places, tmp_path: Pat
     places.insert(options, "    settle: float\n", "    label: str\n")  # its type, for those who check them
     command = options.parents[1] / "cli" / "absorb.py"
     places.insert(
-        command, '    "asked",\n', '    click.option("--label", help="What the answer is called."),\n'
+        command, '    "options",\n', '    click.option("--label", help="What the answer is called."),\n'
     )
     assert (places.files, places.lines) == (0, 3)
     printed = places.script(LABEL, tmp_path)

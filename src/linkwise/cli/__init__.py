@@ -85,16 +85,16 @@ def run(arguments: Sequence[str]) -> int:
         code = FAILED if is_disk_fault(error) else USAGE
         return _report(error, f"{place}{error.strerror or error}", code, debug)
     except MemoryError as error:
-        what = f" ({error})" if str(error) else ""
-        return _report(error, f"the computer has too little memory for this{what}", FAILED, debug)
+        detail = f" ({error})" if str(error) else ""
+        return _report(error, f"the computer has too little memory for this{detail}", FAILED, debug)
     except (click.Abort, KeyboardInterrupt):
         fail("interrupted; nothing was left half written")
         return INTERRUPTED
     except Exception as error:
-        what = f"{type(error).__name__}: {error}".strip()
+        detail = f"{type(error).__name__}: {error}".strip()
         return _report(
             error,
-            f"internal error of linkwise: {what}. Run again with --debug for a traceback",
+            f"internal error of linkwise: {detail}. Run again with --debug for a traceback",
             FAILED,
             debug,
         )

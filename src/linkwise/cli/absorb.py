@@ -164,7 +164,7 @@ repetition_options = grouped(
 @json_option("absorption.json")
 def absorb(
     structure: Path,
-    asked: dict[str, Any],
+    options: dict[str, Any],
     repetition: RepetitionOptions,
     drive: ExcitationOptions,
     output: Path | None,
@@ -188,7 +188,7 @@ def absorb(
     repetition.check(structure.is_dir())
     kind = "MAP_FOLDER" if repetition.sweep else "ABSORPTION_FOLDER"
     process = drawing_beside(output, f"linkwise.report.absorption_folder:{kind}", ABSORPTION)
-    keywords = {**asked, **drive.keywords()}
+    keywords = {**options, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         result = _answer(structure, repetition, {**keywords, "progress": step})
     if process is not None:

@@ -90,8 +90,8 @@ def _keep(folder: Path, writers: Iterable[Callable[[Path], object]]) -> None:
         for write in writers:
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
                 write(place)
-                what = "" if (place / "report.html").exists() else ", without figures and page"
-                tell(f"note: the result was kept in {place}{what}")
+                lacking = "" if (place / "report.html").exists() else ", without figures and page"
+                tell(f"note: the result was kept in {place}{lacking}")
                 return
         shutil.rmtree(home, ignore_errors=True)
     tell("note: nothing was kept of the result but what is printed")

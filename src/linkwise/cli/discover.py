@@ -241,8 +241,8 @@ def _comparison_lines(result: dict[str, Any]) -> list[str]:
     return [
         f"\nagainst the truth: {len(truth['right'])} terms right",
         *(
-            f"  {label:8} {', '.join(truth[what]) or 'none'}"
-            for what, label in (("missing", "missing"), ("extra", "false"))
+            f"  {label:8} {', '.join(truth[key]) or 'none'}"
+            for key, label in (("missing", "missing"), ("extra", "false"))
         ),
         "  NMSE of the force (paper Eq. 8)",
         *(

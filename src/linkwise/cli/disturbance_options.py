@@ -12,24 +12,24 @@ def _drifts(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, float | None] | None:
     """Channels, and the time of a piece in s where one is stated."""
-    found: dict[str, float | None] = {}
+    drifts: dict[str, float | None] = {}
     for text in texts:
         name, value = split(text, "--drift", "x:m1=2s") if "=" in text else (text.strip(), None)
-        if name in found:
+        if name in drifts:
             raise click.UsageError(f"--drift is given twice for {name!r}.")
-        found[name] = None if value is None else _quantity("--drift", text, value, "s")
-    return found or None
+        drifts[name] = None if value is None else _quantity("--drift", text, value, "s")
+    return drifts or None
 
 
 def _hums(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, tuple[float, ...]] | None:
     """Frequencies in Hz by channel."""
-    found: dict[str, tuple[float, ...]] = {}
+    hums: dict[str, tuple[float, ...]] = {}
     for text in texts:
         name, value = split(text, "--hum", "x:m1=50Hz")
-        found[name] = (*found.get(name, ()), _quantity("--hum", text, value, "Hz"))
-    return found or None
+        hums[name] = (*hums.get(name, ()), _quantity("--hum", text, value, "Hz"))
+    return hums or None
 
 
 def _quantity(option: str, text: str, value: str, unit: str) -> float:

@@ -94,23 +94,26 @@ def host(
       linkwise structure host wing_modes.csv --name wing --shape-sigma 2% -o wing.toml
       linkwise structure host taps.csv --modes auto -o beam.toml
     """
-    if output is not None and any(output.resolve() == each.resolve() for each in files):
+    if output is not None and any(output.resolve() == file.resolve() for file in files):
         raise click.UsageError(f"-o {output} is the file that is read; write to another one.")
     title = options["name"] or files[0].stem
-    sigmas = {what: _part(options[f"{what}_sigma"], what) for what in ("frequency", "damping", "shape")}
+    sigmas = {
+        quantity: _part(options[f"{quantity}_sigma"], quantity)
+        for quantity in ("frequency", "damping", "shape")
+    }
     estimate = None
     if modes is not None:
         _refuse(context, _NOT_OF_RECORDS, "--{} is for modes or matrices, and --modes for records of a test.")
         estimate = _identified(files, modes, options["name"])
-        made = estimate.host.known_to_within_at_least(**sigmas)
+        new_host = estimate.host.known_to_within_at_least(**sigmas)
     elif files[0].suffix.lower() in (".csv", ".uff", ".unv"):
-        if len(files) > 1 or any(options[each] for each in ("points", "mass", "stiffness")):
+        if len(files) > 1 or any(options[key] for key in ("points", "mass", "stiffness")):
             raise click.UsageError("A file of modes has its own points, and is read alone.")
         _refuse(context, _OF_MATRICES, "--{} is for matrices; of a file of modes, all are taken as they are.")
-        made = lw.Host(title, lw.read_modes(files[0])).known_to_within(**sigmas)
+        new_host = lw.Host(title, lw.read_modes(files[0])).known_to_within(**sigmas)
     else:
-        made = _reduced(files, title, options).known_to_within(**sigmas)
-    text = lw.format_structure(lw.Structure(title, (), (), (made,)))
+        new_host = _reduced(files, title, options).known_to_within(**sigmas)
+    text = lw.format_structure(lw.Structure(title, (), (), (new_host,)))
     if output is not None:
         with atomic_file(output) as partial:
             partial.write_text(text, encoding="utf-8", newline="\n")
@@ -160,11 +163,11 @@ def _tell_doubts(estimate: lw.HostEstimate) -> None:
 def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) -> lw.Host:
     """The host of matrices."""
     points = options["points"]
-    named = [each.partition("=")[0].strip() for each in points]
-    twice = next((each for number, each in enumerate(named) if each in named[:number]), None)
+    named = [point.partition("=")[0].strip() for point in points]
+    twice = next((name for number, name in enumerate(named) if name in named[:number]), None)
     if twice is not None:
         raise click.UsageError(f"--point {twice} is given twice.")
-    matrices = {what: _matrix(files, what, options[what]) for what in ("mass", "stiffness")}
+    matrices = {kind: _matrix(files, kind, options[kind]) for kind in ("mass", "stiffness")}
     reduced = lw.reduce_host(
         title,
         matrices["mass"],
@@ -181,15 +184,15 @@ def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) ->
     return reduced.host
 
 
-def _matrix(files: tuple[Path, ...], what: str, name: str | None) -> object:
+def _matrix(files: tuple[Path, ...], kind: str, name: str | None) -> object:
     """The mass or the stiffness matrix, by its name in the file, or of two files by their order."""
     if len(files) == 2:
-        return lw.read_matrix(str(files[0 if what == "mass" else 1]) + (f":{name}" if name else ""))
+        return lw.read_matrix(str(files[0 if kind == "mass" else 1]) + (f":{name}" if name else ""))
     if len(files) > 2:
         raise click.UsageError("Give one file with both matrices, or two, the mass matrix first.")
     if name:
         return lw.read_matrix(f"{files[0]}:{name}")
-    first, second = _NAMES[what]
+    first, second = _NAMES[kind]
     try:
         return lw.read_matrix(f"{files[0]}:{first}")
     except lw.StructureError as error:
@@ -199,14 +202,14 @@ def _matrix(files: tuple[Path, ...], what: str, name: str | None) -> object:
             raise error from None
 
 
-def _part(given: str | None, what: str) -> float:
+def _part(given: str | None, quantity: str) -> float:
     """A percentage as a part; 0 without one."""
     if given is None:
         return 0.0
-    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", given)
-    if found is None:
-        raise click.UsageError(f"--{what}-sigma needs a percentage, such as 2%, got {given!r}.")
-    return 0.01 * float(found[1])
+    match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", given)
+    if match is None:
+        raise click.UsageError(f"--{quantity}-sigma needs a percentage, such as 2%, got {given!r}.")
+    return 0.01 * float(match[1])
 
 
 def _point(given: str) -> tuple[str, int]:

@@ -207,7 +207,7 @@ def _profiles(estimate: lw.Estimate, step: lw.Progress) -> dict[str, tuple[float
     intervals: dict[str, tuple[float, float]] = {}
     if not estimate.trusted:
         return intervals
-    shapes = {each.name for each in estimate.shapes}
+    shapes = {shape.name for shape in estimate.shapes}
     names = [parameter.name for parameter in estimate.parameters if parameter.name not in shapes]
     if shapes:
         tell(f"note: the {len(shapes)} shapes of hosts get no profile intervals")

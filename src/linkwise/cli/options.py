@@ -114,7 +114,7 @@ def keyword_group(
     """
 
     def decorate(command: Callable[..., R]) -> Callable[..., R]:
-        names = [each.name for option in options for each in option(click.Command(None)).params]
+        names = [parameter.name for option in options for parameter in option(click.Command(None)).params]
 
         @wraps(command)
         def wrapped(**values: Any) -> R:
@@ -132,7 +132,7 @@ def keyword_group(
 def option_name(parameter: str) -> str:
     """How an option of the running command is typed, "--offset" for the parameter "offsets"."""
     command = click.get_current_context().command
-    return next(each.opts[0] for each in command.params if each.name == parameter)
+    return next(option.opts[0] for option in command.params if option.name == parameter)
 
 
 def file_and_column(text: str) -> tuple[Path | None, str]:

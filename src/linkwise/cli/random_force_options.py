@@ -24,15 +24,15 @@ def _random_forces(
         for text in texts:
             if "=" in text:
                 name, value = split(text, option.opts[0], example)
-                found: dict[str, float | None] = {
+                values: dict[str, float | None] = {
                     name: _in_unit(value, unit_of(name), option.opts[0], example)
                 }
             else:
-                found = dict.fromkeys(part.strip() for part in text.split(","))
-            twice = [name for name in found if name in stated]
+                values = dict.fromkeys(part.strip() for part in text.split(","))
+            twice = [name for name in values if name in stated]
             if twice:
                 raise click.UsageError(f"{option.opts[0]} is given twice for {twice[0]!r}.")
-            stated |= found
+            stated |= values
         return stated or None
 
     return read

@@ -45,7 +45,9 @@ class ReadingOptions:
         `masses` are those there are, if that is known. Without `informative` dead and duplicated channels are read.
         """
         whole = self.record_mapping()
-        late = {name: each.delay.value for name, each in whole.sensors.items() if each.delay is not None}
+        late = {
+            name: sensor.delay.value for name, sensor in whole.sensors.items() if sensor.delay is not None
+        }
         mappings = self._by_file(whole)
         times = {key: column for key, column in mappings[None].channels.items() if _channel(key) == "time"}
 
@@ -56,12 +58,12 @@ class ReadingOptions:
             try:  # instruments that were started together name their columns alike
                 return read(file, replace(mapping, channels={**times, **mapping.channels}))
             except lw.RecordError:
-                other = read(file, mapping)
+                separate = read(file, mapping)
                 if times:
                     tell(
                         f"note: {file} has no times in the column {next(iter(times.values()))}: its own are taken."
                     )
-                return other
+                return separate
 
         record = read(None, mappings[None])
         others = [read_other(file, mapping) for file, mapping in mappings.items() if file is not None]
@@ -74,8 +76,8 @@ class ReadingOptions:
                 part, known_masses=masses, informative=informative, mapping=mappings[None]
             )
             record = lw.continued(record, going_on)
-        for other in others:
-            record = lw.joined_by_time(record, other) if self.by_time else lw.beside(record, other)
+        for companion in others:
+            record = lw.joined_by_time(record, companion) if self.by_time else lw.beside(record, companion)
         record = lw.mark_missing(record, self.mark_missing)
         record = lw.without_delays(record, {name: delay for name, delay in late.items() if delay})
         if whole.decimate is not None:
@@ -145,8 +147,10 @@ class ReadingOptions:
         named = {file: {_channel(name) for name in columns} for file, columns in elsewhere.items()}
         theirs = {name for names in named.values() for name in names}
         sensors = {
-            name: each if each.delay is None else replace(each, delay=lw.StatedError(0.0, each.delay.sigma))
-            for name, each in whole.sensors.items()
+            name: sensor
+            if sensor.delay is None
+            else replace(sensor, delay=lw.StatedError(0.0, sensor.delay.sigma))
+            for name, sensor in whole.sensors.items()
         }
         mappings: dict[Path | None, lw.RecordMapping] = {
             None: replace(
@@ -155,14 +159,14 @@ class ReadingOptions:
                 channels={
                     key: column for key, column in whole.channels.items() if _channel(key) not in theirs
                 },
-                sensors={name: each for name, each in sensors.items() if name not in theirs},
+                sensors={name: sensor for name, sensor in sensors.items() if name not in theirs},
             )
         }
         for file, columns in elsewhere.items():
             mappings[file] = replace(
                 mappings[None],
                 channels=columns,
-                sensors={name: each for name, each in sensors.items() if name in named[file]},
+                sensors={name: sensor for name, sensor in sensors.items() if name in named[file]},
             )
         return mappings
 

@@ -69,8 +69,8 @@ def show(file: Path, as_json: bool) -> None:
         click.echo(text)
         return
     click.echo(f"{subject.name or file.stem}: {subject.contents}")
-    for each in subject.hosts:
-        for line in _host_lines(each, subject):
+    for subject_host in subject.hosts:
+        for line in _host_lines(subject_host, subject):
             click.echo(line)
     for mass in subject.masses:
         if mass.name in subject.modes:
