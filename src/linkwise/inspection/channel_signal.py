@@ -50,32 +50,32 @@ class ChannelSignal:
         return ~np.isnan(self.values)
 
     @cached_property
-    def seen(self) -> Floats:
+    def observed(self) -> Floats:
         """The samples that there are."""
         return self.values[self.present]
 
     @cached_property
     def is_constant(self) -> bool:
         """Whether it has no two different samples."""
-        return not self.seen.size or bool(np.all(self.seen == self.seen[0]))
+        return not self.observed.size or bool(np.all(self.observed == self.observed[0]))
 
     @cached_property
     def rms(self) -> float:
         """Root mean square deviation from the mean."""
-        return 0.0 if self.is_constant else float(np.std(self.seen))
+        return 0.0 if self.is_constant else float(np.std(self.observed))
 
     @cached_property
     def filled(self) -> Floats:
         """Samples (N,) with gaps bridged by lines; zeros for a channel without samples."""
-        if not self.seen.size:
+        if not self.observed.size:
             return np.zeros(len(self.values))
         index = np.arange(len(self.values))
-        return np.interp(index, index[self.present], self.seen)
+        return np.interp(index, index[self.present], self.observed)
 
     @cached_property
     def levels(self) -> Floats:
         """The different values, in rising order."""
-        return np.unique(self.seen)
+        return np.unique(self.observed)
 
     @cached_property
     def step(self) -> float:
@@ -84,7 +84,7 @@ class ChannelSignal:
         if len(levels) < 3:
             return 0.0
         gaps = np.diff(levels)
-        rounding = _ROUNDED * float(np.spacing(np.abs(self.seen).max()))
+        rounding = _ROUNDED * float(np.spacing(np.abs(self.observed).max()))
         step = float(gaps[gaps > rounding].min(initial=np.inf))
         if not rounding < _EVEN * step < np.inf:
             return 0.0
@@ -94,7 +94,7 @@ class ChannelSignal:
     @cached_property
     def digits(self) -> int:
         """Significant decimal digits of the samples; 17 where they are as many as a number holds."""
-        some = self.seen[:: max(1, len(self.seen) // _LOOKED_AT)]
+        some = self.observed[:: max(1, len(self.observed) // _LOOKED_AT)]
         some = some[some != 0.0]
         for digits in range(1, _PRINTED):
             rounded = np.array([float(f"{value:.{digits - 1}e}") for value in some])

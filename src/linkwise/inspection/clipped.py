@@ -34,7 +34,7 @@ def clipped(signals: RecordSignals) -> Iterator[Alert]:
             "stiffness and damping at large motion come out wrong; mark these samples as missing (mark_missing), or measure "
             "with a larger range"
         )
-        error = float(total / len(signal.seen)) ** 0.5
+        error = float(total / len(signal.observed)) ** 0.5
         yield Alert("clipped", signal.name, message, error, arguments=("mark_missing",))
 
 
@@ -59,7 +59,7 @@ def clipped_samples(signal: ChannelSignal) -> Bools:
 def _clipped_ends(signal: ChannelSignal) -> list[tuple[int, float]]:
     """The ends of the range at which samples are clipped, each with their number."""
     ends = [(count, value) for value in _ends(signal) if (count := _at_end(signal, value))]
-    return ends if sum(count for count, _ in ends) <= _FLAT * len(signal.seen) else []
+    return ends if sum(count for count, _ in ends) <= _FLAT * len(signal.observed) else []
 
 
 def _ends(signal: ChannelSignal) -> tuple[float, float]:
@@ -68,15 +68,15 @@ def _ends(signal: ChannelSignal) -> tuple[float, float]:
 
 def _at_end(signal: ChannelSignal, value: float) -> int:
     """Samples at an end of the range, 0 where it is not an end that cuts a motion off."""
-    seen = signal.filled
-    at = (seen == value) & signal.present
+    filled = signal.filled
+    at = (filled == value) & signal.present
     count = int(at.sum())
     if count < _FEWEST or len(signal.levels) < 8 or not np.any(at[1:] & at[:-1]):
         return 0
-    if np.median(np.abs(seen - value)) <= 0.02 * (signal.levels[-1] - signal.levels[0]):
+    if np.median(np.abs(filled - value)) <= 0.02 * (signal.levels[-1] - signal.levels[0]):
         return 0  # a signal that starts from or decays to this level
     grain = float(signal.grain[np.argmax(at)])
-    near = (np.abs(seen - value) < 1.5 * grain) & ~at
+    near = (np.abs(filled - value) < 1.5 * grain) & ~at
     if grain > _FINE * (signal.levels[-1] - signal.levels[0]) and count < _CROWDED * max(int(near.sum()), 1):
         return 0
     entered = np.flatnonzero(at[1:] & ~at[:-1])  # the last sample before each plateau
@@ -84,5 +84,5 @@ def _at_end(signal: ChannelSignal, value: float) -> int:
     if not before.size:
         return 0
     # a motion that comes to rest slows down before, one that is cut off does not
-    slope = np.median(np.abs(seen[before] - seen[before - 1]))
+    slope = np.median(np.abs(filled[before] - filled[before - 1]))
     return count if slope > 2.0 * grain else 0

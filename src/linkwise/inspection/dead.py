@@ -15,11 +15,11 @@ _MOTION = 1.2  # times the power of its noise: what has less holds no motion; no
 def dead(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses that hold nothing, and of inputs without samples."""
     for signal in signals.channels:
-        if not signal.seen.size:
+        if not signal.observed.size:
             yield Alert("dead", signal.name, "every sample is missing; leave the channel out", np.inf)
         elif signal.is_constant and not signal.is_input:
             message = (
-                f"every sample is {signal.seen[0]:g}: it shows no motion, and a fit to it is wrong throughout; "
+                f"every sample is {signal.observed[0]:g}: it shows no motion, and a fit to it is wrong throughout; "
                 "leave the channel out, and check sensor and cable"
             )
             yield Alert("dead", signal.name, message, np.inf)

@@ -31,17 +31,17 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
         if natural > _NEVER and count <= _FEWEST + _EXPECTED * natural:
             continue
         first = signal.start + int(np.argmax(repeats & ~ends)) / signal.rate
-        held = count / max(int(known.sum()), 1)
-        what = (
-            f"about every sample is held for {1.0 / (1.0 - held):.2g} samples"
-            if held > 0.3
+        held_share = count / max(int(known.sum()), 1)
+        finding = (
+            f"about every sample is held for {1.0 / (1.0 - held_share):.2g} samples"
+            if held_share > 0.3
             else f"{count} sample{'s repeat' if count > 1 else ' repeats'} the one before, the first at {first:g} s"
         )
         message = (
-            f"{what}: if the logger wrote samples twice, everything after them comes late, and stiffness and damping are "
+            f"{finding}: if the logger wrote samples twice, everything after them comes late, and stiffness and damping are "
             "wrong by many standard errors; cut the record to a piece without them, or mark them as missing"
         )
-        yield Alert("doubled", signal.name, message, float(held**0.5), arguments=("earliest", "latest"))
+        yield Alert("doubled", signal.name, message, float(held_share**0.5), arguments=("earliest", "latest"))
 
 
 def _natural(steps: Floats, grain: Floats) -> float:

@@ -14,7 +14,7 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels that lack samples."""
     for signal in signals.channels:
         missing = ~signal.present
-        if not missing.any() or not signal.seen.size:
+        if not missing.any() or not signal.observed.size:
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]])))
         starts, lengths = edges[::2], np.diff(edges)[::2]

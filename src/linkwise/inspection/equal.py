@@ -14,7 +14,7 @@ def equal(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses that are copies of another channel."""
     known: dict[bytes, tuple[str, bool]] = {}
     for signal in signals.moving:
-        peak = signal.seen[np.argmax(np.abs(signal.seen))]
+        peak = signal.observed[np.argmax(np.abs(signal.observed))]
         shape = (signal.values / peak).astype(
             np.float32
         )  # single precision: copies in different units compare equal

@@ -58,7 +58,8 @@ def _is_harmonic(frequency: float, of: float, duration: float) -> bool:
     resolution = 2.0 / duration
     multiples = [frequency * part / max(of, resolution) for part in (1, 2, 3)]
     return any(
-        round(each) <= _INPUT and abs(each - round(each)) * of < resolution + _OFF for each in multiples
+        round(multiple) <= _INPUT and abs(multiple - round(multiple)) * of < resolution + _OFF
+        for multiple in multiples
     )
 
 
@@ -67,7 +68,7 @@ def _steady_line(signal: ChannelSignal, frequency: float) -> float:
     size = len(signal.values) // _PIECES
     if size * frequency < _CYCLES * signal.rate:
         return 0.0
-    values = signal.filled[: size * _PIECES] - signal.seen.mean()
+    values = signal.filled[: size * _PIECES] - signal.observed.mean()
     turns = np.exp(-2j * np.pi * frequency / signal.rate * np.arange(size * _PIECES))
     window = np.hanning(size + 2)[1:-1]
     pieces = ((values * turns).reshape(_PIECES, size) @ window) * (2.0 / window.sum())
@@ -91,7 +92,7 @@ def _steady_line(signal: ChannelSignal, frequency: float) -> float:
 
 def _is_line(signal: ChannelSignal, frequency: float) -> bool:
     """Whether the line stands out of its neighbourhood in the spectrum of the whole record."""
-    values = signal.filled - signal.seen.mean()
+    values = signal.filled - signal.observed.mean()
     window = np.hanning(len(values))
     power: Floats = np.abs(np.fft.rfft(values * window)) ** 2
     at = round(frequency * len(values) / signal.rate)

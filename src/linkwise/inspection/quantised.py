@@ -17,7 +17,7 @@ def quantised(signals: RecordSignals) -> Iterator[Alert]:
         if signal.step <= _FINE * signal.rms or not signal.sigma < _WHITE * signal.step:
             continue
         unit, rounding = signal.channel.unit, signal.step / 12.0**0.5
-        steps = (signal.seen.max() - signal.seen.min()) / signal.step
+        steps = (signal.observed.max() - signal.observed.min()) / signal.step
         message = (
             f"comes in steps of {signal.step:.3g} {unit}, {steps:.0f} over its range, and its noise is smaller: rounding then "
             "follows the motion, and intervals are too narrow; use a smaller range of the converter, or state a noise of "

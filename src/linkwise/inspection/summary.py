@@ -12,10 +12,10 @@ _LARGEST_RATIO = 1e12  # of motion to noise: below it lies the rounding of numbe
 
 def summary(signal: ChannelSignal, record: str) -> ChannelSummary:
     """The summary of a channel of the record that is labelled `record`."""
-    seen = signal.seen
-    span = float(seen.max() - seen.min()) if seen.size else 0.0
+    values = signal.observed
+    span = float(values.max() - values.min()) if values.size else 0.0
     noise = None if np.isnan(signal.sigma) or signal.is_constant else float(signal.sigma)
-    motion = None if noise is None else float(np.mean(seen**2)) - noise**2
+    motion = None if noise is None else float(np.mean(values**2)) - noise**2
     audible = (
         noise is not None and noise > signal.rms / _LARGEST_RATIO and motion is not None and motion > 0.0
     )
@@ -24,12 +24,12 @@ def summary(signal: ChannelSignal, record: str) -> ChannelSummary:
         name=signal.name,
         unit=signal.channel.unit,
         record=record,
-        samples=len(seen),
-        missing=len(signal.values) - len(seen),
+        samples=len(values),
+        missing=len(signal.values) - len(values),
         rate=signal.rate,
-        minimum=float(seen.min()) if seen.size else None,
-        maximum=float(seen.max()) if seen.size else None,
-        rms=signal.rms if seen.size else None,
+        minimum=float(values.min()) if values.size else None,
+        maximum=float(values.max()) if values.size else None,
+        rms=signal.rms if values.size else None,
         noise=noise,
         snr_db=float(10.0 * np.log10(motion / noise**2)) if audible and noise and motion else None,
         step=signal.step or None,

@@ -84,20 +84,20 @@ def compare_levels(
             "no mode stands above the noise at the lowest level; excite the structure more strongly"
         )
     every = refined_modes(lowest, pursued.frequencies, pursued.damping)
-    kept = list(range(len(every.damping))) if modes is not None else _followed(every)
-    frequencies, damping = every.frequencies[kept], every.damping[kept]
-    found: list[RefinedModes] = []
+    selected = list(range(len(every.damping))) if modes is not None else _followed(every)
+    frequencies, damping = every.frequencies[selected], every.damping[selected]
+    by_level: list[RefinedModes] = []
     for number, place in enumerate(order.tolist()):
         progress(ProgressReport(0.5 + 0.5 * number / len(records), f"level {number + 1}"))
-        found.append(refined_modes(measured[place], frequencies, damping))
-        frequencies, damping = found[-1].frequencies, found[-1].damping
+        by_level.append(refined_modes(measured[place], frequencies, damping))
+        frequencies, damping = by_level[-1].frequencies, by_level[-1].damping
     ordered = [records[place] for place in order.tolist()]
     response, force = _channels(records[order[0]])
-    highest, last = ordered[-1], found[-1]
+    highest, last = ordered[-1], by_level[-1]
     noise = channel_noise(highest)
     shown = _shown(highest)
     rings = []
-    for mode in range(len(kept)):
+    for mode in range(len(selected)):
         sizes = np.abs(last.residues[mode]).max(axis=1)
         relative = [size / noise[name] for size, name in zip(sizes, shown, strict=True)]
         best = shown[int(np.argmax(relative))]
@@ -105,15 +105,19 @@ def compare_levels(
     return LevelComparison(
         labels=_labels(ordered),
         levels=levels[order],
-        frequencies=np.array([each.frequencies for each in found]),
-        damping=np.array([each.damping for each in found]),
-        frequency_errors=np.array([each.relative_errors[:, 0] * each.frequencies for each in found]),
-        damping_errors=np.array([each.relative_errors[:, 1] * each.damping for each in found]),
-        left=np.array([each.left for each in found]),
-        noise=np.array([_noise_share(record, each) for record, each in zip(ordered, found, strict=True)]),
+        frequencies=np.array([refined.frequencies for refined in by_level]),
+        damping=np.array([refined.damping for refined in by_level]),
+        frequency_errors=np.array(
+            [refined.relative_errors[:, 0] * refined.frequencies for refined in by_level]
+        ),
+        damping_errors=np.array([refined.relative_errors[:, 1] * refined.damping for refined in by_level]),
+        left=np.array([refined.left for refined in by_level]),
+        noise=np.array(
+            [_noise_share(record, refined) for record, refined in zip(ordered, by_level, strict=True)]
+        ),
         responses=tuple(ResponseFunction.of(record, response, force) for record in ordered),
         distortions=tuple(distortion(record, response, force) for record in ordered),
-        ring_downs=tuple(each for each in rings if each is not None),
+        ring_downs=tuple(ring for ring in rings if ring is not None),
     )
 
 
@@ -147,13 +151,13 @@ def _require_same_channels(records: Sequence[Record]) -> None:
             )
 
 
-def _followed(found: RefinedModes) -> list[int]:
+def _followed(refined: RefinedModes) -> list[int]:
     """The numbers of the modes that are well determined, at most those that respond most, in the order of frequencies."""
-    peaks = np.abs(found.residues).max(axis=(1, 2)) / found.damping
-    errors = found.relative_errors
+    peaks = np.abs(refined.residues).max(axis=(1, 2)) / refined.damping
+    errors = refined.relative_errors
     firm = (
-        (found.damping > _UNDAMPED)
-        & (errors[:, 0] < OF_BANDWIDTH * found.damping)
+        (refined.damping > _UNDAMPED)
+        & (errors[:, 0] < OF_BANDWIDTH * refined.damping)
         & (errors[:, 1] < OF_DAMPING)
     )
     some = np.flatnonzero(firm) if firm.any() else np.arange(len(peaks))

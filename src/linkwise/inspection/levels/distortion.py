@@ -66,8 +66,8 @@ def distortion(record: Record, response: str, force: str) -> Distortion | None:
     count = len(record) // period
     skipped = min(int(_SETTLING * count), count - 2)
     first = len(record) - (count - skipped) * period
-    blocks = [each[first:].reshape(-1, period) for each in (applied, values)]
-    of_force, of_response = (np.fft.rfft(each, axis=1)[:, 1 : period // 2] for each in blocks)
+    blocks = [signal[first:].reshape(-1, period) for signal in (applied, values)]
+    of_force, of_response = (np.fft.rfft(block, axis=1)[:, 1 : period // 2] for block in blocks)
     lines = np.arange(1, of_force.shape[1] + 1)
     amplitude = np.abs(of_force.mean(axis=0))
     excited = amplitude > _EXCITED * amplitude.max()
@@ -75,16 +75,16 @@ def distortion(record: Record, response: str, force: str) -> Distortion | None:
     scatter = np.sum(np.abs(of_response - mean) ** 2, axis=0) / max(len(of_response) - 1, 1)
     power = float(np.sum(np.abs(mean[excited]) ** 2))
     only_odd = not excited[lines % 2 == 0].any()
-    found = {}
+    decibels = {}
     for name, parity in (("odd", 1), ("even", 0)):
         unexcited = ~excited & (lines % 2 == parity)
         measured = only_odd and unexcited.any()
-        found[name] = _decibel(float(np.sum(np.abs(mean[unexcited]) ** 2)), power) if measured else None
+        decibels[name] = _decibel(float(np.sum(np.abs(mean[unexcited]) ** 2)), power) if measured else None
     return Distortion(
         channel=response,
         period=period * record.step,
         noise=_decibel(float(scatter.sum()) / len(of_response), power),
-        **found,
+        **decibels,
     )
 
 
@@ -103,8 +103,8 @@ def _period(force: Floats) -> int | None:
     shift = np.arange(n // 2 + 1)
     power = squares[n] - squares[shift] + squares[n - shift]  # of both parts
     difference = np.divide(power - 2.0 * products, power, out=np.ones_like(power), where=power > 0.0)
-    same = difference[_SHORTEST:-1] < _ALIKE
-    dips = same & (difference[_SHORTEST:-1] <= difference[_SHORTEST - 1 : -2])
+    repeats = difference[_SHORTEST:-1] < _ALIKE
+    dips = repeats & (difference[_SHORTEST:-1] <= difference[_SHORTEST - 1 : -2])
     dips &= difference[_SHORTEST:-1] <= difference[_SHORTEST + 1 :]
-    found = np.flatnonzero(dips) + _SHORTEST
-    return int(found[0]) if len(found) else None
+    shifts = np.flatnonzero(dips) + _SHORTEST
+    return int(shifts[0]) if len(shifts) else None

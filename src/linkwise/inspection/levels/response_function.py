@@ -68,7 +68,7 @@ class ResponseFunction:
         block = max(min(len(record), _LEAST), 2 * len(record) // (_BLOCKS + 1))
         options = {"fs": record.rate, "nperseg": block, "detrend": "constant"}
         frequency, cross = scipy.signal.csd(applied, values, **options)
-        of_force, of_response = (scipy.signal.welch(each, **options)[1] for each in (applied, values))
+        of_force, of_response = (scipy.signal.welch(signal, **options)[1] for signal in (applied, values))
         tiny = np.finfo(float).tiny
         magnitude = np.abs(cross) / np.maximum(of_force, tiny)
         coherence = np.abs(cross) ** 2 / np.maximum(of_force * of_response, tiny)

@@ -95,15 +95,15 @@ class LevelComparison(JudgedView):
         tuple of int
             Numbers of modes, from 1.
         """
-        found = np.zeros(self.frequencies.shape[1], dtype=bool)
+        has_moved = np.zeros(self.frequencies.shape[1], dtype=bool)
         for values, errors, least in (
             (self.frequencies, self.frequency_errors, _FREQUENCY),
             (self.damping, self.damping_errors, _DAMPING),
         ):
             change = np.abs(values[level] - values[0])
             both = np.hypot(errors[level], errors[0])
-            found |= (change > _SIGNIFICANT * both) & (change > least * values[0])
-        return tuple(int(mode) + 1 for mode in np.flatnonzero(found))
+            has_moved |= (change > _SIGNIFICANT * both) & (change > least * values[0])
+        return tuple(int(mode) + 1 for mode in np.flatnonzero(has_moved))
 
     @property
     def first_nonlinear(self) -> int | None:
@@ -160,19 +160,19 @@ class LevelComparison(JudgedView):
                             strict=True,
                         )
                     ],
-                    "distortion": None if each is None else vars(each),
+                    "distortion": None if distortion is None else vars(distortion),
                 }
-                for number, (label, each) in enumerate(zip(self.labels, self.distortions, strict=True))
+                for number, (label, distortion) in enumerate(zip(self.labels, self.distortions, strict=True))
             ],
             "ring_down": [
                 {
-                    "mode": each.mode,
-                    "channel": each.channel,
-                    "amplitude": each.amplitude.tolist(),
-                    "frequency": each.frequency.tolist(),
-                    "damping": each.damping.tolist(),
+                    "mode": ring.mode,
+                    "channel": ring.channel,
+                    "amplitude": ring.amplitude.tolist(),
+                    "frequency": ring.frequency.tolist(),
+                    "damping": ring.damping.tolist(),
                 }
-                for each in self.ring_downs
+                for ring in self.ring_downs
             ],
             "first_nonlinear": None if first is None else self.labels[first],
         }

@@ -70,12 +70,12 @@ def ring_down(record: Record, channel: str, frequencies: Floats, mode: int, nois
     edge = int(record.rate / half)  # that the filter needs
     windows = [slice(k, k + length) for k in range(edge, len(values) - edge - length + 1, length)]
     floor = _FLOOR * noise * float(np.sqrt(4.0 * half / record.rate))
-    found = [
+    lines = [
         fitted for window in windows if (fitted := _line(envelope[window], center, record.rate))[0] > floor
     ]
-    if len(found) < _FEWEST:
+    if len(lines) < _FEWEST:
         return None
-    amplitude, frequency, damping = np.array(found).T
+    amplitude, frequency, damping = np.array(lines).T
     return RingDown(mode + 1, channel, record.unit(channel), amplitude, frequency, damping)
 
 

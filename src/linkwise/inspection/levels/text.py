@@ -67,10 +67,13 @@ def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [
         ("distortion of", "peak force, N", "period, s", "odd, dB", "even, dB", "scatter, dB")
     ]
-    for level, each in zip(comparison.levels, comparison.distortions, strict=True):
-        if each is not None:
-            sizes = ("" if size is None else f"{size:.1f}" for size in (each.odd, each.even, each.noise))
-            rows.append((each.channel, f"{level:.3g}", f"{each.period:.4g}", *sizes))
+    for level, distortion in zip(comparison.levels, comparison.distortions, strict=True):
+        if distortion is not None:
+            sizes = (
+                "" if size is None else f"{size:.1f}"
+                for size in (distortion.odd, distortion.even, distortion.noise)
+            )
+            rows.append((distortion.channel, f"{level:.3g}", f"{distortion.period:.4g}", *sizes))
     return rows
 
 
@@ -79,16 +82,16 @@ def ring_down_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [
         ("ring-down", "channel", "amplitude", "frequency, Hz", "damping, %", "unit")
     ]
-    for each in comparison.ring_downs:
-        for place, name in ((0, f"mode {each.mode}"), (-1, "")):
+    for ring in comparison.ring_downs:
+        for place, name in ((0, f"mode {ring.mode}"), (-1, "")):
             rows.append(
                 (
                     name,
-                    each.channel if place == 0 else "",
-                    f"{each.amplitude[place]:.3g}",
-                    f"{each.frequency[place]:.5g}",
-                    f"{100.0 * each.damping[place]:.3g}",
-                    each.unit,
+                    ring.channel if place == 0 else "",
+                    f"{ring.amplitude[place]:.3g}",
+                    f"{ring.frequency[place]:.5g}",
+                    f"{100.0 * ring.damping[place]:.3g}",
+                    ring.unit,
                 )
             )
     return rows
