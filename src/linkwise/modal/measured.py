@@ -77,13 +77,13 @@ class ModalMeasurement:
         Raises IdentificationError if channels are of a host of another name, if forces or responses are missing or, where
         shapes are to be `scaled`, none is at the point of the other.
         """
-        responses = [each for each in records[0].responses if Channel.parse(each).kind in "xva"]
-        forces = [each for each in records[0].inputs if Channel.parse(each).kind == "force"]
+        responses = [channel for channel in records[0].responses if Channel.parse(channel).kind in "xva"]
+        forces = [channel for channel in records[0].inputs if Channel.parse(channel).kind == "force"]
         for record in records:
             if set(record.channels) != set(records[0].channels):
                 raise IdentificationError("the records of a modal test must have the same channels")
             _check(record, responses, forces)
-        places = [Channel.parse(each).mass for each in (*responses, *forces)]
+        places = [Channel.parse(channel).mass for channel in (*responses, *forces)]
         host = _host_named(name, places)
         own = [place.removeprefix(f"{host}.") for place in places]
         points = tuple(dict.fromkeys(own))
@@ -97,12 +97,12 @@ class ModalMeasurement:
         runs = tuple(
             MeasuredRun(
                 record.select(responses).values.T.copy(),
-                tuple(SampledForce(record.channel(each), record.step) for each in forces),
+                tuple(SampledForce(record.channel(channel), record.step) for channel in forces),
                 record.step,
             )
             for record in records
         )
-        kinds = np.array(["xva".index(Channel.parse(each).kind) for each in responses])
+        kinds = np.array(["xva".index(Channel.parse(channel).kind) for channel in responses])
         return cls(host, points, kinds, sensed, forced, runs)
 
 

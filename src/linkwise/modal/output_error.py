@@ -71,16 +71,16 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         noise = problem.levels(theta)
     covariance = _covariance(problem, theta, noise)
     own = slice(0, problem.modes * problem.width)
-    each = theta[own].reshape(problem.modes, problem.width)
-    order = np.argsort(each[:, 0])
+    by_mode = theta[own].reshape(problem.modes, problem.width)
+    order = np.argsort(by_mode[:, 0])
     numbers = (order[:, None] * problem.width + np.arange(problem.width)).ravel()
     residuals = tuple(
         run.responses - problem.response(theta, number) for number, run in enumerate(measured.runs)
     )
     return ModalFit(
-        frequencies=each[order, 0],
-        damping=each[order, 1],
-        shapes=each[order, 2:],
+        frequencies=by_mode[order, 0],
+        damping=by_mode[order, 1],
+        shapes=by_mode[order, 2:],
         covariance=covariance[np.ix_(numbers, numbers)],
         noise=noise,
         residuals=residuals,
@@ -163,22 +163,22 @@ class _OutputError:
         """The number of the first parameter of a record."""
         return self.modes * self.width + run * self._of_run
 
-    def start(self, found: PursuedModes) -> Floats:
+    def start(self, pursued: PursuedModes) -> Floats:
         """Parameters from residues: the shape at a point of force by the response there, the others by theirs."""
         theta = np.zeros(self._free(len(self.measured.runs)))
         for mode in range(self.modes):
             own = theta[mode * self.width : (mode + 1) * self.width]
-            own[:2] = found.frequencies[mode], found.damping[mode]
-            own[2:] = _shape(self.measured, found.residues[mode])
+            own[:2] = pursued.frequencies[mode], pursued.damping[mode]
+            own[2:] = _shape(self.measured, pursued.residues[mode])
         return self.within(theta)
 
     def within(self, theta: Floats) -> Floats:
         """Parameters with positive frequencies and damping below the critical one."""
-        each = theta.copy()
-        own = each[: self.modes * self.width].reshape(self.modes, self.width)
+        bounded = theta.copy()
+        own = bounded[: self.modes * self.width].reshape(self.modes, self.width)
         own[:, 0] = np.abs(own[:, 0])
         own[:, 1] = np.clip(own[:, 1], _LEAST_DAMPING, _LARGEST_DAMPING)
-        return each
+        return bounded
 
     def response(self, theta: Floats, run: int) -> Floats:
         """(C, N) of a record."""
@@ -268,10 +268,10 @@ class _OutputError:
                 by_point = {point: motion[kind].copy()}
                 for number, force in enumerate(measured.forced.tolist()):
                     by_point[force] = by_point.get(force, 0.0) + shape[point] * motions[number, kind]
-                rows += [shape[point] * each[kind] for each in by]
+                rows += [shape[point] * derivative[kind] for derivative in by]
                 numbers += [first, first + 1]
                 rows += list(by_point.values())
-                numbers += [first + 2 + each for each in by_point]
+                numbers += [first + 2 + place for place in by_point]
                 rows += list(shape[point] * motions[forces:, kind])
                 numbers += [self._free(run) + 2 * mode, self._free(run) + 2 * mode + 1]
             rows.append(np.ones(record.count))
@@ -289,8 +289,8 @@ def _shape(measured: ModalMeasurement, residues: Floats) -> Floats:
     scale = float(np.sqrt(max(size, np.finfo(float).tiny)))
     shape = np.zeros(len(measured.points))
     for p, by in enumerate(forced):
-        same = [residues[c, p] for c, at in enumerate(sensed) if at == by]
-        shape[by] = np.sqrt(abs(same[0])) if same else scale
+        collocated = [residues[c, p] for c, at in enumerate(sensed) if at == by]
+        shape[by] = np.sqrt(abs(collocated[0])) if collocated else scale
     for c, at in enumerate(sensed):
         if at not in forced:
             shape[at] = residues[c, force] / scale

@@ -53,10 +53,10 @@ def pursued_modes(measured: ModalMeasurement, count: int | None, progress: Progr
     while len(logs) < most:
         progress(ProgressReport(len(logs) / (most + 1), f"mode {len(logs) + 1}"))
         added = _refined(part, np.concatenate([logs, _best_addition(part, logs)]))
-        found = _criterion(part, added)
-        if count is None and found > cost:
+        new_cost = _criterion(part, added)
+        if count is None and new_cost > cost:
             break
-        logs, cost = added, found
+        logs, cost = added, new_cost
     logs = logs[np.argsort(logs[:, 0])]
     frequencies, damping = np.exp(logs).T
     return PursuedModes(frequencies, damping, _residues(part, logs))
@@ -104,7 +104,7 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
     sums = np.array([np.bincount(block, weights=row, minlength=_BLOCKS * len(runs)) for row in scores])
     robust = inverse @ (sums @ sums.T) @ inverse
     variance = np.maximum(np.maximum(inverse.diagonal(), robust.diagonal()), 0.0)
-    unexplained = sum(np.nansum(each**2, axis=1) for each in left)
+    unexplained = sum(np.nansum(residuals**2, axis=1) for residuals in left)
     power = np.sum([np.nansum(run.responses**2, axis=1) for run in runs], axis=0)
     samples = np.sum([np.isfinite(run.responses).sum(axis=1) for run in runs], axis=0)
     return RefinedModes(
@@ -127,7 +127,7 @@ def _criterion(measured: ModalMeasurement, logs: Floats) -> float:
     left = _left(measured, logs)
     cost, samples = 0.0, 0
     for channel in range(len(measured.kinds)):
-        own = np.concatenate([each[channel] for each in left])
+        own = np.concatenate([residuals[channel] for residuals in left])
         own = own[np.isfinite(own)]
         samples += len(own)
         cost += len(own) * float(np.log(max(float(np.mean(own**2)), np.finfo(float).tiny)))
@@ -138,14 +138,14 @@ def _columns(run: MeasuredRun, logs: Floats) -> Floats:
     """(n (P + 2), 3, N) motions of modes under each force, and free ones."""
     if not len(logs):
         return np.empty((0, 3, run.count))
-    return np.concatenate([run.motions(*np.exp(each)) for each in logs])
+    return np.concatenate([run.motions(*np.exp(mode_logs)) for mode_logs in logs])
 
 
 def _fits(measured: ModalMeasurement, run: MeasuredRun, logs: Floats) -> list[tuple[Floats, Floats]]:
     """Weights of the columns in each channel, and what they leave, NaN where a sample is missing."""
     columns = _columns(run, logs)
     ones = np.ones((1, run.count))
-    found = []
+    fits = []
     for kind, samples in zip(measured.kinds.tolist(), run.responses, strict=True):
         basis = np.concatenate([columns[:, kind], ones])
         scale = np.sqrt(np.einsum("ij,ij->i", basis, basis))
@@ -155,8 +155,8 @@ def _fits(measured: ModalMeasurement, run: MeasuredRun, logs: Floats) -> list[tu
         square = shown @ shown.T
         square[range(len(square)), range(len(square))] += 1e-12
         weights = scipy.linalg.solve(square, shown @ target, assume_a="pos")
-        found.append((weights / np.where(scale > 0.0, scale, 1.0), samples - weights @ basis))
-    return found
+        fits.append((weights / np.where(scale > 0.0, scale, 1.0), samples - weights @ basis))
+    return fits
 
 
 def _left(measured: ModalMeasurement, logs: Floats) -> list[Floats]:
@@ -169,7 +169,7 @@ def _residues(measured: ModalMeasurement, logs: Floats) -> Floats:
     forces = len(measured.forced)
     total, weight = np.zeros((len(logs), len(measured.kinds), forces)), np.zeros(forces)
     for run in measured.runs:
-        weights = np.array([found[:-1] for found, _ in _fits(measured, run, logs)])
+        weights = np.array([column_weights[:-1] for column_weights, _ in _fits(measured, run, logs)])
         power = np.array([float(np.sum(force.samples**2)) for force in run.forces])
         own = weights.reshape(len(measured.kinds), len(logs), forces + 2)[:, :, :forces]
         total += own.transpose(1, 0, 2) * power
@@ -179,14 +179,14 @@ def _residues(measured: ModalMeasurement, logs: Floats) -> Floats:
 
 def _whitened(measured: ModalMeasurement, logs: Floats, levels: Floats) -> Floats:
     """What modes leave of all samples, in units of `levels` (C,); 0 where a sample is missing."""
-    parts = [each / levels[:, None] for each in _left(measured, logs)]
-    return np.concatenate([np.where(np.isfinite(each), each, 0.0).ravel() for each in parts])
+    parts = [residuals / levels[:, None] for residuals in _left(measured, logs)]
+    return np.concatenate([np.where(np.isfinite(whitened), whitened, 0.0).ravel() for whitened in parts])
 
 
 def _levels(left: Sequence[Floats]) -> Floats:
     """(C,) root mean squares."""
-    powers = np.array([np.nansum(each**2, axis=1) for each in left]).sum(axis=0)
-    counts = np.array([np.isfinite(each).sum(axis=1) for each in left]).sum(axis=0)
+    powers = np.array([np.nansum(residuals**2, axis=1) for residuals in left]).sum(axis=0)
+    counts = np.array([np.isfinite(residuals).sum(axis=1) for residuals in left]).sum(axis=0)
     return np.asarray(np.sqrt(np.maximum(powers / np.maximum(counts, 1), np.finfo(float).tiny)))
 
 
@@ -194,20 +194,23 @@ def _best_addition(measured: ModalMeasurement, logs: Floats) -> Floats:
     """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave."""
     left = _left(measured, logs)
     levels = _levels(left)
-    rest = replace(
+    remaining = replace(
         measured,
         runs=tuple(
-            MeasuredRun(each, run.forces, run.step) for each, run in zip(left, measured.runs, strict=True)
+            MeasuredRun(residuals, run.forces, run.step)
+            for residuals, run in zip(left, measured.runs, strict=True)
         ),
     )
-    trials = [np.log([[frequency, damping]]) for frequency in _tried(rest, levels) for damping in _DAMPING]
-    best = min(trials, key=lambda each: float(np.sum(_whitened(rest, each, levels) ** 2)))
-    return _refined(rest, best, levels)
+    trials = [
+        np.log([[frequency, damping]]) for frequency in _tried(remaining, levels) for damping in _DAMPING
+    ]
+    best = min(trials, key=lambda trial: float(np.sum(_whitened(remaining, trial, levels) ** 2)))
+    return _refined(remaining, best, levels)
 
 
 def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:
     """Frequencies in Hz: on a grid, and at peaks of the spectra."""
-    run = max(measured.runs, key=lambda each: each.count)
+    run = max(measured.runs, key=lambda candidate: candidate.count)
     samples = np.where(np.isfinite(run.responses), run.responses, 0.0) / levels[:, None]
     power = np.sum(np.abs(np.fft.rfft(samples, axis=1)) ** 2, axis=0)
     frequencies = np.fft.rfftfreq(run.count, run.step)
@@ -226,12 +229,12 @@ def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = N
         np.log([1e-3 / (measured.runs[0].count / rate), _LEAST_DAMPING]), logs.shape
     ).ravel()
     upper = np.broadcast_to(np.log([0.5 * rate, _LARGEST_DAMPING]), logs.shape).ravel()
-    found = scipy.optimize.least_squares(
-        lambda each: _whitened(measured, each.reshape(-1, 2), levels),
+    optimum = scipy.optimize.least_squares(
+        lambda flat_logs: _whitened(measured, flat_logs.reshape(-1, 2), levels),
         np.clip(logs.ravel(), lower, upper),
         bounds=(lower, upper),
         diff_step=_STEP,
         x_scale=np.tile([0.01, 0.3], len(logs)),
         max_nfev=_EVALUATIONS,
     )
-    return np.asarray(found.x.reshape(-1, 2))
+    return np.asarray(optimum.x.reshape(-1, 2))
