@@ -98,7 +98,7 @@ def check_responses(names: tuple[str, ...], values: Floats, file: str | None) ->
 
     `values` (N, C) are the columns of the channels `names`; inputs may be constant or equal.
     """
-    seen: dict[bytes, str] = {}
+    names_by_samples: dict[bytes, str] = {}
     for column, name in enumerate(names):
         if Channel.parse(name).is_input:
             continue
@@ -116,11 +116,13 @@ def check_responses(names: tuple[str, ...], values: Floats, file: str | None) ->
         # single precision, so that copies in different units compare equal
         with np.errstate(over="ignore"):
             key = np.append(samples / peak, peak).astype(np.float32).tobytes()
-        if key in seen:
+        if key in names_by_samples:
             raise RecordError(
-                f"has the same samples as {seen[key]}; one of the two is mislabelled", file, channel=name
+                f"has the same samples as {names_by_samples[key]}; one of the two is mislabelled",
+                file,
+                channel=name,
             )
-        seen[key] = name
+        names_by_samples[key] = name
 
 
 def require_complete(name: str, samples: Floats, start: float, rate: float) -> None:

@@ -170,54 +170,54 @@ def _span(record: Record) -> str:
     return f"{record.start:.6g} to {record.start + record.duration:.6g} s"
 
 
-def _refuse_common(record: Record, other: Record) -> None:
-    common = [name for name in other.channels if name in record.channels]
+def _refuse_common(record: Record, added: Record) -> None:
+    common = [name for name in added.channels if name in record.channels]
     if common:
         raise RecordError("is in both records that are joined", channel=common[0])
 
 
-def _refuse_other_statements(record: Record, other: Record) -> None:
+def _refuse_other_statements(record: Record, continuation: Record) -> None:
     """Raise RecordError where a part of a record states another noise, uncertainty or interpolation of a channel."""
     for kind in ("noise", "uncertainty", "interpolation"):
-        first, second = getattr(record, kind), getattr(other, kind)
+        first, second = getattr(record, kind), getattr(continuation, kind)
         for name in first:
             if name in second and first[name] != second[name]:
                 raise RecordError(
                     f"states another {kind} of its sensor than the first part of the record; state the same of both, "
                     "for instance in a mapping file",
-                    other.source or None,
+                    continuation.source or None,
                     channel=name,
                 )
 
 
-def _require_same_rate(record: Record, other: Record, what: str) -> None:
-    if abs(record.rate - other.rate) > _SAME_RATE * record.rate:
-        raise RecordError(f"{what} need one sampling rate, got {record.rate:g} and {other.rate:g} Hz")
+def _require_same_rate(record: Record, added: Record, subject: str) -> None:
+    if abs(record.rate - added.rate) > _SAME_RATE * record.rate:
+        raise RecordError(f"{subject} need one sampling rate, got {record.rate:g} and {added.rate:g} Hz")
 
 
-def _at_one_rate(record: Record, other: Record) -> tuple[Record, Record]:
+def _at_one_rate(record: Record, added: Record) -> tuple[Record, Record]:
     """The records at the lower of their rates; RecordError where the higher is no multiple of it."""
-    factor = round(max(record.rate, other.rate) / min(record.rate, other.rate))
-    if abs(factor * min(record.rate, other.rate) / max(record.rate, other.rate) - 1.0) > _SAME_RATE:
+    factor = round(max(record.rate, added.rate) / min(record.rate, added.rate))
+    if abs(factor * min(record.rate, added.rate) / max(record.rate, added.rate) - 1.0) > _SAME_RATE:
         raise RecordError(
             f"records that are joined need rates of which one is a multiple of the other, got {record.rate:g} and "
-            f"{other.rate:g} Hz: resample one of them before"
+            f"{added.rate:g} Hz: resample one of them before"
         )
-    if record.rate > other.rate:
-        return record.decimate(factor), other
-    return record, other.decimate(factor)
+    if record.rate > added.rate:
+        return record.decimate(factor), added
+    return record, added.decimate(factor)
 
 
-def _side_by_side(record: Record, other: Record) -> Record:
-    length = min(len(record), len(other))
+def _side_by_side(record: Record, added: Record) -> Record:
+    length = min(len(record), len(added))
     return replace(
         record,
-        channels=(*record.channels, *other.channels),
-        values=np.hstack([record.values[:length], other.values[:length]]),
-        noise={**record.noise, **other.noise},
-        interpolation={**record.interpolation, **other.interpolation},
-        units={**record.units, **other.units},
-        uncertainty={**other.uncertainty, **record.uncertainty},
+        channels=(*record.channels, *added.channels),
+        values=np.hstack([record.values[:length], added.values[:length]]),
+        noise={**record.noise, **added.noise},
+        interpolation={**record.interpolation, **added.interpolation},
+        units={**record.units, **added.units},
+        uncertainty={**added.uncertainty, **record.uncertainty},
         simulated=None,
-        notes=tuple(dict.fromkeys((*record.notes, *other.notes))),
+        notes=tuple(dict.fromkeys((*record.notes, *added.notes))),
     )

@@ -156,9 +156,9 @@ class Record(NotebookView):
         )
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
-        values = (getattr(self, each.name) for each in fields(self))
+        values = (getattr(self, member.name) for member in fields(self))
         return type(self), tuple(
-            dict(each) if isinstance(each, MappingProxyType) else each for each in values
+            dict(value) if isinstance(value, MappingProxyType) else value for value in values
         )
 
     def __len__(self) -> int:
@@ -274,11 +274,11 @@ class Record(NotebookView):
         """
         names = tuple(names)
         columns = [self._column(name) for name in names]
-        kept: dict[str, Any] = {
-            what: {name: value for name, value in getattr(self, what).items() if name in (*names, COMMON)}
-            for what in ("noise", "interpolation", "units", "uncertainty")
+        selected: dict[str, Any] = {
+            kind: {name: value for name, value in getattr(self, kind).items() if name in (*names, COMMON)}
+            for kind in ("noise", "interpolation", "units", "uncertainty")
         }
-        return replace(self, channels=names, values=self.values[:, columns], **kept)
+        return replace(self, channels=names, values=self.values[:, columns], **selected)
 
     def __getitem__(self, which: slice) -> Record:
         if not isinstance(which, slice) or which.step not in (None, 1):
@@ -351,14 +351,14 @@ class Record(NotebookView):
         check_complete(self.channels, self.missing)
         check_interpolation(self.interpolation)
         antialias = lowpass_for(int(factor), len(self))
-        kept = slice(antialias.half, len(self) - antialias.half, int(factor))
+        decimated = slice(antialias.half, len(self) - antialias.half, int(factor))
         return replace(
             self,
             start=self.start + antialias.half / self.rate,
             rate=self.rate / factor,
             values=antialias.apply(self.values),
             noise={name: sigma * antialias.noise_gain for name, sigma in self.noise.items()},
-            simulated=self.simulated and self.simulated.rows(kept),
+            simulated=self.simulated and self.simulated.rows(decimated),
             notes=(*self.notes, *antialias.notes(self.channels, self.values, self.rate)),
         )
 

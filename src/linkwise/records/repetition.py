@@ -16,15 +16,21 @@ def check_distinct(records: Sequence[Record]) -> None:
 
     Two are the same if they hold the same samples in all responses that both have, and have as many samples.
     """
-    for (first, one), (second, other) in combinations(enumerate(records, start=1), 2):
-        shared = [name for name in one.responses if name in other.responses]
-        if shared and len(one) == len(other) and all(_equal(one, other, name) for name in shared):
-            names = f"records {first} and {second}" + (f" ({one.source})" if one.source else "")
+    for (first, first_record), (second, second_record) in combinations(enumerate(records, start=1), 2):
+        shared = [name for name in first_record.responses if name in second_record.responses]
+        if (
+            shared
+            and len(first_record) == len(second_record)
+            and all(_equal(first_record, second_record, name) for name in shared)
+        ):
+            names = f"records {first} and {second}" + (
+                f" ({first_record.source})" if first_record.source else ""
+            )
             raise RecordError(f"{names} hold the same samples; give each record once")
 
 
-def _equal(one: Record, other: Record, name: str) -> bool:
-    return np.array_equal(one.channel(name), other.channel(name), equal_nan=True)
+def _equal(first: Record, second: Record, name: str) -> bool:
+    return np.array_equal(first.channel(name), second.channel(name), equal_nan=True)
 
 
 def joined_notes(records: Sequence[Record]) -> tuple[str, ...]:

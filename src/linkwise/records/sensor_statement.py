@@ -103,20 +103,20 @@ class SensorStatement:
             if key not in KEYS:
                 message = f"unknown key {key!r}{near_miss(key, KEYS)}; the keys are {', '.join(KEYS)}"
                 raise RecordError(message, file, channel=channel)
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for key, given in stated.items():
             try:
-                found[key] = _value(key, given, unit)
+                values[key] = _value(key, given, unit)
             except LinkwiseError as error:
                 raise RecordError(f"{key}: {error}", file, channel=channel) from error
-        calibration = found.pop("calibration", None)
+        calibration = values.pop("calibration", None)
         if calibration is not None:
-            gain = found.get("gain", StatedError(1.0))
+            gain = values.get("gain", StatedError(1.0))
             if gain.sigma:
                 message = "calibration and gain both say how well the gain is known; leave one of them out"
                 raise RecordError(message, file, channel=channel)
-            found["gain"] = StatedError(gain.value, calibration)
-        return cls(**found)
+            values["gain"] = StatedError(gain.value, calibration)
+        return cls(**values)
 
     def over(self, other: SensorStatement) -> SensorStatement:
         """Return this statement, and of another one what it does not say.
@@ -131,7 +131,7 @@ class SensorStatement:
         SensorStatement
             Both.
         """
-        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        given = {member.name: getattr(self, member.name) for member in fields(self)}
         return replace(other, **{name: value for name, value in given.items() if value is not None})
 
     @property
@@ -223,10 +223,10 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
     noise, runs = dict(record.noise), dict(record.interpolation)
     uncertainty = dict(record.uncertainty)
     late: dict[str, float] = {}
-    for name, each in stated.items():
+    for name, statement in stated.items():
         if name == COMMON:
-            _require_gain_around_one(each, file)
-        known = each.uncertainty
+            _require_gain_around_one(statement, file)
+        known = statement.uncertainty
         uncertainty.pop(name, None)
         if known:
             uncertainty[name] = known
@@ -241,19 +241,19 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
                 file,
                 channel=name,
             )
-        gain, offset = each.gain or StatedError(1.0), each.offset or StatedError(0.0)
-        if each.noise is not None:
-            noise[name] = each.noise
+        gain, offset = statement.gain or StatedError(1.0), statement.offset or StatedError(0.0)
+        if statement.noise is not None:
+            noise[name] = statement.noise
         if offset.value or gain.value != 1.0:
             column = record.channels.index(name)
             values[:, column] = (values[:, column] - offset.value) / gain.value
             if name in noise:
                 noise[name] /= abs(gain.value)
             notes.append(_taken_out(name, gain.value, offset.value))
-        if each.delay is not None and each.delay.value:
-            late[name] = each.delay.value
-        if each.interpolation is not None:
-            runs[name] = each.interpolation
+        if statement.delay is not None and statement.delay.value:
+            late[name] = statement.delay.value
+        if statement.interpolation is not None:
+            runs[name] = statement.interpolation
     changed = replace(
         record,
         values=values,
